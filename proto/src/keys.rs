@@ -1,0 +1,108 @@
+//! Every key expression of the contract, and the topics of a recording. Nothing else spells them.
+//!
+//! `{session}` is the server's name (one zenoh key chunk: no `/ * $ ? #`), default [`DEFAULT_SESSION`].
+
+/// Session name of a server that was not given another.
+pub const DEFAULT_SESSION: &str = "main";
+/// Default endpoint of the force channel (poses in, wrenches out).
+pub const DEFAULT_FORCE_ENDPOINT: &str = "tcp/127.0.0.1:7447";
+/// Default endpoint of everything else (surface, session, control, status, presence).
+pub const DEFAULT_SURFACE_ENDPOINT: &str = "tcp/127.0.0.1:7448";
+
+/// True when `name` can be a session name: non-empty, letters, digits, `-` and `_`.
+pub fn is_session_name(name: &str) -> bool {
+    !name.is_empty() && name.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'-' || b == b'_')
+}
+
+/// Poses of tool `tool`, on the force channel.
+pub fn tool_pose(session: &str, tool: u32) -> String {
+    format!("palpate/v1/{session}/tool/{tool}/pose")
+}
+/// Poses of every tool: what the server subscribes to.
+pub fn all_tool_poses(session: &str) -> String {
+    format!("palpate/v1/{session}/tool/*/pose")
+}
+/// The tool id in a pose key, if `key` is one.
+pub fn tool_of_pose_key(key: &str) -> Option<u32> {
+    let mut chunks = key.rsplit('/');
+    (chunks.next()? == "pose").then_some(())?;
+    chunks.next()?.parse().ok()
+}
+/// Wrenches of tool `tool`, on the force channel.
+pub fn tool_wrench(session: &str, tool: u32) -> String {
+    format!("palpate/v1/{session}/tool/{tool}/wrench")
+}
+/// Queryable: session description.
+pub fn session(session: &str) -> String {
+    format!("palpate/v1/{session}/session")
+}
+/// Queryable: control requests.
+pub fn control(session: &str) -> String {
+    format!("palpate/v1/{session}/control")
+}
+/// Queryable: surface topology.
+pub fn surface_topology(session: &str) -> String {
+    format!("palpate/v1/{session}/surface/topology")
+}
+/// Surface frames.
+pub fn surface_frame(session: &str) -> String {
+    format!("palpate/v1/{session}/surface/frame")
+}
+/// Status, once a second.
+pub fn status(session: &str) -> String {
+    format!("palpate/v1/{session}/status")
+}
+/// Liveliness token of the client that holds `tool` under `epoch`.
+pub fn presence(session: &str, tool: u32, epoch: u32) -> String {
+    format!("palpate/v1/{session}/presence/{tool}/{epoch}")
+}
+/// Liveliness of every client.
+pub fn all_presence(session: &str) -> String {
+    format!("palpate/v1/{session}/presence/*/*")
+}
+/// Tool and epoch in a presence key, if `key` is one.
+pub fn holder_of_presence_key(key: &str) -> Option<(u32, u32)> {
+    let mut chunks = key.rsplit('/');
+    let epoch = chunks.next()?.parse().ok()?;
+    let tool = chunks.next()?.parse().ok()?;
+    (chunks.next()? == "presence").then_some((tool, epoch))
+}
+/// Bare round trip on the force channel, answered by the server with the same bytes: what the network alone costs.
+pub fn echo_request(session: &str) -> String {
+    format!("palpate/v1/{session}/echo/request")
+}
+/// Answers to [`echo_request`].
+pub fn echo_reply(session: &str) -> String {
+    format!("palpate/v1/{session}/echo/reply")
+}
+
+/// Topics of a recording.
+pub mod topics {
+    /// One `RecordingStart`.
+    pub const START: &str = "palpate/start";
+    /// `TickInputs`, one per tick.
+    pub const INPUTS: &str = "palpate/inputs";
+    /// `ToolWrench`, one per attached tool and tick.
+    pub const WRENCH: &str = "palpate/wrench";
+    /// `StateHash`, one per frame.
+    pub const HASH: &str = "palpate/hash";
+    /// One `SurfaceTopology`.
+    pub const TOPOLOGY: &str = "palpate/surface/topology";
+    /// `SurfaceFrame`, one per frame.
+    pub const SURFACE: &str = "palpate/surface/frame";
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn keys_read_back_what_they_were_made_from() {
+        assert_eq!(tool_of_pose_key(&tool_pose("main", 7)), Some(7));
+        assert_eq!(tool_of_pose_key(&tool_wrench("main", 7)), None);
+        assert_eq!(tool_of_pose_key("palpate/v1/main/tool/x/pose"), None);
+        assert_eq!(holder_of_presence_key(&presence("main", 2, 99)), Some((2, 99)));
+        assert_eq!(holder_of_presence_key("a/b"), None);
+        assert!(is_session_name("lab-2_a") && !is_session_name("a/b") && !is_session_name("*") && !is_session_name(""));
+    }
+}

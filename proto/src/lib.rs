@@ -1,0 +1,27 @@
+//! The wire contract of Palpate: generated messages, key expressions and the version.
+//!
+//! `palpate.proto` beside this crate's manifest is the documentation of every message; [`keys`] is the only place
+//! where key expressions are written down.
+
+pub mod keys;
+
+/// Messages of `palpate.proto`, package `palpate.v1`.
+#[allow(missing_docs, clippy::all)]
+mod messages {
+    include!(concat!(env!("OUT_DIR"), "/palpate.v1.rs"));
+}
+pub use messages::*;
+pub use prost::Message;
+
+/// Major version of the contract: peers with another one cannot talk to each other.
+pub const VERSION_MAJOR: u32 = 1;
+/// Minor version: grows when fields are added.
+pub const VERSION_MINOR: u32 = 0;
+
+/// The serialised `FileDescriptorSet` of the contract: the schema that recordings embed.
+pub const DESCRIPTOR_SET: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/palpate.bin"));
+
+/// Full protobuf name of a message of this contract, as recordings name their schemas.
+pub fn schema_name(message: &str) -> String {
+    format!("palpate.v1.{message}")
+}

@@ -1,0 +1,336 @@
+//! Where a tool meets the display surface: point constraints, once per tick.
+//!
+//! A constraint stands at each display vertex near the tool, and where triangles are large against the tool, at the
+//! triangle's point nearest to the tool's axis as well, so that a thin tip does not slip between vertices. Normals
+//! run from the tool's axis to the point, at the tool's place in the middle of the tick.
+
+use super::tool::{MOST_POINTS, Shape, ToolState};
+use super::wrench::middle_pose;
+use crate::math::{Pose, Real, Vec3, from_parry, to_parry};
+use crate::model::constraint::{Constraint, PointMemory};
+use crate::model::{Body, skin};
+use parry3d_f64::query::PointQuery;
+use parry3d_f64::query::details::closest_points_segment_segment_with_locations_nD as segment_segment;
+use parry3d_f64::shape::{Segment, Triangle};
+
+/// Points this far from the tool [m] become constraints, so that contact begins with an open gap: an engaged tool at
+/// 1 m/s and a surface that comes to meet it as fast cover it in one tick.
+const MARGIN: Real = 2e-3;
+
+/// Part of an overlap found late that remains after each tick: 32 of them (a frame) close 99.5 % of it.
+const SLACK_KEPT: Real = 0.85;
+
+/// κ of the sub-grid compliance: the half-space's displacement farther than κ·spacing from a load is already in the
+/// mesh.
+const KAPPA: Real = 1.0 / 3.0;
+
+/// A constraint in the making.
+#[derive(Clone, Copy, Debug)]
+struct Candidate {
+    /// As [`Constraint::point`].
+    point: u32,
+    /// Signed distance from the tool's surface [m].
+    gap: Real,
+    normal: Vec3,
+    /// Part of the axis (0..=1) nearest to the point.
+    along: Real,
+    /// Display vertices and weights; one entry counts for a vertex.
+    stencil: [(u32, Real); 3],
+    /// Surface area that the point stands for [m²].
+    area: Real,
+}
+
+/// Memory that detection needs and no one keeps.
+#[derive(Debug)]
+pub struct Workspace {
+    candidates: Vec<Candidate>,
+    memory: Vec<PointMemory>,
+}
+
+impl Workspace {
+    /// For surfaces of `body`: all of it may come near a tool at once.
+    pub fn new(body: &Body) -> Self {
+        let most = body.surface().vertices.len() + body.surface().triangles.len();
+        Self { candidates: Vec::with_capacity(most), memory: Vec::with_capacity(MOST_POINTS) }
+    }
+}
+
+/// Inputs of detection that are the same for every tool.
+#[derive(Debug)]
+pub struct Touchable<'a> {
+    /// The body.
+    pub body: &'a Body,
+    /// Display vertices at the start of the tick [m], (n_vertices).
+    pub vertices: &'a [Vec3],
+    /// Length of the tick [s].
+    pub tick: Real,
+}
+
+/// Appends the constraints of tool `index` to `constraints` and each one's point of action on the tool [m] to
+/// `points_of_action`; `memory` holds the tool's points of the last tick, ascending, and receives this tick's.
+pub fn detect(
+    on: &Touchable,
+    index: u32,
+    shape: &Shape,
+    tool: &ToolState,
+    memory: &mut Vec<PointMemory>,
+    (constraints, points_of_action): (&mut Vec<Constraint>, &mut Vec<Vec3>),
+    work: &mut Workspace,
+) {
+    let candidates = &mut work.candidates;
+    candidates.clear();
+    let axis = Axis::new(&middle_pose(tool), shape);
+    near_vertices(on, &axis, shape, memory, candidates);
+    near_triangles(on, &axis, shape, memory, candidates);
+
+    // The deepest come first when there are more than the solver may take; ties go to the smaller number.
+    candidates.sort_unstable_by(|a, b| a.gap.total_cmp(&b.gap).then(a.point.cmp(&b.point)));
+    candidates.truncate(MOST_POINTS);
+    candidates.sort_unstable_by_key(|c| c.point);
+
+    let (start, end) = (Axis::new(&tool.previous, shape), Axis::new(&tool.pose, shape));
+    work.memory.clear();
+    for candidate in candidates.iter() {
+        let known = remembered(memory, candidate.point);
+        let slack = known.map_or((-candidate.gap).max(0.0), |m| m.slack);
+        let slack_end = if slack > 1e-7 { slack * SLACK_KEPT } else { 0.0 };
+        let n = candidate.normal;
+        let middle = n.dot(&axis.at(candidate.along)) + shape.radius;
+        let speed = n.dot(&(end.at(candidate.along) - start.at(candidate.along))) / on.tick;
+        let stencil = if candidate.stencil[0].1 == 1.0 { &candidate.stencil[..1] } else { &candidate.stencil[..] };
+        constraints.push(Constraint {
+            row: skin::row(on.body.level(), stencil),
+            normal: n,
+            offset: middle - 0.5 * speed * on.tick - slack,
+            rate: speed + (slack - slack_end) / on.tick,
+            compliance: subgrid_compliance(on.body, candidate.area),
+            tool: index,
+            point: candidate.point,
+            multiplier: known.map_or(0.0, |m| m.multiplier),
+            mean_multiplier: 0.0,
+        });
+        points_of_action.push(axis.at(candidate.along) + n * shape.radius);
+        let multiplier = 0.0; // written back after the solve
+        work.memory.push(PointMemory { point: candidate.point, multiplier, slack: slack_end, normal: n });
+    }
+    std::mem::swap(memory, &mut work.memory);
+}
+
+/// The dent that the mesh is too coarse to show: compliance [m/N] of an elastic half-space under a disc of `area`,
+/// without the part that a mesh of the level's spacing resolves. Half-space displacement
+/// `(1−ν²)/(πE) · 1/r`, cut off at `κ·spacing`, averaged over the disc.
+fn subgrid_compliance(body: &Body, area: Real) -> Real {
+    let material = body.material();
+    let nu = material.poisson_ratio();
+    let cut = KAPPA * body.level().spacing;
+    let s = (area / std::f64::consts::PI).sqrt();
+    let mean = if s < cut { 2.0 / s - 1.0 / cut } else { cut / (s * s) };
+    (1.0 - nu * nu) / (std::f64::consts::PI * material.youngs_modulus()) * mean
+}
+
+/// A tool's axis in the world, from the reference point.
+struct Axis {
+    from: Vec3,
+    along: Vec3,
+    length_squared: Real,
+}
+
+impl Axis {
+    fn new(pose: &Pose, shape: &Shape) -> Self {
+        let along = pose.rotate(Vec3::z() * shape.length);
+        Self { from: pose.position, along, length_squared: along.norm_squared() }
+    }
+
+    fn at(&self, part: Real) -> Vec3 {
+        self.from + self.along * part
+    }
+
+    /// Part of the axis (0..=1) nearest to `p`.
+    fn nearest(&self, p: Vec3) -> Real {
+        if self.length_squared == 0.0 {
+            return 0.0;
+        }
+        ((p - self.from).dot(&self.along) / self.length_squared).clamp(0.0, 1.0)
+    }
+
+    /// Box around the axis, grown by `reach`.
+    fn window(&self, reach: Real) -> (Vec3, Vec3) {
+        let end = self.at(1.0);
+        (self.from.inf(&end).add_scalar(-reach), self.from.sup(&end).add_scalar(reach))
+    }
+}
+
+/// Normal from the axis at `part` to `p` and the gap [m], or `None` where `p` is out of reach or faces away.
+///
+/// A point that was touched keeps the side it was touched on: should the axis itself slip below the surface, the
+/// point is still pushed the way it was, instead of being let go.
+fn side(
+    axis: &Axis,
+    part: Real,
+    p: Vec3,
+    outward: Vec3,
+    shape: &Shape,
+    last: Option<&PointMemory>,
+) -> Option<(Vec3, Real)> {
+    let away = p - axis.at(part);
+    let distance = away.norm();
+    let normal = if distance > 1e-9 { away / distance } else { -outward };
+    match last {
+        Some(m) if m.normal.dot(&normal) < 0.0 => Some((-normal, -distance - shape.radius)),
+        Some(_) => Some((normal, distance - shape.radius)),
+        None => (normal.dot(&outward) < 0.0).then_some((normal, distance - shape.radius)),
+    }
+}
+
+fn remembered(memory: &[PointMemory], point: u32) -> Option<&PointMemory> {
+    memory.binary_search_by_key(&point, |m| m.point).ok().map(|i| &memory[i])
+}
+
+/// Outward area vector of display triangle `t`, twice its area long [m²].
+fn area_vector(on: &Touchable, t: u32) -> Vec3 {
+    let [a, b, c] = on.body.surface().triangles[t as usize].map(|v| on.vertices[v as usize]);
+    (b - a).cross(&(c - a))
+}
+
+fn near_vertices(on: &Touchable, axis: &Axis, shape: &Shape, memory: &[PointMemory], out: &mut Vec<Candidate>) {
+    let reach = shape.radius + MARGIN;
+    let (low, high) = axis.window(reach);
+    for (v, p) in on.vertices.iter().enumerate() {
+        let inside = p.x >= low.x && p.y >= low.y && p.z >= low.z && p.x <= high.x && p.y <= high.y && p.z <= high.z;
+        if !inside {
+            continue;
+        }
+        let along = axis.nearest(*p);
+        let outward: Vec3 = on.body.triangles_around(v).iter().map(|t| area_vector(on, *t)).sum();
+        let last = remembered(memory, v as u32);
+        if let Some((normal, gap)) = side(axis, along, *p, outward, shape, last)
+            && gap <= MARGIN
+        {
+            let stencil = [(v as u32, 1.0), (0, 0.0), (0, 0.0)];
+            out.push(Candidate { point: v as u32, gap, normal, along, stencil, area: on.body.vertex_area()[v] });
+        }
+    }
+}
+
+/// Points inside triangles that are large against the tool: where the surface between three vertices could pass
+/// through the tool by more than a few percent of its radius.
+fn near_triangles(on: &Touchable, axis: &Axis, shape: &Shape, memory: &[PointMemory], out: &mut Vec<Candidate>) {
+    if on.body.longest_display_edge() <= shape.radius {
+        return;
+    }
+    let reach = shape.radius + MARGIN;
+    let (low, high) = axis.window(reach);
+    let first = on.vertices.len() as u32;
+    let segment = Segment::new(to_parry(axis.from), to_parry(axis.at(1.0)));
+    for (t, triangle) in on.body.surface().triangles.iter().enumerate() {
+        let corners = triangle.map(|v| on.vertices[v as usize]);
+        let (least, most) = (corners[0].inf(&corners[1]).inf(&corners[2]), corners[0].sup(&corners[1]).sup(&corners[2]));
+        let apart = (0..3).any(|c| most[c] < low[c] || least[c] > high[c]);
+        let longest = (0..3).map(|i| (corners[i] - corners[(i + 1) % 3]).norm_squared()).fold(0.0, Real::max);
+        if apart || longest <= shape.radius * shape.radius {
+            continue;
+        }
+        let Some((along, weights)) = nearest_in_triangle(axis, &segment, &corners) else { continue };
+        // A corner is a point of its own already.
+        if weights.iter().any(|w| *w > 0.999) {
+            continue;
+        }
+        let p = corners[0] * weights[0] + corners[1] * weights[1] + corners[2] * weights[2];
+        let point = first + t as u32;
+        let outward = area_vector(on, t as u32);
+        let last = remembered(memory, point);
+        if let Some((normal, gap)) = side(axis, along, p, outward, shape, last)
+            && gap <= MARGIN
+        {
+            let stencil = std::array::from_fn(|i| (triangle[i], weights[i]));
+            out.push(Candidate { point, gap, normal, along, stencil, area: 0.5 * outward.norm() });
+        }
+    }
+}
+
+/// Part of the axis and barycentric weights of the triangle's point nearest to it; `None` for a collapsed triangle.
+fn nearest_in_triangle(axis: &Axis, segment: &Segment, corners: &[Vec3; 3]) -> Option<(Real, [Real; 3])> {
+    let triangle = Triangle::new(to_parry(corners[0]), to_parry(corners[1]), to_parry(corners[2]));
+    let on_triangle = |p: Vec3| from_parry(triangle.project_local_point(to_parry(p), true).point);
+    // The nearest pair lies at an end of the axis or between the axis and an edge; an axis that pierces the triangle
+    // has passed the surface, and its reference end still gives the side.
+    let mut best = (Real::INFINITY, 0.0, Vec3::zeros());
+    let mut keep = |along: Real, p: Vec3| {
+        let distance = (p - axis.at(along)).norm_squared();
+        if distance < best.0 {
+            best = (distance, along, p);
+        }
+    };
+    keep(0.0, on_triangle(axis.from));
+    if axis.length_squared > 0.0 {
+        keep(1.0, on_triangle(axis.at(1.0)));
+        for i in 0..3 {
+            let edge = Segment::new(to_parry(corners[i]), to_parry(corners[(i + 1) % 3]));
+            let (_, place) = segment_segment((&segment.a, &segment.b), (&edge.a, &edge.b));
+            let p = from_parry(edge.point_at(&place));
+            keep(axis.nearest(p), p);
+        }
+    }
+    let (_, along, p) = best;
+    let (e1, e2, d) = (corners[1] - corners[0], corners[2] - corners[0], p - corners[0]);
+    let (a, b, c) = (e1.norm_squared(), e1.dot(&e2), e2.norm_squared());
+    let det = a * c - b * b;
+    if !(det > 0.0) {
+        return None;
+    }
+    let (r, s) = (e1.dot(&d), e2.dot(&d));
+    let (w1, w2) = ((c * r - b * s) / det, (a * s - b * r) / det);
+    Some((along, [1.0 - w1 - w2, w1, w2]))
+}
+
+/// True when the tool neither touches nor lies inside the closed surface `vertices`: where it may engage.
+pub fn is_outside(on: &Touchable, shape: &Shape, pose: &Pose) -> bool {
+    let axis = Axis::new(pose, shape);
+    let (low, high) = axis.window(shape.radius);
+    let touches = on.vertices.iter().any(|p| {
+        let boxed = (0..3).all(|c| p[c] >= low[c] && p[c] <= high[c]);
+        boxed && (p - axis.at(axis.nearest(*p))).norm_squared() < shape.radius * shape.radius
+    });
+    if touches {
+        return false;
+    }
+    let segment = Segment::new(to_parry(axis.from), to_parry(axis.at(1.0)));
+    let grazes = on.body.surface().triangles.iter().any(|triangle| {
+        let corners = triangle.map(|v| on.vertices[v as usize]);
+        let (least, most) = (corners[0].inf(&corners[1]).inf(&corners[2]), corners[0].sup(&corners[1]).sup(&corners[2]));
+        let apart = (0..3).any(|c| most[c] < low[c] || least[c] > high[c]);
+        !apart
+            && nearest_in_triangle(&axis, &segment, &corners).is_some_and(|(along, w)| {
+                let p = corners[0] * w[0] + corners[1] * w[1] + corners[2] * w[2];
+                (p - axis.at(along)).norm_squared() < shape.radius * shape.radius
+            })
+    });
+    !grazes && !is_inside(on, axis.from)
+}
+
+/// True when `p` lies inside: rays along the three axes vote by the parity of their crossings, so that one that runs
+/// through an edge does not decide alone.
+fn is_inside(on: &Touchable, p: Vec3) -> bool {
+    let mut crossings = [0u32; 3];
+    for triangle in &on.body.surface().triangles {
+        let corners = triangle.map(|v| on.vertices[v as usize]);
+        for (axis, count) in crossings.iter_mut().enumerate() {
+            *count += u32::from(crosses(&corners, p, axis));
+        }
+    }
+    crossings.iter().filter(|c| *c % 2 == 1).count() >= 2
+}
+
+/// True when the ray from `p` along +`axis` meets the triangle.
+fn crosses(corners: &[Vec3; 3], p: Vec3, axis: usize) -> bool {
+    let (i, j) = ((axis + 1) % 3, (axis + 2) % 3);
+    let side = |a: &Vec3, b: &Vec3| (b[i] - a[i]) * (p[j] - a[j]) - (b[j] - a[j]) * (p[i] - a[i]);
+    let d = [side(&corners[1], &corners[2]), side(&corners[2], &corners[0]), side(&corners[0], &corners[1])];
+    let same_side = d.iter().all(|s| *s > 0.0) || d.iter().all(|s| *s < 0.0);
+    if !same_side {
+        return false;
+    }
+    let total = d[0] + d[1] + d[2];
+    let height = (d[0] * corners[0][axis] + d[1] * corners[1][axis] + d[2] * corners[2][axis]) / total;
+    height > p[axis]
+}

@@ -1,0 +1,10 @@
+//! Touch: tools, where they meet the surface, and the wrench that comes of it.
+//!
+//! Emits point constraints and receives their multipliers; knows nothing of how they are solved.
+
+pub mod detection;
+pub mod safety;
+pub mod tool;
+pub mod wrench;
+
+pub use tool::{Shape, Tool, ToolState};

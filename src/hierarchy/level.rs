@@ -1,0 +1,87 @@
+//! One level: an independent quasi-uniform mesh of the whole body, and its ties to its neighbours.
+
+use crate::geometry::locate::Host;
+use crate::geometry::tet_mesh::TetMesh;
+use crate::math::{Real, Vec3};
+use serde::{Deserialize, Serialize};
+
+/// A level as prepared: only read afterwards.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Level {
+    /// Rest mesh [m].
+    pub mesh: TetMesh,
+    /// Typical node distance [m]: the lattice constant of a cover, the mean edge of a given mesh.
+    pub spacing: Real,
+    /// Part of each element that lies inside the body, 0.1..=1, (n_elements): weighs its stiffness and its mass.
+    pub fraction: Vec<Real>,
+    /// Lumped mass [kg] (n_nodes): a quarter of ρ·fraction·volume from each incident element, scaled so that the sum
+    /// is the body's mass.
+    pub node_mass: Vec<Real>,
+    /// Smallest altitude of any element [m]: the Courant length.
+    pub altitude: Real,
+    /// Nearest node of the next coarser level (n_nodes); empty on level 0.
+    pub parent: Vec<u32>,
+    /// Where each node lies in the next coarser level (n_nodes); empty on level 0.
+    pub coarser_host: Vec<Host>,
+    /// Where each node lies in the next finer level (n_nodes); empty on the finest.
+    pub finer_host: Vec<Host>,
+    /// Where each display vertex lies in this level (n_vertices).
+    pub embedding: Vec<Host>,
+    /// Nodes that do not move at all, ascending; only on meshes that conform to the body.
+    pub fixed: Vec<u32>,
+}
+
+impl Level {
+    /// A level of `mesh` without ties yet. `density` [kg/m³]; `mass` [kg] is what the node masses are scaled to sum to.
+    pub fn new(mesh: TetMesh, fraction: Vec<Real>, spacing: Real, density: Real, mass: Option<Real>) -> Self {
+        let mut node_mass = vec![0.0; mesh.nodes.len()];
+        let mut altitude = Real::INFINITY;
+        for (e, element) in mesh.elements.iter().enumerate() {
+            altitude = altitude.min(mesh.smallest_altitude(e));
+            let quarter = 0.25 * density * fraction[e] * mesh.volume(e);
+            for &n in element {
+                node_mass[n as usize] += quarter;
+            }
+        }
+        if let Some(mass) = mass {
+            let factor = mass / node_mass.iter().sum::<Real>();
+            node_mass.iter_mut().for_each(|m| *m *= factor);
+        }
+        Self {
+            mesh,
+            spacing,
+            fraction,
+            node_mass,
+            altitude,
+            parent: Vec::new(),
+            coarser_host: Vec::new(),
+            finer_host: Vec::new(),
+            embedding: Vec::new(),
+            fixed: Vec::new(),
+        }
+    }
+
+    /// Volume inside the body [m³].
+    pub fn volume(&self) -> Real {
+        (0..self.mesh.elements.len()).map(|e| self.fraction[e] * self.mesh.volume(e)).sum()
+    }
+
+    /// Centre of the lumped masses at rest [m].
+    pub fn centre_of_mass(&self) -> Vec3 {
+        let moment: Vec3 = self.mesh.nodes.iter().zip(&self.node_mass).map(|(u, m)| u * *m).sum();
+        moment / self.node_mass.iter().sum::<Real>()
+    }
+}
+
+/// Mean edge length of a mesh [m].
+pub fn mean_edge(mesh: &TetMesh) -> Real {
+    let (mut sum, mut count) = (0.0, 0);
+    for e in 0..mesh.elements.len() {
+        let u = mesh.corners(e);
+        for (i, j) in [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)] {
+            sum += (u[i] - u[j]).norm();
+            count += 1;
+        }
+    }
+    sum / count.max(1) as Real
+}

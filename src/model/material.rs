@@ -1,0 +1,104 @@
+//! The material law: St. Venant–Kirchhoff with Kelvin–Voigt viscosity and a term against collapse.
+//!
+//! Green strain `E = ½(FᵀF − I)`, second Piola–Kirchhoff stress `S = λ tr(E) I + 2μ E + φ tr(Ė) I + 2ψ Ė`
+//! [DDCB01 eq. 1–4, in standard scaling: the paper's ε is 2E and its σ is 2S], nodal forces `f_i = −vol F S ∇L_i`
+//! [DDCB01 eq. 8].
+//!
+//! St. Venant–Kirchhoff softens when squeezed and then inverts for good, so the energy density gets
+//! `½ k (J − 0.6)²` where `J = det F < 0.6`, `k = 8(λ + 2μ)`: the force then rises monotonically and the body
+//! recovers.
+
+use crate::math::{Mat3, Real};
+use serde::{Deserialize, Serialize};
+
+/// `J` below which the compression term acts.
+pub const COLLAPSE_ONSET: Real = 0.6;
+/// Stiffness of the compression term over `λ + 2μ`.
+pub const COLLAPSE_STIFFNESS: Real = 8.0;
+
+/// Constants of one visco-elastic material.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Material {
+    /// Lamé's first parameter λ [Pa]: resists volume change.
+    pub lambda: Real,
+    /// Shear modulus μ [Pa].
+    pub mu: Real,
+    /// Viscosity φ against volume change [Pa·s].
+    pub phi: Real,
+    /// Shear viscosity ψ [Pa·s].
+    pub psi: Real,
+    /// Density ρ at rest [kg/m³].
+    pub density: Real,
+}
+
+impl Material {
+    /// From Young's modulus [Pa] and Poisson's ratio; viscosities zero.
+    pub fn from_young(youngs_modulus: Real, poisson_ratio: Real, density: Real) -> Self {
+        let (e, nu) = (youngs_modulus, poisson_ratio);
+        Self {
+            lambda: e * nu / ((1.0 + nu) * (1.0 - 2.0 * nu)),
+            mu: e / (2.0 * (1.0 + nu)),
+            phi: 0.0,
+            psi: 0.0,
+            density,
+        }
+    }
+
+    /// Young's modulus [Pa].
+    pub fn youngs_modulus(&self) -> Real {
+        self.mu * (3.0 * self.lambda + 2.0 * self.mu) / (self.lambda + self.mu)
+    }
+
+    /// Poisson's ratio.
+    pub fn poisson_ratio(&self) -> Real {
+        self.lambda / (2.0 * (self.lambda + self.mu))
+    }
+
+    /// `λ + 2μ` [Pa], the modulus of pressure waves.
+    pub fn pressure_modulus(&self) -> Real {
+        self.lambda + 2.0 * self.mu
+    }
+
+    /// Speed of pressure waves at rest [m/s]: the fastest that anything travels.
+    pub fn wave_speed(&self) -> Real {
+        (self.pressure_modulus() / self.density).sqrt()
+    }
+
+    /// The longer of the relaxation times of pressure and shear [s]: bounds the damping of every mode.
+    pub fn damping_time(&self) -> Real {
+        ((self.phi + 2.0 * self.psi) / self.pressure_modulus()).max(self.psi / self.mu)
+    }
+
+    /// Elastic energy density [J/m³] at the deformation gradient `f`.
+    pub fn energy_density(&self, f: &Mat3) -> Real {
+        let e = (f.transpose() * f - Mat3::identity()) * 0.5;
+        let trace = e.trace();
+        let squeeze = (f.determinant() - COLLAPSE_ONSET).min(0.0);
+        let k = COLLAPSE_STIFFNESS * self.pressure_modulus();
+        0.5 * self.lambda * trace * trace + self.mu * e.dot(&e) + 0.5 * k * squeeze * squeeze
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn young_and_poisson_survive_the_way_through_lame() {
+        let m = Material::from_young(5000.0, 0.45, 1050.0);
+        assert!((m.youngs_modulus() / 5000.0 - 1.0).abs() < 1e-14);
+        assert!((m.poisson_ratio() / 0.45 - 1.0).abs() < 1e-14);
+    }
+
+    #[test]
+    fn crushing_costs_ever_more_energy() {
+        let m = Material::from_young(1e4, 0.45, 1000.0);
+        let density = |s: Real| m.energy_density(&Mat3::from_diagonal_element(s));
+        let mut last = 0.0;
+        for i in 1..20 {
+            let now = density(1.0 - 0.05 * i as Real);
+            assert!(now > last);
+            last = now;
+        }
+    }
+}

@@ -1,0 +1,62 @@
+//! The contact solve of one sub-step: projected Gauss–Seidel on end-of-step positions, warm-started.
+//!
+//! For each point: `r = n·(Σ b_i (x_i + Δt v_i)) + G λ − (offset + rate·t)`,
+//! `λ ← max(0, λ − r / (Δt² Σ b_i²/m_i + G))`, and the change of λ at once acts on the velocities. The gap is closed
+//! as a whole: scaling it (Baumgarte) would make the force too small, because G turns gap into force.
+
+use crate::math::{Real, Vec3};
+use crate::model::{Body, Constraint, State};
+
+/// Sweeps over all points in one sub-step; the multipliers of the last sub-step are the start.
+const SWEEPS: usize = 3;
+
+/// What the sweeps need of each point beside the constraint itself; reused from tick to tick.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Prepared {
+    /// `Δt² Σ b²/m + G` [m/N].
+    response: Real,
+    /// `n·Σ b_i x_i` at the start of the sub-step [m].
+    position: Real,
+    /// Least `n·q` at the end of the sub-step [m].
+    target: Real,
+}
+
+/// Changes `state.velocity` so that no surface point ends the sub-step inside a tool, and leaves each point's
+/// multiplier [N] in `constraint.multiplier`. `end` [s]: end of the sub-step, from the start of the tick.
+pub fn solve(
+    body: &Body,
+    state: &mut State,
+    constraints: &mut [Constraint],
+    prepared: &mut [Prepared],
+    step: Real,
+    end: Real,
+) {
+    let inverse_mass = body.inverse_mass();
+    for (c, p) in constraints.iter_mut().zip(prepared.iter_mut()) {
+        let mobility: Real = c.row.entries().iter().map(|&(n, b)| b * b * inverse_mass[n as usize]).sum();
+        p.response = step * step * mobility + c.compliance;
+        p.position = c.normal.dot(&c.row.interpolate(&state.position));
+        p.target = c.offset + c.rate * end;
+        push(&mut state.velocity, inverse_mass, c, step * c.multiplier);
+    }
+    for _ in 0..SWEEPS {
+        for (c, p) in constraints.iter_mut().zip(prepared.iter()) {
+            let moved = step * c.normal.dot(&c.row.interpolate(&state.velocity));
+            let residual = p.position + moved + c.compliance * c.multiplier - p.target;
+            // A point that would pull is released: its multiplier stays at zero.
+            let multiplier = (c.multiplier - residual / p.response).max(0.0);
+            let change = multiplier - c.multiplier;
+            if change != 0.0 {
+                c.multiplier = multiplier;
+                push(&mut state.velocity, inverse_mass, c, step * change);
+            }
+        }
+    }
+}
+
+/// Gives the point's nodes the impulse `impulse`·n [N·s] through its row.
+fn push(velocity: &mut [Vec3], inverse_mass: &[Real], c: &Constraint, impulse: Real) {
+    for &(n, b) in c.row.entries() {
+        velocity[n as usize] += c.normal * (impulse * b * inverse_mass[n as usize]);
+    }
+}
