@@ -321,20 +321,36 @@ fn vertex_triangles(surface: &Surface) -> (Vec<u32>, Vec<u32>) {
 /// travel time (the factor below them is the margin for cut elements and for the sub-step in which a strain grows).
 const SAFETY: Real = 0.75;
 
-/// `Δt = SAFETY · altitude / c`, shortened where springs add stiffness to a node: `ω² = ω_elements² + ω_springs²`.
+/// `Δt = SAFETY · altitude / c`, shortened where springs add stiffness: `ω² ≤ ω_elements² + ω_springs²`.
 fn undamped_step(level: &Level, parts: &BodyParts, rows: &[[(u32, Real); 4]], inverse_mass: &[Real]) -> Real {
     let speed = parts.materials.iter().map(Material::wave_speed).fold(0.0, Real::max);
     let elements = 2.0 * speed / (SAFETY * level.altitude);
-    let mut stiffness = vec![0.0; level.mesh.nodes.len()];
-    for (hold, row) in parts.holds.iter().zip(rows) {
-        // Gershgorin: the row sum of |K| bounds what the spring adds to any mode.
-        let sum: Real = row.iter().map(|(_, w)| w.abs()).sum();
-        for (node, w) in row {
-            stiffness[*node as usize] += hold.stiffness * w.abs() * sum;
-        }
-    }
-    let springs = stiffness.iter().zip(inverse_mass).map(|(k, w)| k * w).fold(0.0, Real::max);
+    let springs = fastest_spring(&parts.holds, rows, inverse_mass);
     2.0 / (elements * elements + springs).sqrt()
+}
+
+/// Largest eigenvalue [1/s²] of `M⁻¹K`, K the springs' stiffness: what they add to `ω²` at most.
+///
+/// K is the same along every axis, so one is enough. Power iteration from below converges to it; the last factor
+/// covers what is missing after this many rounds.
+fn fastest_spring(holds: &[Hold], rows: &[[(u32, Real); 4]], inverse_mass: &[Real]) -> Real {
+    let mut shape = vec![1.0; inverse_mass.len()];
+    let mut eigenvalue = 0.0;
+    for _ in 0..100 {
+        let mut next = vec![0.0; shape.len()];
+        for (hold, row) in holds.iter().zip(rows) {
+            let stretch: Real = row.iter().map(|(n, w)| w * shape[*n as usize]).sum();
+            for (n, w) in row {
+                next[*n as usize] += hold.stiffness * stretch * w * inverse_mass[*n as usize];
+            }
+        }
+        eigenvalue = next.iter().fold(0.0, |most: Real, x| most.max(x.abs()));
+        if eigenvalue == 0.0 {
+            return 0.0;
+        }
+        shape = next.into_iter().map(|x| x / eigenvalue).collect();
+    }
+    1.05 * eigenvalue
 }
 
 /// Display vertices within a region, for [`Hold`]s and probes: those that `inside` accepts.

@@ -1,1 +1,23 @@
-//! x
+//! The virtual Phantom: a haptic device and the hand that holds it, in closed loop over the network.
+//!
+//! Data flow: a [`Path`] says where the hand wants to be; [`HeldDevice`] moves device and hand under the hand's pull and
+//! the force that came from the server; [`run`] sends the pose the encoders report a thousand times a second and
+//! measures what comes back. Device, hand and path know no clock and no network: the same inputs give the same motion.
+
+mod device;
+mod hand;
+mod path;
+mod report;
+mod run;
+mod scheduling;
+mod site;
+
+/// A vector of the world frame (3), in the unit its name says.
+pub type Vec3 = nalgebra::Vector3<f64>;
+
+pub use device::Device;
+pub use hand::{Hand, HeldDevice};
+pub use path::{Path, Pattern, Site, Target};
+pub use report::{Distribution, Live, Report, Sample};
+pub use run::{Options, run};
+pub use site::top_of_surface;

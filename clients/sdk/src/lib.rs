@@ -1,1 +1,30 @@
-//! x
+//! What every Palpate client shares: connect, poses out, wrenches and surface in.
+//!
+//! Data flow: [`Connection::open`] connects, [`Connection::attach`] takes a [`Tool`], [`Tool::send_pose`] says where it
+//! is held, and the server answers each tick with a [`Wrench`]. Viewers use [`Connection::open_surface`] and
+//! [`Connection::subscribe_surface`].
+//!
+//! Units are SI, frames right-handed, quaternions x, y, z, w. Nothing here depends on one operating system.
+//!
+//! # Real time
+//! zenoh starts its threads with the first session of the process, and they inherit the scheduling class of the thread
+//! that opens it. A client that renders force should raise its own thread first and call [`Connection::open`] from it.
+//! Callbacks run on zenoh's receiving threads, which poses and wrenches share: they must return quickly.
+
+mod connection;
+mod echo;
+mod error;
+mod surface;
+mod tool;
+mod wrench;
+
+pub use connection::{Connection, Endpoints};
+pub use echo::EchoProbe;
+pub use error::SdkError;
+pub use palpate_proto as proto;
+pub use palpate_proto::{
+    ControlReply, ControlRequest, Session, Status, SurfaceFrame, ToolDescription, ToolPhase, control_request,
+};
+pub use surface::{Subscription, Surface, frame_positions};
+pub use tool::{Counters, PoseSample, Received, Tool};
+pub use wrench::{WRENCH_BYTES, Wrench, watchdog_scale};

@@ -1,0 +1,275 @@
+//! Where the hand wants to be: paths of palpation, as functions of time.
+
+use std::str::FromStr;
+
+use anyhow::bail;
+
+use crate::Vec3;
+
+/// Every path stays at its beginning this long [s]: the server gives no force before a tool has been outside.
+const SETTLE: f64 = 0.5;
+/// Time of the way from the standoff to just outside [s], where a pattern begins there.
+const APPROACH: f64 = 0.5;
+/// Height "just outside" [m] at which the hand moves between two presses.
+const CLEARANCE: f64 = 2e-3;
+/// Height from which taps begin [m].
+const TAP_HEIGHT: f64 = 5e-3;
+/// Taps per second [Hz].
+const TAP_RATE: f64 = 4.0;
+/// Sites of a palpation along the tangent [m], visited in turn and again from the front.
+const RASTER: [f64; 8] = [0.0, 0.01, 0.02, 0.01, 0.0, -0.01, -0.02, -0.01];
+/// Share of a palpation's second that is the press; the rest moves to the next site.
+const PRESS_SHARE: f64 = 0.8;
+/// Length of a stroke along the tangent [m] and its duration [s]: 0.1 m/s in the mean.
+const STROKE_LENGTH: f64 = 0.05;
+const STROKE_TIME: f64 = 0.5;
+/// A physiological tremor: frequency [Hz] and amplitude [m].
+const TREMOR_RATE: f64 = 10.0;
+const TREMOR_AMPLITUDE: f64 = 0.3e-3;
+/// Half the distance of the central difference that gives velocities [s].
+const DIFFERENCE: f64 = 1e-5;
+
+/// What the hand does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Pattern {
+    /// In within 1 s, held 1 s, out within 1 s, 0.5 s of rest, again.
+    Press,
+    /// A press per second, at sites up to 20 mm to either side.
+    Palpate,
+    /// Press, 50 mm along the tangent at 0.1 m/s and back, lift.
+    Stroke,
+    /// Four light taps per second.
+    Tap,
+    /// Press and hold, with a trembling hand: 10 Hz, 0.3 mm.
+    Tremor,
+}
+
+/// Every pattern with the name it is chosen by.
+const PATTERNS: [(&str, Pattern); 5] = [
+    ("press", Pattern::Press),
+    ("palpate", Pattern::Palpate),
+    ("stroke", Pattern::Stroke),
+    ("tap", Pattern::Tap),
+    ("tremor", Pattern::Tremor),
+];
+
+impl Pattern {
+    /// The name it is chosen by.
+    pub fn name(self) -> &'static str {
+        PATTERNS[self as usize].0
+    }
+}
+
+impl FromStr for Pattern {
+    type Err = anyhow::Error;
+
+    /// The pattern of that name, in whatever case. Errors: no such pattern; the error lists those there are.
+    fn from_str(name: &str) -> Result<Self, Self::Err> {
+        match PATTERNS.iter().find(|(known, _)| known.eq_ignore_ascii_case(name)) {
+            Some(&(_, pattern)) => Ok(pattern),
+            None => bail!("there is no pattern \"{name}\", only {}", PATTERNS.map(|(known, _)| known).join(", ")),
+        }
+    }
+}
+
+/// Where the body is touched.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Site {
+    /// The tool's reference point when the tool just touches [m]: for a ball one radius off the surface.
+    pub point: Vec3,
+    /// Unit normal of the surface, outward.
+    pub normal: Vec3,
+    /// Unit tangent of the surface, along which the hand moves.
+    pub tangent: Vec3,
+    /// Height above touch at which paths begin and rest [m].
+    pub standoff: f64,
+    /// How far below touch the hand wants to go [m]; the body lets it go less far.
+    pub depth: f64,
+}
+
+/// Where the hand wants the tool to be, and how it wants it to move.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Target {
+    /// Of the tool's reference point [m].
+    pub position: Vec3,
+    /// [m/s]
+    pub velocity: Vec3,
+}
+
+/// A pattern at a site.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Path {
+    /// What the hand does.
+    pub pattern: Pattern,
+    /// And where.
+    pub site: Site,
+}
+
+impl Path {
+    /// The target `t` seconds after the beginning. Periodic patterns go on for ever.
+    pub fn target(&self, t: f64) -> Target {
+        let velocity = (self.position(t + DIFFERENCE) - self.position(t - DIFFERENCE)) / (2.0 * DIFFERENCE);
+        Target { position: self.position(t), velocity }
+    }
+
+    fn position(&self, t: f64) -> Vec3 {
+        let (along, height) = self.along_and_height((t - SETTLE).max(0.0));
+        self.site.point + self.site.tangent * along + self.site.normal * height
+    }
+
+    /// Way along the tangent and height above touch [m], `t` seconds after the settling time.
+    fn along_and_height(&self, t: f64) -> (f64, f64) {
+        let Site { standoff, depth, .. } = self.site;
+        let pressed = |share: f64| between(standoff, -depth, share);
+        match self.pattern {
+            Pattern::Press => {
+                let t = t % 3.5;
+                (0.0, pressed(minimum_jerk(t) - minimum_jerk(t - 2.0)))
+            }
+            Pattern::Palpate => {
+                let clearance = CLEARANCE.min(standoff);
+                if t < APPROACH {
+                    return (RASTER[0], between(standoff, clearance, minimum_jerk(t / APPROACH)));
+                }
+                let cycle = (t - APPROACH).floor();
+                let t = t - APPROACH - cycle;
+                let site = cycle as usize % RASTER.len();
+                let press = raised_cosine((t / PRESS_SHARE).min(1.0));
+                let move_on = minimum_jerk((t - PRESS_SHARE) / (1.0 - PRESS_SHARE));
+                let along = between(RASTER[site], RASTER[(site + 1) % RASTER.len()], move_on);
+                (along, between(clearance, -depth, press))
+            }
+            Pattern::Stroke => {
+                let t = t % 3.5;
+                let there = minimum_jerk((t - 1.0) / STROKE_TIME) - minimum_jerk((t - 1.0 - STROKE_TIME) / STROKE_TIME);
+                let lift = minimum_jerk(t - 1.0 - 2.0 * STROKE_TIME);
+                (STROKE_LENGTH * (there - 0.5), pressed(minimum_jerk(t) - lift))
+            }
+            Pattern::Tap => {
+                let top = TAP_HEIGHT.min(standoff);
+                if t < APPROACH {
+                    return (0.0, between(standoff, top, minimum_jerk(t / APPROACH)));
+                }
+                (0.0, between(top, -depth, raised_cosine((t - APPROACH) * TAP_RATE)))
+            }
+            Pattern::Tremor => {
+                // The tremor grows during the first held second, so that the path has no jump in velocity.
+                let amplitude = TREMOR_AMPLITUDE * minimum_jerk(t - 1.0);
+                let phase = std::f64::consts::TAU * TREMOR_RATE * t;
+                (amplitude * phase.sin(), pressed(minimum_jerk(t)) + amplitude * phase.cos())
+            }
+        }
+    }
+}
+
+/// From 0 at s ≤ 0 to 1 at s ≥ 1 with the least jerk: at rest and unaccelerated at both ends.
+fn minimum_jerk(s: f64) -> f64 {
+    let s = s.clamp(0.0, 1.0);
+    s * s * s * (10.0 + s * (6.0 * s - 15.0))
+}
+
+/// From 0 to 1 and back to 0 once per unit of `s`.
+fn raised_cosine(s: f64) -> f64 {
+    0.5 * (1.0 - (std::f64::consts::TAU * s).cos())
+}
+
+fn between(from: f64, to: f64, share: f64) -> f64 {
+    from + (to - from) * share
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn path(pattern: Pattern) -> Path {
+        let site = Site {
+            point: Vec3::new(0.1, 0.2, 0.3),
+            normal: Vec3::z(),
+            tangent: Vec3::x(),
+            standoff: 0.02,
+            depth: 0.008,
+        };
+        Path { pattern, site }
+    }
+
+    fn every_path() -> impl Iterator<Item = Path> {
+        PATTERNS.into_iter().map(|(_, pattern)| path(pattern))
+    }
+
+    fn height(path: &Path, t: f64) -> f64 {
+        (path.target(t).position - path.site.point).dot(&path.site.normal)
+    }
+
+    #[test]
+    fn paths_start_outside_and_are_continuous() {
+        for path in every_path() {
+            for millisecond in 0..=500 {
+                let target = path.target(f64::from(millisecond) * 1e-3);
+                assert!((height(&path, f64::from(millisecond) * 1e-3) - path.site.standoff).abs() < 1e-12);
+                assert!(target.velocity.norm() < 1e-6);
+            }
+            // The fastest is the tap: 13 mm raised cosine at 4 Hz, π · 4 Hz · 13 mm = 0.163 m/s.
+            for millisecond in 0..20_000 {
+                let t = f64::from(millisecond) * 1e-3;
+                let step = path.target(t + 1e-3).position - path.target(t).position;
+                assert!(step.norm() < 0.2e-3, "{:?} at {t} s", path.pattern);
+            }
+        }
+    }
+
+    #[test]
+    fn velocity_is_the_derivative_of_position() {
+        for path in every_path() {
+            for millisecond in 0..20_000 {
+                let t = f64::from(millisecond) * 1e-3;
+                let (now, next) = (path.target(t), path.target(t + 1e-3));
+                let mean = 0.5 * (now.velocity + next.velocity);
+                assert!((now.position + mean * 1e-3 - next.position).norm() < 2e-6, "{:?} at {t} s", path.pattern);
+            }
+        }
+    }
+
+    #[test]
+    fn every_path_reaches_its_depth_and_goes_no_deeper_than_a_tremor() {
+        for path in every_path() {
+            let lowest = (0..20_000).map(|ms| height(&path, f64::from(ms) * 1e-3)).fold(f64::INFINITY, f64::min);
+            let below = -path.site.depth - lowest;
+            let allowed = if path.pattern == Pattern::Tremor { TREMOR_AMPLITUDE } else { 0.0 };
+            assert!(below > -1e-6 && below < allowed + 1e-9, "{:?} reaches {lowest} m", path.pattern);
+        }
+    }
+
+    #[test]
+    fn a_press_holds_its_depth_for_a_second() {
+        let path = path(Pattern::Press);
+        assert!((height(&path, 1.5) + 0.008).abs() < 1e-12 && (height(&path, 2.5) + 0.008).abs() < 1e-12);
+        assert!((height(&path, 3.6) - 0.02).abs() < 1e-12 && (height(&path, 4.0) - 0.02).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_palpation_moves_sideways_only_outside() {
+        let path = path(Pattern::Palpate);
+        for millisecond in 0..20_000 {
+            let t = f64::from(millisecond) * 1e-3;
+            let sideways = path.target(t).velocity.dot(&path.site.tangent).abs();
+            assert!(sideways < 1e-6 || height(&path, t) > 0.9 * CLEARANCE);
+        }
+    }
+
+    #[test]
+    fn the_same_time_gives_the_same_target() {
+        for path in every_path() {
+            assert_eq!(path.target(1.234_567), path.target(1.234_567));
+        }
+    }
+
+    #[test]
+    fn a_pattern_is_found_by_its_name_and_an_unknown_one_is_answered_with_the_known_ones() {
+        for (name, pattern) in PATTERNS {
+            assert_eq!(name.parse::<Pattern>().unwrap(), pattern);
+            assert_eq!(pattern.name(), name);
+        }
+        assert_eq!("PRESS".parse::<Pattern>().unwrap(), Pattern::Press);
+        assert!("poke".parse::<Pattern>().unwrap_err().to_string().contains("press, palpate, stroke, tap, tremor"));
+    }
+}

@@ -1,0 +1,447 @@
+//! The closed loop: path, hand, device and server, a thousand times a second.
+
+use std::{
+    sync::{
+        Arc, Mutex, MutexGuard, PoisonError,
+        atomic::{AtomicBool, Ordering::Relaxed},
+    },
+    thread,
+    time::{Duration, Instant},
+};
+
+use anyhow::{Context, Result, anyhow, bail, ensure};
+use hdrhistogram::Histogram;
+use palpate_sdk::{
+    Connection, EchoProbe, Endpoints, PoseSample, Session, Tool, ToolDescription, ToolPhase, WRENCH_BYTES, Wrench,
+};
+
+use crate::{
+    Device, Distribution, Hand, HeldDevice, Live, Path, Pattern, Report, Sample, Site, Vec3, report::histogram,
+    scheduling::raise_this_thread, top_of_surface,
+};
+
+/// Rate of the device loop [Hz] and its period [s].
+const RATE_HZ: f64 = 1000.0;
+const DT: f64 = 1e-3;
+/// Height of the tool above the body at the start [m].
+const STANDOFF: f64 = 0.02;
+/// Silence after which the server counts as gone [ns].
+const SILENCE_NS: u64 = 2_000_000_000;
+/// Ticks from one call of `live` to the next.
+const LIVE_TICKS: u64 = 100;
+/// Time between two bare round trips.
+const ECHO_PERIOD: Duration = Duration::from_millis(10);
+/// Time after which an echo counts as lost.
+const ECHO_TIMEOUT: Duration = Duration::from_millis(500);
+
+/// What to run.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// Where the server is.
+    pub endpoints: Endpoints,
+    /// Device to model.
+    pub device: Device,
+    /// Hand that holds it.
+    pub hand: Hand,
+    /// What the hand does.
+    pub pattern: Pattern,
+    /// How far below the surface the hand wants to go [m].
+    pub depth: f64,
+    /// Poses per second [Hz], up to 1000. The device loop runs at 1000 Hz in any case.
+    pub rate_hz: f64,
+    /// Length of the run [s]; `None` runs until stopped.
+    pub seconds: Option<f64>,
+    /// Tool to take, by name; empty for any free one.
+    pub tool: String,
+    /// Surface point [m] and outward normal to touch at; `None` takes the top of the body.
+    pub site: Option<(Vec3, Vec3)>,
+    /// Whether to measure the bare round trip meanwhile, 100 times a second.
+    pub echo: bool,
+    /// How many ticks to keep as samples, from the beginning.
+    pub samples: usize,
+}
+
+impl Default for Options {
+    /// A PHANTOM Omni pressing on the top of the body of a server on this machine, until stopped.
+    fn default() -> Self {
+        Self {
+            endpoints: Endpoints::default(),
+            device: Device::default(),
+            hand: Hand::default(),
+            pattern: Pattern::Press,
+            depth: 0.008,
+            rate_hz: 1000.0,
+            seconds: None,
+            tool: String::new(),
+            site: None,
+            echo: true,
+            samples: 0,
+        }
+    }
+}
+
+/// Runs until `options.seconds` have passed or `stop` is set, and reports.
+///
+/// Raises the priority of the calling thread where the system permits, before the first zenoh session is opened, so that
+/// zenoh's threads inherit it. `live` is called ten times a second from the device loop and must return quickly.
+///
+/// Errors: bad options, no connection, the server refuses, the path leaves the device's or the server's workspace, or no
+/// wrench comes for 2 s.
+pub fn run(options: &Options, stop: &AtomicBool, live: &mut dyn FnMut(&Live)) -> Result<Report> {
+    ensure!(options.rate_hz > 0.0 && options.rate_hz <= RATE_HZ, "the pose rate must be above 0 and at most 1000 Hz");
+    ensure!(options.depth > 0.0 && options.depth.is_finite(), "the depth must be above 0");
+    let scheduling = raise_this_thread();
+    let connection = Connection::open(&options.endpoints)?;
+    let session = connection.session()?;
+
+    let log = Arc::new(Mutex::new(WrenchLog::new()));
+    let observed = log.clone();
+    let observer = move |wrench: &Wrench, arrival_ns| locked(&observed).record(wrench, arrival_ns);
+    let tool = connection.attach_observed("palpate-phantom", &options.tool, options.rate_hz, observer)?;
+    let description = session
+        .tools
+        .iter()
+        .find(|description| description.tool == tool.id())
+        .with_context(|| format!("the server gave tool {}, which is not in its session", tool.id()))?;
+    let path = Path { pattern: options.pattern, site: find_site(options, &connection, description)? };
+    check_reach(&path, &options.device, &session)?;
+
+    let device_loop = DeviceLoop {
+        options,
+        held: HeldDevice::new(options.device, options.hand, path.target(0.0).position),
+        path,
+        tool,
+        log: &log,
+        update_age: histogram(),
+        lateness: histogram(),
+        newest: Sample::default(),
+        phase: ToolPhase::Waiting,
+        contact_points: 0,
+        pose_slots: 0,
+        report: Report {
+            device: options.device.name.to_owned(),
+            pattern: options.pattern.name().to_owned(),
+            tool: description.name.clone(),
+            rate_hz: options.rate_hz,
+            scheduling,
+            depth: options.depth,
+            samples: Vec::with_capacity(options.samples),
+            ..Default::default()
+        },
+    };
+    if options.echo {
+        let probe = connection.round_trip_probe(WRENCH_BYTES)?;
+        beside_echo(probe, || device_loop.run(stop, live))
+    } else {
+        device_loop.run(stop, live)
+    }
+}
+
+/// Everything the device loop works with.
+struct DeviceLoop<'a> {
+    options: &'a Options,
+    path: Path,
+    held: HeldDevice,
+    tool: Tool,
+    log: &'a Mutex<WrenchLog>,
+    update_age: Histogram<u64>,
+    lateness: Histogram<u64>,
+    newest: Sample,
+    phase: ToolPhase,
+    contact_points: u32,
+    /// Poses that the rate has given room for so far.
+    pose_slots: u64,
+    report: Report,
+}
+
+impl DeviceLoop<'_> {
+    fn run(mut self, stop: &AtomicBool, live: &mut dyn FnMut(&Live)) -> Result<Report> {
+        let ticks = self.options.seconds.map_or(u64::MAX, |seconds| (seconds / DT).round() as u64);
+        let (start, start_ns) = (Instant::now(), self.tool.now_ns());
+        let mut tick = 0;
+        while tick < ticks && !stop.load(Relaxed) {
+            // Absolute deadlines: a late wake-up never shifts the next one.
+            let deadline = start + Duration::from_millis(tick);
+            thread::sleep(deadline.saturating_duration_since(Instant::now()));
+            let late = deadline.elapsed();
+            self.lateness.saturating_record(late.as_nanos() as u64);
+            // Ticks that were slept through are made up for at once: device and hand have moved on meanwhile.
+            let due = 1 + late.as_millis() as u64;
+            self.wake(tick, due, start_ns)?;
+            tick += due;
+            if tick % LIVE_TICKS < due {
+                live(&self.live());
+            }
+        }
+        self.report.seconds = start.elapsed().as_secs_f64();
+        Ok(self.finish())
+    }
+
+    /// One wake-up: reads the newest wrench, moves device and hand through `due` ticks from `tick`, sends the pose.
+    fn wake(&mut self, tick: u64, due: u64, start_ns: u64) -> Result<()> {
+        let now_ns = self.tool.now_ns();
+        let received = self.tool.latest_wrench();
+        let age_ns = now_ns.saturating_sub(received.map_or(start_ns, |received| received.arrival_ns));
+        if age_ns > SILENCE_NS {
+            bail!("no wrench for 2 s from {}: the server is gone or has stopped", self.options.endpoints.force);
+        }
+        if let Some(received) = received {
+            self.update_age.saturating_record(age_ns);
+            (self.phase, self.contact_points) = (received.wrench.phase, received.wrench.contact_points);
+        }
+        self.report.stale_ticks += u64::from(received.is_none_or(|received| !received.fresh));
+
+        let force = Vec3::from(self.tool.safe_force(now_ns));
+        for tick in tick..tick + due {
+            let time = tick as f64 * DT;
+            let target = self.path.target(time);
+            let rendered = self.held.step(DT, &target, force);
+            self.record(Sample {
+                time,
+                target: target.position.into(),
+                position: self.held.position().into(),
+                force: rendered.into(),
+            });
+        }
+        self.report.ticks += due;
+        self.report.late_ticks += due - 1;
+
+        let slots = 1 + (tick as f64 * self.options.rate_hz / RATE_HZ) as u64;
+        if slots > self.pose_slots {
+            self.pose_slots = slots;
+            self.send_pose()?;
+        }
+        Ok(())
+    }
+
+    fn record(&mut self, sample: Sample) {
+        let above_touch = Vec3::from(sample.position) - self.path.site.point;
+        self.report.reached_depth = self.report.reached_depth.max(-above_touch.dot(&self.path.site.normal));
+        // Only as many as there is room for: the loop does not allocate.
+        if self.report.samples.len() < self.options.samples {
+            self.report.samples.push(sample);
+        }
+        self.newest = sample;
+    }
+
+    fn send_pose(&mut self) -> Result<()> {
+        self.tool.send_pose(PoseSample {
+            position: self.held.reported_position().into(),
+            orientation: [0.0, 0.0, 0.0, 1.0],
+            linear_velocity: Some(self.held.reported_velocity().into()),
+            angular_velocity: None,
+            buttons: 0,
+        })?;
+        self.report.poses_sent += 1;
+        Ok(())
+    }
+
+    fn live(&self) -> Live {
+        let counters = self.tool.counters();
+        let round_trip = Distribution::of(&locked(self.log).round_trip);
+        Live {
+            sample: self.newest,
+            phase: self.phase,
+            contact_points: self.contact_points,
+            wrenches: counters.received,
+            missed_wrenches: counters.missed,
+            round_trip_p50: round_trip.p50,
+            round_trip_p99: round_trip.p99,
+        }
+    }
+
+    fn finish(mut self) -> Report {
+        self.report.take_counters(self.tool.counters());
+        // The run is measured; a server that is gone by now has freed the tool itself.
+        let _ = self.tool.detach();
+        let log = locked(self.log);
+        Report {
+            round_trip: Distribution::of(&log.round_trip),
+            update_age: Distribution::of(&self.update_age),
+            lateness: Distribution::of(&self.lateness),
+            peak_force: log.peak_force,
+            peak_physical_force: log.peak_physical_force,
+            peak_force_step: log.peak_force_step,
+            non_finite_wrenches: log.non_finite,
+            contact_wrenches: log.in_contact,
+            ..self.report
+        }
+    }
+}
+
+/// What every single wrench tells, also those that a newer one overtakes before the device loop reads it.
+struct WrenchLog {
+    round_trip: Histogram<u64>,
+    answered_pose: u32,
+    /// Tick and rendered force of the wrench before.
+    last: Option<(u64, Vec3)>,
+    peak_force: f64,
+    peak_physical_force: f64,
+    peak_force_step: f64,
+    non_finite: u64,
+    in_contact: u64,
+}
+
+impl WrenchLog {
+    fn new() -> Self {
+        Self {
+            round_trip: histogram(),
+            answered_pose: 0,
+            last: None,
+            peak_force: 0.0,
+            peak_physical_force: 0.0,
+            peak_force_step: 0.0,
+            non_finite: 0,
+            in_contact: 0,
+        }
+    }
+
+    fn record(&mut self, wrench: &Wrench, arrival_ns: u64) {
+        if wrench.pose_sequence > self.answered_pose {
+            self.answered_pose = wrench.pose_sequence;
+            self.round_trip.saturating_record(arrival_ns.saturating_sub(wrench.pose_time_ns));
+        }
+        self.in_contact += u64::from(wrench.contact_points > 0);
+        let (force, physical) = (Vec3::from(wrench.force), Vec3::from(wrench.physical_force));
+        if !(force.norm().is_finite() && physical.norm().is_finite()) {
+            self.non_finite += 1;
+            return;
+        }
+        self.peak_force = self.peak_force.max(force.norm());
+        self.peak_physical_force = self.peak_physical_force.max(physical.norm());
+        if let Some((tick, before)) = self.last
+            && wrench.tick > tick
+        {
+            let step = (force - before).norm() / (wrench.tick - tick) as f64;
+            self.peak_force_step = self.peak_force_step.max(step);
+        }
+        self.last = Some((wrench.tick, force));
+    }
+}
+
+/// The log is only written whole, so that a poisoned one is still good.
+fn locked(log: &Mutex<WrenchLog>) -> MutexGuard<'_, WrenchLog> {
+    log.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Runs `work` while another thread of the same priority measures bare round trips, and adds these to its report.
+fn beside_echo(mut probe: EchoProbe, work: impl FnOnce() -> Result<Report>) -> Result<Report> {
+    let done = AtomicBool::new(false);
+    thread::scope(|scope| {
+        let echo = scope.spawn(|| {
+            let (mut round_trip, mut lost) = (histogram(), 0);
+            while !done.load(Relaxed) {
+                match probe.round_trip(ECHO_TIMEOUT) {
+                    Some(time) => round_trip.saturating_record(time.as_nanos() as u64),
+                    None => lost += 1,
+                }
+                thread::sleep(ECHO_PERIOD);
+            }
+            (Distribution::of(&round_trip), lost)
+        });
+        let report = work();
+        done.store(true, Relaxed);
+        let (bare_round_trip, lost_echoes) = echo.join().map_err(|_| anyhow!("the echo thread panicked"))?;
+        Ok(Report { bare_round_trip: Some(bare_round_trip), lost_echoes, ..report? })
+    })
+}
+
+/// Where the tool's reference point touches the body, and which way is out.
+fn find_site(options: &Options, connection: &Connection, tool: &ToolDescription) -> Result<Site> {
+    let (surface_point, normal) = match options.site {
+        Some((point, normal)) => (point, normal.try_normalize(0.0).context("the normal must not be zero")?),
+        None => top_of_surface(&connection.surface_topology()?)?,
+    };
+    // How far the tool reaches below its reference point, against the normal. It is held upright: a capsule's axis goes
+    // up from the reference point, and reaches below it only where the surface faces down.
+    let extent = tool.radius + (-normal.z * tool.length).max(0.0);
+    // The tangent is the x axis, or y where the normal is too near to that, made perpendicular to the normal.
+    let axis = if normal.x.abs() < 0.9 { Vec3::x() } else { Vec3::y() };
+    let tangent = (axis - normal * axis.dot(&normal)).normalize();
+    Ok(Site { point: surface_point + normal * extent, normal, tangent, standoff: STANDOFF, depth: options.depth })
+}
+
+/// Errors when the path leaves the device's workspace, centred on the site, or the poses the server accepts.
+fn check_reach(path: &Path, device: &Device, session: &Session) -> Result<()> {
+    // 10 s hold at least one whole period of every pattern.
+    let positions = || (0..1000).map(|n| path.target(f64::from(n) * 0.01).position);
+    let reach = positions().map(|position| (position - path.site.point).norm()).fold(0.0, f64::max);
+    ensure!(
+        reach <= device.workspace_radius,
+        "the path reaches {:.0} mm from the site, {} only {:.0} mm",
+        1e3 * reach,
+        device.name,
+        1e3 * device.workspace_radius
+    );
+    if let Some(&[x0, y0, z0, x1, y1, z1]) = session.limits.as_ref().map(|limits| limits.workspace.as_slice()) {
+        let (min, max) = (Vec3::new(x0, y0, z0), Vec3::new(x1, y1, z1));
+        ensure!(
+            positions().all(|p| p.inf(&min) == min && p.sup(&max) == max),
+            "the path leaves the workspace of the server, {:.3?} to {:.3?} m",
+            min.as_slice(),
+            max.as_slice()
+        );
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn wrench(tick: u64, pose_sequence: u32, pose_time_ns: u64, force: f64) -> Wrench {
+        Wrench {
+            sequence: tick,
+            tick,
+            pose_sequence,
+            pose_time_ns,
+            pose_age_ticks: 0,
+            position: [0.0; 3],
+            orientation: [0.0, 0.0, 0.0, 1.0],
+            physical_force: [0.0, 0.0, 2.0 * force],
+            physical_torque: [0.0; 3],
+            force: [0.0, 0.0, force],
+            torque: [0.0; 3],
+            contact_points: 1,
+            phase: ToolPhase::Engaged,
+            flags: 0,
+        }
+    }
+
+    #[test]
+    fn a_round_trip_ends_with_the_first_wrench_that_answers_the_pose() {
+        let mut log = WrenchLog::new();
+        log.record(&wrench(1, 0, 0, 0.0), 5_000_000);
+        log.record(&wrench(2, 1, 6_000_000, 0.0), 7_000_000);
+        log.record(&wrench(3, 1, 6_000_000, 0.0), 8_000_000);
+        log.record(&wrench(4, 2, 8_000_000, 0.0), 8_500_000);
+        let round_trip = Distribution::of(&log.round_trip);
+        assert_eq!(round_trip.count, 2);
+        assert!((round_trip.max - 1000.0).abs() < 1.0 && (round_trip.p50 - 500.0).abs() < 1.0);
+    }
+
+    #[test]
+    fn a_force_step_is_counted_per_simulated_millisecond() {
+        let mut log = WrenchLog::new();
+        log.record(&wrench(10, 0, 0, 0.0), 0);
+        log.record(&wrench(14, 0, 0, 2.0), 0);
+        log.record(&wrench(15, 0, 0, f64::NAN), 0);
+        assert_eq!((log.peak_force_step, log.peak_force, log.peak_physical_force), (0.5, 2.0, 4.0));
+        assert_eq!((log.non_finite, log.in_contact), (1, 3));
+    }
+
+    #[test]
+    fn a_path_beyond_the_workspace_is_refused_before_it_begins() {
+        let site =
+            Site { point: Vec3::zeros(), normal: Vec3::z(), tangent: Vec3::x(), standoff: STANDOFF, depth: 0.01 };
+        let path = Path { pattern: Pattern::Press, site };
+        let omni = Device::default();
+        let mut session = Session::default();
+        assert!(check_reach(&path, &omni, &session).is_ok());
+        let deep = Path { site: Site { depth: 0.2, ..site }, ..path };
+        assert!(check_reach(&deep, &omni, &session).unwrap_err().to_string().contains("200 mm"));
+        session.limits =
+            Some(palpate_sdk::proto::Limits { workspace: vec![-1.0, -1.0, 0.0, 1.0, 1.0, 1.0], ..Default::default() });
+        assert!(check_reach(&path, &omni, &session).unwrap_err().to_string().contains("workspace of the server"));
+    }
+}

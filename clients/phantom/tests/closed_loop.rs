@@ -1,0 +1,88 @@
+//! The phantom in closed loop with a stand-in server, over real zenoh sessions on the loopback interface.
+
+#[path = "../../sdk/tests/fake_server/mod.rs"]
+mod fake_server;
+
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+
+use fake_server::{FLOOR_STIFFNESS, FakeServer};
+use palpate_phantom::{Device, Hand, Options, Pattern, Vec3, run};
+
+fn never() -> AtomicBool {
+    AtomicBool::new(false)
+}
+
+#[test]
+fn pressing_a_springy_floor_ends_where_hand_and_floor_are_in_balance() {
+    let server = FakeServer::current();
+    let hand = Hand::default();
+    let options = Options {
+        endpoints: server.endpoints.clone(),
+        device: Device { friction: 0.0, ..Device::default() },
+        seconds: Some(2.4),
+        samples: 2400,
+        ..Options::default()
+    };
+    let mut shown = 0;
+    let report = run(&options, &never(), &mut |_| shown += 1).unwrap();
+
+    // Held at the depth: k_hand (depth − d) = k_floor d, within one encoder step of force.
+    let expected = hand.stiffness * options.depth / (hand.stiffness + FLOOR_STIFFNESS);
+    let held = report.samples.last().unwrap();
+    assert_eq!(report.samples.len(), 2400);
+    assert!((0.005 - held.position[2] - expected).abs() < 2.0 * options.device.resolution, "{held:?}");
+    assert!((held.force[2] - FLOOR_STIFFNESS * expected).abs() < 2.0 * FLOOR_STIFFNESS * options.device.resolution);
+    // It began 20 mm above touch, on the axis of the floor.
+    assert_eq!(report.samples[0].target, [0.0, 0.0, 0.025]);
+
+    assert!(report.wrenches > 0 && report.refused_wrenches == 0);
+    assert!(report.contact_wrenches > 0 && report.peak_force > 0.0 && report.non_finite_wrenches == 0);
+    assert!(report.round_trip.count > 0 && report.bare_round_trip.unwrap().count > 0);
+    assert!(shown > 0);
+}
+
+#[test]
+fn a_headset_sends_few_poses_and_the_device_still_runs_a_thousand_times_a_second() {
+    let server = FakeServer::current();
+    let options = Options {
+        endpoints: server.endpoints.clone(),
+        pattern: Pattern::Tap,
+        rate_hz: 80.0,
+        seconds: Some(1.0),
+        site: Some((Vec3::zeros(), Vec3::z())),
+        echo: false,
+        ..Options::default()
+    };
+    let report = run(&options, &never(), &mut |_| ()).unwrap();
+    assert!(report.ticks >= 1000);
+    assert!(report.poses_sent <= 80, "{} poses", report.poses_sent);
+    assert!(report.bare_round_trip.is_none());
+}
+
+#[test]
+fn a_server_that_falls_silent_ends_the_run_with_an_error() {
+    let server = FakeServer::current();
+    let options = Options { endpoints: server.endpoints.clone(), ..Options::default() };
+    let error = run(&options, &never(), &mut |_| server.mute.store(true, Relaxed)).unwrap_err();
+    assert!(error.to_string().starts_with("no wrench for 2 s from tcp/127.0.0.1:"), "{error}");
+}
+
+#[test]
+fn stopping_ends_the_run_with_its_report() {
+    let server = FakeServer::current();
+    let options = Options { endpoints: server.endpoints.clone(), ..Options::default() };
+    let stop = never();
+    let report = run(&options, &stop, &mut |live| stop.store(live.sample.time > 0.25, Relaxed)).unwrap();
+    assert!(report.seconds > 0.25 && report.seconds < 5.0);
+}
+
+#[test]
+fn options_that_make_no_sense_are_refused() {
+    let server = FakeServer::current();
+    let good = Options { endpoints: server.endpoints.clone(), ..Options::default() };
+    let refused = |options: Options| run(&options, &never(), &mut |_| ()).unwrap_err().to_string();
+    assert!(refused(Options { rate_hz: 2000.0, ..good.clone() }).contains("1000 Hz"));
+    assert!(refused(Options { depth: f64::NAN, ..good.clone() }).contains("depth"));
+    assert!(refused(Options { tool: "scalpel".to_owned(), ..good.clone() }).contains("there is no tool 'scalpel'"));
+    assert!(refused(Options { depth: 0.15, ..good }).contains("150 mm"));
+}

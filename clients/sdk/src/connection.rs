@@ -1,0 +1,205 @@
+//! The connection to a server: two zenoh sessions, so that no mesh ever stands before a force.
+
+use std::time::{Duration, Instant};
+
+use palpate_proto::{
+    ControlReply, ControlRequest, Message, Session, VERSION_MAJOR,
+    keys::{self, DEFAULT_FORCE_ENDPOINT, DEFAULT_SESSION, DEFAULT_SURFACE_ENDPOINT},
+};
+use zenoh::{Wait, bytes::ZBytes};
+
+use crate::SdkError;
+
+/// How long a query may take.
+const ANSWER_TIMEOUT: Duration = Duration::from_secs(2);
+
+/// Where a server is and how it is called.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Endpoints {
+    /// zenoh endpoint of the force channel, such as `tcp/192.168.0.2:7447`.
+    pub force: String,
+    /// zenoh endpoint of surface, session, control, presence and status.
+    pub surface: String,
+    /// Session name of the server.
+    pub session: String,
+}
+
+impl Default for Endpoints {
+    /// A server on this machine that was started without arguments.
+    fn default() -> Self {
+        Self {
+            force: DEFAULT_FORCE_ENDPOINT.to_owned(),
+            surface: DEFAULT_SURFACE_ENDPOINT.to_owned(),
+            session: DEFAULT_SESSION.to_owned(),
+        }
+    }
+}
+
+/// An open connection. Clones share it; it closes with the last clone and the last [`Tool`](crate::Tool).
+#[derive(Clone)]
+pub struct Connection {
+    endpoints: Endpoints,
+    force: Option<zenoh::Session>,
+    surface: zenoh::Session,
+    opened: Instant,
+}
+
+impl Connection {
+    /// Connects to both endpoints; gives up after 5 s each.
+    ///
+    /// Threads that zenoh starts inherit the scheduling class of the calling thread, see the crate documentation.
+    /// Errors: [`SdkError::SessionName`], [`SdkError::Connect`].
+    pub fn open(endpoints: &Endpoints) -> Result<Self, SdkError> {
+        check_session_name(endpoints)?;
+        let force = open_session(&endpoints.force)?;
+        Self::with_force(endpoints, Some(force))
+    }
+
+    /// Connects to the surface endpoint only: enough to look, not to touch. Errors as [`open`](Self::open).
+    pub fn open_surface(endpoints: &Endpoints) -> Result<Self, SdkError> {
+        check_session_name(endpoints)?;
+        Self::with_force(endpoints, None)
+    }
+
+    fn with_force(endpoints: &Endpoints, force: Option<zenoh::Session>) -> Result<Self, SdkError> {
+        let surface = open_session(&endpoints.surface)?;
+        Ok(Self { endpoints: endpoints.clone(), force, surface, opened: Instant::now() })
+    }
+
+    /// Where this connection leads.
+    pub fn endpoints(&self) -> &Endpoints {
+        &self.endpoints
+    }
+
+    /// Time since the connection was opened [ns], monotonic: the clock of every `time_ns` and `arrival_ns`.
+    pub fn now_ns(&self) -> u64 {
+        nanoseconds_since(self.opened)
+    }
+
+    /// What the server simulates, which tools it has and how far they may go.
+    ///
+    /// Errors: [`SdkError::NoAnswer`] after 2 s, [`SdkError::Version`] when the server speaks another contract.
+    pub fn session(&self) -> Result<Session, SdkError> {
+        let session: Session = self.ask(keys::session(&self.endpoints.session), None, "Session")?;
+        if session.version_major != VERSION_MAJOR {
+            return Err(SdkError::Version { server: session.version_major, client: VERSION_MAJOR });
+        }
+        Ok(session)
+    }
+
+    /// Carries out one control request.
+    ///
+    /// Errors: [`SdkError::Refused`] with the server's reason, [`SdkError::NoAnswer`] after 2 s.
+    pub fn control(&self, request: ControlRequest) -> Result<ControlReply, SdkError> {
+        let payload = request.encode_to_vec().into();
+        let reply: ControlReply = self.ask(keys::control(&self.endpoints.session), Some(payload), "ControlReply")?;
+        if reply.error.is_empty() { Ok(reply) } else { Err(SdkError::Refused(reply.error)) }
+    }
+
+    /// Asks one queryable of the surface endpoint and decodes its answer.
+    pub(crate) fn ask<M: Message + Default>(
+        &self,
+        key: String,
+        payload: Option<ZBytes>,
+        message: &'static str,
+    ) -> Result<M, SdkError> {
+        let mut query = self.surface.get(&key).timeout(ANSWER_TIMEOUT);
+        if let Some(payload) = payload {
+            query = query.payload(payload);
+        }
+        let replies = query.wait().map_err(|reason| SdkError::Zenoh { operation: "ask", key: key.clone(), reason })?;
+        let no_answer = || SdkError::NoAnswer { key: key.clone(), endpoint: self.endpoints.surface.clone() };
+        // The channel closes without a reply when nobody offers this key.
+        let reply = replies.recv().map_err(|_| no_answer())?;
+        match reply.result() {
+            Ok(sample) => M::decode(&*sample.payload().to_bytes())
+                .map_err(|error| SdkError::Undecodable { message, reason: error.to_string() }),
+            Err(error) => match error.payload().try_to_string() {
+                // zenoh reports its own time limit as an error reply with this text.
+                Ok(text) if text == "Timeout" => Err(no_answer()),
+                Ok(text) => Err(SdkError::Refused(text.into_owned())),
+                Err(error) => Err(SdkError::Undecodable { message, reason: error.to_string() }),
+            },
+        }
+    }
+
+    /// The force session. Errors: [`SdkError::NoForceChannel`] where the connection was opened for viewing.
+    pub(crate) fn force_session(&self) -> Result<&zenoh::Session, SdkError> {
+        self.force.as_ref().ok_or(SdkError::NoForceChannel)
+    }
+
+    pub(crate) fn surface_session(&self) -> &zenoh::Session {
+        &self.surface
+    }
+
+    pub(crate) fn opened(&self) -> Instant {
+        self.opened
+    }
+}
+
+/// Nanoseconds from `instant` until now; 584 years fit.
+pub(crate) fn nanoseconds_since(instant: Instant) -> u64 {
+    instant.elapsed().as_nanos() as u64
+}
+
+fn check_session_name(endpoints: &Endpoints) -> Result<(), SdkError> {
+    if keys::is_session_name(&endpoints.session) {
+        Ok(())
+    } else {
+        Err(SdkError::SessionName(endpoints.session.clone()))
+    }
+}
+
+fn open_session(endpoint: &str) -> Result<zenoh::Session, SdkError> {
+    client_config(endpoint)
+        .and_then(|config| zenoh::open(config).wait())
+        .map_err(|reason| SdkError::Connect { endpoint: endpoint.to_owned(), reason })
+}
+
+fn client_config(endpoint: &str) -> zenoh::Result<zenoh::Config> {
+    let mut config = zenoh::Config::default();
+    for (key, value) in [
+        ("mode", r#""client""#),
+        ("connect/endpoints", &format!("[{endpoint:?}]")),
+        // Retry for a while, so that client and server may be started together; then report instead of waiting on.
+        ("connect/timeout_ms", "5000"),
+        ("connect/exit_on_failure", "true"),
+        ("connect/retry", "{ period_init_ms: 100, period_max_ms: 1000 }"),
+        ("listen/endpoints", "[]"),
+        ("scouting/multicast/enabled", "false"),
+        // A frozen client loses its presence after this long (the default is 10 s).
+        ("transport/link/tx/lease", "2000"),
+        // A pose that cannot leave now is better replaced by the next one than sent late.
+        ("transport/link/tx/queue/congestion_control/drop/wait_before_drop", "0"),
+        ("transport/link/tx/queue/size/real_time", "16"),
+    ] {
+        config.insert_json5(key, value)?;
+    }
+    Ok(config)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_client_configuration_is_accepted_by_zenoh() {
+        let config = client_config("tcp/127.0.0.1:7447").unwrap();
+        assert_eq!(config.get_json("mode").unwrap(), r#""client""#);
+        assert!(config.get_json("connect/endpoints").unwrap().contains("tcp/127.0.0.1:7447"));
+    }
+
+    #[test]
+    fn a_bad_session_name_is_refused_before_connecting() {
+        let endpoints = Endpoints { session: "a/b".to_owned(), ..Endpoints::default() };
+        let error = Connection::open(&endpoints).err().unwrap();
+        assert_eq!(error.to_string(), "'a/b' cannot be a session name: use letters, digits, '-' and '_'");
+    }
+
+    #[test]
+    fn an_endpoint_that_is_none_is_named_in_the_error() {
+        let endpoints = Endpoints { surface: "nowhere".to_owned(), ..Endpoints::default() };
+        let error = Connection::open_surface(&endpoints).err().unwrap();
+        assert!(error.to_string().starts_with("cannot connect to nowhere: "), "{error}");
+    }
+}

@@ -1,0 +1,60 @@
+//! What can go wrong between a client and a server.
+
+/// Every failure of this crate, worded for the person in front of the client.
+#[derive(Debug, thiserror::Error)]
+pub enum SdkError {
+    /// No zenoh session could be opened to this endpoint.
+    #[error("cannot connect to {endpoint}: {reason}")]
+    Connect {
+        /// The endpoint, as given.
+        endpoint: String,
+        /// What zenoh says.
+        reason: zenoh::Error,
+    },
+    /// The session name is not one key chunk.
+    #[error("'{0}' cannot be a session name: use letters, digits, '-' and '_'")]
+    SessionName(String),
+    /// The connection was opened for the surface only.
+    #[error("this connection has no force channel: open it with Connection::open")]
+    NoForceChannel,
+    /// zenoh refused an operation of this client, usually because the session is closed.
+    #[error("cannot {operation} {key}: {reason}")]
+    Zenoh {
+        /// What was tried, as a verb.
+        operation: &'static str,
+        /// On which key expression.
+        key: String,
+        /// What zenoh says.
+        reason: zenoh::Error,
+    },
+    /// Connected, but nobody answered a query.
+    #[error("no answer on {key} from {endpoint}: is a Palpate server of this session name there?")]
+    NoAnswer {
+        /// The key that was asked.
+        key: String,
+        /// The endpoint it was asked through.
+        endpoint: String,
+    },
+    /// The server answered a request with an error.
+    #[error("the server refused: {0}")]
+    Refused(String),
+    /// The server speaks another major version of the contract.
+    #[error("the server speaks version {server} of the contract, this client version {client}")]
+    Version {
+        /// Major version of the server.
+        server: u32,
+        /// Major version of this client.
+        client: u32,
+    },
+    /// A message came that is not what the contract says.
+    #[error("undecodable {message}: {reason}")]
+    Undecodable {
+        /// Name of the message.
+        message: &'static str,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// A pose to be sent holds a number that is not finite as f32; it was not sent.
+    #[error("the pose is not finite")]
+    PoseNotFinite,
+}

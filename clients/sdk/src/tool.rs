@@ -1,0 +1,370 @@
+//! A tool in the hand: poses out, wrenches in.
+
+use std::sync::{
+    Arc, Mutex, PoisonError,
+    atomic::{AtomicU64, Ordering::Relaxed},
+};
+
+use palpate_proto::{Attach, ControlRequest, Detach, Message, ToolPose, ToolWrench, control_request::Request, keys};
+use triple_buffer::triple_buffer;
+use zenoh::{
+    Wait,
+    liveliness::LivelinessToken,
+    pubsub::{Publisher, Subscriber},
+    qos::{CongestionControl, Priority},
+};
+
+use crate::{Connection, SdkError, Wrench, connection::nanoseconds_since, wrench::watchdog_scale};
+
+/// Where the tool is held, as the device measures it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PoseSample {
+    /// (3) [m] of the tool's reference point, in the world frame.
+    pub position: [f64; 3],
+    /// (4) unit quaternion x, y, z, w.
+    pub orientation: [f64; 4],
+    /// (3) [m/s]; `None` where the device does not measure it.
+    pub linear_velocity: Option<[f64; 3]>,
+    /// (3) [rad/s]; `None` where the device does not measure it.
+    pub angular_velocity: Option<[f64; 3]>,
+    /// Bit i = button i held.
+    pub buttons: u32,
+}
+
+impl PoseSample {
+    /// The message of this pose. Errors: [`SdkError::PoseNotFinite`] when a number is not finite as f32.
+    fn message(&self, epoch: u32, sequence: u32, time_ns: u64) -> Result<ToolPose, SdkError> {
+        Ok(ToolPose {
+            epoch,
+            sequence,
+            time_ns,
+            position: finite(&self.position)?,
+            orientation: finite(&self.orientation)?,
+            linear_velocity: finite(self.linear_velocity.as_ref().map_or(&[], |v| v.as_slice()))?,
+            angular_velocity: finite(self.angular_velocity.as_ref().map_or(&[], |v| v.as_slice()))?,
+            buttons: self.buttons,
+        })
+    }
+}
+
+fn finite(values: &[f64]) -> Result<Vec<f32>, SdkError> {
+    let values: Vec<f32> = values.iter().map(|&value| value as f32).collect();
+    if values.iter().all(|value| value.is_finite()) { Ok(values) } else { Err(SdkError::PoseNotFinite) }
+}
+
+/// The newest wrench that has come.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Received {
+    /// What it says.
+    pub wrench: Wrench,
+    /// When it came [ns], on the clock of [`Connection::now_ns`].
+    pub arrival_ns: u64,
+    /// True when [`Tool::latest_wrench`] had not returned it before.
+    pub fresh: bool,
+}
+
+/// What became of the wrenches of a tool, since it was attached.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counters {
+    /// Wrenches received.
+    pub received: u64,
+    /// Sequence numbers that never came.
+    pub missed: u64,
+    /// Messages that are no wrench.
+    pub undecodable: u64,
+    /// Wrenches of another epoch, ignored.
+    pub foreign: u64,
+}
+
+#[derive(Default)]
+struct AtomicCounters {
+    received: AtomicU64,
+    missed: AtomicU64,
+    undecodable: AtomicU64,
+    foreign: AtomicU64,
+}
+
+/// What the receiving callback writes: the newest wrench with its arrival [ns].
+struct Inbox {
+    newest: triple_buffer::Input<Option<(Wrench, u64)>>,
+    last_sequence: Option<u64>,
+}
+
+/// A tool held by this client. Freed by [`detach`](Tool::detach), or by dropping it.
+pub struct Tool {
+    id: u32,
+    epoch: u32,
+    sequence: u32,
+    newest: Option<(Wrench, u64)>,
+    seen: bool,
+    wrenches: triple_buffer::Output<Option<(Wrench, u64)>>,
+    counters: Arc<AtomicCounters>,
+    poses: Publisher<'static>,
+    _subscriber: Subscriber<()>,
+    _presence: LivelinessToken,
+    // Last, so that what is declared on the sessions goes before they close.
+    connection: Connection,
+}
+
+impl Connection {
+    /// Takes the tool called `tool`, or any free one where that is empty.
+    ///
+    /// `client` is a name for people; `rate_hz` is how often poses will come [Hz]. Errors: [`SdkError::Refused`] when
+    /// the tool does not exist or is taken, [`SdkError::NoForceChannel`], [`SdkError::NoAnswer`].
+    pub fn attach(&self, client: &str, tool: &str, rate_hz: f64) -> Result<Tool, SdkError> {
+        self.attach_observed(client, tool, rate_hz, |_, _| ())
+    }
+
+    /// As [`attach`](Self::attach); `observer` is called with every wrench of this tool and its arrival time [ns].
+    ///
+    /// It runs on zenoh's receiving thread: for measuring, not for working. A control loop needs only the newest wrench
+    /// and finds it with [`Tool::latest_wrench`].
+    pub fn attach_observed(
+        &self,
+        client: &str,
+        tool: &str,
+        rate_hz: f64,
+        observer: impl Fn(&Wrench, u64) + Send + Sync + 'static,
+    ) -> Result<Tool, SdkError> {
+        let force = self.force_session()?;
+        let attach = Attach { client: client.to_owned(), tool: tool.to_owned(), rate_hz };
+        let attached = self
+            .control(ControlRequest { request: Some(Request::Attach(attach)) })?
+            .attached
+            .ok_or(SdkError::Undecodable { message: "ControlReply", reason: "attach was not answered".to_owned() })?;
+        let (id, epoch) = (attached.tool, attached.epoch);
+        let session = &self.endpoints().session;
+
+        let (newest, wrenches) = triple_buffer(&None);
+        let inbox = Mutex::new(Inbox { newest, last_sequence: None });
+        let counters = Arc::new(AtomicCounters::default());
+        let (opened, counted) = (self.opened(), counters.clone());
+        let key = keys::tool_wrench(session, id);
+        let subscriber = force
+            .declare_subscriber(&key)
+            .callback(move |sample| {
+                let arrival_ns = nanoseconds_since(opened);
+                let Ok(message) = ToolWrench::decode(&*sample.payload().to_bytes()) else {
+                    counted.undecodable.fetch_add(1, Relaxed);
+                    return;
+                };
+                if message.epoch != epoch {
+                    counted.foreign.fetch_add(1, Relaxed);
+                    return;
+                }
+                let Ok(wrench) = Wrench::try_from(&message) else {
+                    counted.undecodable.fetch_add(1, Relaxed);
+                    return;
+                };
+                counted.received.fetch_add(1, Relaxed);
+                // Uncontended: one thread receives for one session. The lock is here because callbacks are `Fn`.
+                let mut inbox = inbox.lock().unwrap_or_else(PoisonError::into_inner);
+                if let Some(missed) = missed_before(wrench.sequence, inbox.last_sequence) {
+                    counted.missed.fetch_add(missed, Relaxed);
+                    inbox.last_sequence = Some(wrench.sequence);
+                    inbox.newest.write(Some((wrench, arrival_ns)));
+                }
+                drop(inbox);
+                observer(&wrench, arrival_ns);
+            })
+            .wait()
+            .map_err(|reason| SdkError::Zenoh { operation: "subscribe to", key, reason })?;
+
+        let key = keys::presence(session, id, epoch);
+        let presence = self
+            .surface_session()
+            .liveliness()
+            .declare_token(&key)
+            .wait()
+            .map_err(|reason| SdkError::Zenoh { operation: "declare presence on", key, reason })?;
+
+        let key = keys::tool_pose(session, id);
+        let poses = force
+            .declare_publisher(key.clone())
+            .priority(Priority::RealTime)
+            .express(true)
+            .congestion_control(CongestionControl::Drop)
+            .wait()
+            .map_err(|reason| SdkError::Zenoh { operation: "publish on", key, reason })?;
+
+        Ok(Tool {
+            id,
+            epoch,
+            sequence: 0,
+            newest: None,
+            seen: false,
+            wrenches,
+            counters,
+            poses,
+            _subscriber: subscriber,
+            _presence: presence,
+            connection: self.clone(),
+        })
+    }
+}
+
+impl Tool {
+    /// The tool's number in the session.
+    pub fn id(&self) -> u32 {
+        self.id
+    }
+
+    /// The epoch under which it is held: nobody else's poses move it, nobody else's wrenches are felt.
+    pub fn epoch(&self) -> u32 {
+        self.epoch
+    }
+
+    /// The clock of this connection, see [`Connection::now_ns`].
+    pub fn now_ns(&self) -> u64 {
+        self.connection.now_ns()
+    }
+
+    /// Sends a pose with the current time and returns its sequence number, which counts from 1.
+    ///
+    /// Never waits: a pose that cannot leave now is dropped. Errors: [`SdkError::PoseNotFinite`],
+    /// [`SdkError::Zenoh`] when the connection is closed.
+    pub fn send_pose(&mut self, pose: PoseSample) -> Result<u32, SdkError> {
+        let sequence = self.sequence.wrapping_add(1);
+        let message = pose.message(self.epoch, sequence, self.now_ns())?;
+        self.sequence = sequence;
+        self.poses.put(message.encode_to_vec()).wait().map_err(|reason| SdkError::Zenoh {
+            operation: "publish on",
+            key: self.poses.key_expr().to_string(),
+            reason,
+        })?;
+        Ok(sequence)
+    }
+
+    /// The newest wrench so far, `None` before the first.
+    pub fn latest_wrench(&mut self) -> Option<Received> {
+        self.refresh();
+        let fresh = !std::mem::replace(&mut self.seen, true);
+        self.newest.map(|(wrench, arrival_ns)| Received { wrench, arrival_ns, fresh })
+    }
+
+    /// The force to feel at `now_ns` (3) [N]: that of the newest wrench, faded by [`watchdog_scale`] of its age since
+    /// arrival. Zero before the first wrench and when a component is not finite.
+    pub fn safe_force(&mut self, now_ns: u64) -> [f64; 3] {
+        self.refresh();
+        safe_force(self.newest.as_ref(), now_ns)
+    }
+
+    /// What became of the wrenches so far.
+    pub fn counters(&self) -> Counters {
+        Counters {
+            received: self.counters.received.load(Relaxed),
+            missed: self.counters.missed.load(Relaxed),
+            undecodable: self.counters.undecodable.load(Relaxed),
+            foreign: self.counters.foreign.load(Relaxed),
+        }
+    }
+
+    /// Gives the tool back. Errors as [`Connection::control`]; the tool is let go in any case.
+    pub fn detach(self) -> Result<(), SdkError> {
+        let detach = Detach { tool: self.id, epoch: self.epoch };
+        self.connection.control(ControlRequest { request: Some(Request::Detach(detach)) }).map(|_| ())
+    }
+
+    fn refresh(&mut self) {
+        if self.wrenches.update() {
+            self.newest = *self.wrenches.output_buffer();
+            self.seen = false;
+        }
+    }
+}
+
+/// Wrenches missing between `last` and `sequence`; `None` when `sequence` is a repeated or older one.
+fn missed_before(sequence: u64, last: Option<u64>) -> Option<u64> {
+    match last {
+        None => Some(0),
+        Some(last) => sequence.checked_sub(last)?.checked_sub(1),
+    }
+}
+
+fn safe_force(newest: Option<&(Wrench, u64)>, now_ns: u64) -> [f64; 3] {
+    match newest {
+        Some((wrench, arrival_ns)) if wrench.force.iter().all(|f| f.is_finite()) => {
+            let scale = watchdog_scale(now_ns.saturating_sub(*arrival_ns));
+            wrench.force.map(|f| scale * f)
+        }
+        _ => [0.0; 3],
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use palpate_proto::ToolPhase;
+
+    use super::*;
+
+    fn pose() -> PoseSample {
+        PoseSample {
+            position: [0.1, 0.2, 0.3],
+            orientation: [0.0, 0.0, 0.0, 1.0],
+            linear_velocity: Some([1.0, 2.0, 3.0]),
+            angular_velocity: None,
+            buttons: 5,
+        }
+    }
+
+    fn wrench(force: [f64; 3]) -> Wrench {
+        Wrench {
+            sequence: 1,
+            tick: 1,
+            pose_sequence: 1,
+            pose_time_ns: 0,
+            pose_age_ticks: 0,
+            position: [0.0; 3],
+            orientation: [0.0, 0.0, 0.0, 1.0],
+            physical_force: force,
+            physical_torque: [0.0; 3],
+            force,
+            torque: [0.0; 3],
+            contact_points: 1,
+            phase: ToolPhase::Engaged,
+            flags: 0,
+        }
+    }
+
+    #[test]
+    fn a_pose_keeps_every_number_and_leaves_unmeasured_ones_empty() {
+        let message = pose().message(7, 2, 99).unwrap();
+        assert_eq!((message.epoch, message.sequence, message.time_ns, message.buttons), (7, 2, 99, 5));
+        assert_eq!(message.position, [0.1f32, 0.2, 0.3]);
+        assert_eq!(message.linear_velocity, [1.0f32, 2.0, 3.0]);
+        assert!(message.angular_velocity.is_empty());
+    }
+
+    #[test]
+    fn a_pose_that_is_not_finite_as_f32_is_not_sent() {
+        for bad in [f64::NAN, f64::INFINITY, 1e60] {
+            let pose = PoseSample { position: [0.0, bad, 0.0], ..pose() };
+            assert!(matches!(pose.message(1, 1, 1), Err(SdkError::PoseNotFinite)));
+        }
+    }
+
+    #[test]
+    fn gaps_in_the_sequence_are_missed_wrenches_and_older_ones_are_ignored() {
+        assert_eq!(missed_before(9, None), Some(0));
+        assert_eq!(missed_before(10, Some(9)), Some(0));
+        assert_eq!(missed_before(13, Some(9)), Some(3));
+        assert_eq!(missed_before(9, Some(9)), None);
+        assert_eq!(missed_before(8, Some(9)), None);
+    }
+
+    #[test]
+    fn force_fades_with_the_age_of_its_wrench() {
+        let newest = (wrench([0.0, 0.0, 2.0]), 1_000_000_000);
+        assert_eq!(safe_force(Some(&newest), 1_020_000_000), [0.0, 0.0, 2.0]);
+        assert!((safe_force(Some(&newest), 1_045_000_000)[2] - 1.0).abs() < 1e-12);
+        assert_eq!(safe_force(Some(&newest), 1_070_000_000), [0.0; 3]);
+        // A wrench that came between reading the clock and reading the inbox is new, not ages old.
+        assert_eq!(safe_force(Some(&newest), 999_999_999), [0.0, 0.0, 2.0]);
+    }
+
+    #[test]
+    fn no_wrench_or_a_non_finite_one_gives_no_force() {
+        assert_eq!(safe_force(None, 0), [0.0; 3]);
+        assert_eq!(safe_force(Some(&(wrench([0.0, f64::NAN, 1.0]), 0)), 0), [0.0; 3]);
+    }
+}

@@ -1,0 +1,153 @@
+//! What a tool feels: the wrench of one tick, checked and in plain arrays.
+
+use palpate_proto::{ToolPhase, ToolWrench};
+
+use crate::SdkError;
+
+/// Encoded size of a wrench in contact [bytes]: a bare round trip of this many bytes is what the network alone costs.
+pub const WRENCH_BYTES: usize = 142;
+
+/// Age of the newest wrench [ns] up to which its force is felt in full.
+const HOLD_NS: u64 = 20_000_000;
+/// Age of the newest wrench [ns] from which no force is felt.
+const SILENT_NS: u64 = 70_000_000;
+
+/// One `ToolWrench` of the contract. Forces act on the tool, in the world frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Wrench {
+    /// +1 per wrench of this tool.
+    pub sequence: u64,
+    /// Simulated time [ms].
+    pub tick: u64,
+    /// The newest pose this wrench answers; 0 before the first.
+    pub pose_sequence: u32,
+    /// That pose's time [ns] on this client's clock, see [`Connection::now_ns`](crate::Connection::now_ns).
+    pub pose_time_ns: u64,
+    /// Ticks since that pose reached the server.
+    pub pose_age_ticks: u32,
+    /// (3) [m] of the simulated tool.
+    pub position: [f64; 3],
+    /// (4) unit quaternion x, y, z, w of the simulated tool.
+    pub orientation: [f64; 4],
+    /// (3) [N] as the contact gives it.
+    pub physical_force: [f64; 3],
+    /// (3) [N·m] about the tool's reference point, as the contact gives it.
+    pub physical_torque: [f64; 3],
+    /// (3) [N] after clamp, slew limit and ramp: the one to feel.
+    pub force: [f64; 3],
+    /// (3) [N·m] after clamp, slew limit and ramp: the one to feel.
+    pub torque: [f64; 3],
+    /// Contacts that carry force; 0 means free.
+    pub contact_points: u32,
+    /// Where the tool stands in its life.
+    pub phase: ToolPhase,
+    /// Bits of `WrenchFlag`.
+    pub flags: u32,
+}
+
+impl TryFrom<&ToolWrench> for Wrench {
+    type Error = SdkError;
+
+    /// Checks lengths and the phase; numbers are taken as they are, finite or not.
+    fn try_from(message: &ToolWrench) -> Result<Self, SdkError> {
+        Ok(Wrench {
+            sequence: message.sequence,
+            tick: message.tick,
+            pose_sequence: message.pose_sequence,
+            pose_time_ns: message.pose_time_ns,
+            pose_age_ticks: message.pose_age_ticks,
+            position: array("position", &message.position)?,
+            orientation: array("orientation", &message.orientation)?,
+            physical_force: array("physical_force", &message.physical_force)?,
+            physical_torque: array("physical_torque", &message.physical_torque)?,
+            force: array("force", &message.force)?,
+            torque: array("torque", &message.torque)?,
+            contact_points: message.contact_points,
+            phase: ToolPhase::try_from(message.phase)
+                .map_err(|_| undecodable(format!("{} is no phase", message.phase)))?,
+            flags: message.flags,
+        })
+    }
+}
+
+/// How much of a wrench is still felt, from its age since arrival [ns]: 1 up to 20 ms, falling linearly to 0 at 70 ms.
+///
+/// The client's mirror of the server's watchdog: should the network fall silent in contact, the hand is let go gently
+/// instead of being pushed by an old force.
+pub fn watchdog_scale(age_ns: u64) -> f64 {
+    let faded = age_ns.saturating_sub(HOLD_NS) as f64 / (SILENT_NS - HOLD_NS) as f64;
+    (1.0 - faded).max(0.0)
+}
+
+/// `values` as an array of `N`; errors with the field's name when the length differs.
+fn array<const N: usize>(field: &str, values: &[f32]) -> Result<[f64; N], SdkError> {
+    let values: [f32; N] =
+        values.try_into().map_err(|_| undecodable(format!("{field} has {} numbers, not {N}", values.len())))?;
+    Ok(values.map(f64::from))
+}
+
+fn undecodable(reason: String) -> SdkError {
+    SdkError::Undecodable { message: "ToolWrench", reason }
+}
+
+#[cfg(test)]
+mod tests {
+    use palpate_proto::Message;
+
+    use super::*;
+
+    fn wrench_in_contact() -> ToolWrench {
+        ToolWrench {
+            tool: 1,
+            epoch: 7,
+            sequence: 3,
+            tick: 1003,
+            pose_sequence: 2,
+            pose_time_ns: 5,
+            pose_age_ticks: 1,
+            position: vec![0.01, 0.02, 0.03],
+            orientation: vec![0.0, 0.0, 0.0, 1.0],
+            physical_force: vec![0.0, 0.0, 4.0],
+            physical_torque: vec![0.0; 3],
+            force: vec![0.0, 0.0, 3.3],
+            torque: vec![0.0; 3],
+            contact_points: 6,
+            phase: ToolPhase::Engaged as i32,
+            flags: 1,
+        }
+    }
+
+    #[test]
+    fn the_watchdog_holds_20_ms_and_is_silent_at_70_ms() {
+        assert_eq!(watchdog_scale(0), 1.0);
+        assert_eq!(watchdog_scale(20_000_000), 1.0);
+        assert!((watchdog_scale(45_000_000) - 0.5).abs() < 1e-12);
+        assert_eq!(watchdog_scale(70_000_000), 0.0);
+        assert_eq!(watchdog_scale(u64::MAX), 0.0);
+    }
+
+    #[test]
+    fn a_wrench_keeps_every_number_of_its_message() {
+        let wrench = Wrench::try_from(&wrench_in_contact()).unwrap();
+        assert_eq!(wrench.force, [0.0, 0.0, f64::from(3.3f32)]);
+        assert_eq!(wrench.physical_force[2], 4.0);
+        assert_eq!((wrench.sequence, wrench.pose_sequence, wrench.pose_time_ns), (3, 2, 5));
+        assert_eq!((wrench.phase, wrench.contact_points, wrench.flags), (ToolPhase::Engaged, 6, 1));
+    }
+
+    #[test]
+    fn a_wrench_of_wrong_shape_is_refused_by_field_name() {
+        let short = ToolWrench { force: vec![1.0], ..wrench_in_contact() };
+        assert_eq!(
+            Wrench::try_from(&short).unwrap_err().to_string(),
+            "undecodable ToolWrench: force has 1 numbers, not 3"
+        );
+        let unknown = ToolWrench { phase: 9, ..wrench_in_contact() };
+        assert!(Wrench::try_from(&unknown).is_err());
+    }
+
+    #[test]
+    fn the_echo_payload_is_as_long_as_a_wrench() {
+        assert_eq!(wrench_in_contact().encoded_len(), WRENCH_BYTES);
+    }
+}

@@ -1,0 +1,112 @@
+//! The client against a stand-in server, over real zenoh sessions on the loopback interface.
+
+mod fake_server;
+
+use std::{
+    sync::mpsc::channel,
+    time::{Duration, Instant},
+};
+
+use fake_server::{FLOOR_STIFFNESS, FakeServer};
+use palpate_sdk::{Connection, ControlRequest, Endpoints, PoseSample, SdkError};
+
+fn pose(z: f64) -> PoseSample {
+    PoseSample {
+        position: [0.0, 0.0, z],
+        orientation: [0.0, 0.0, 0.0, 1.0],
+        linear_velocity: None,
+        angular_velocity: None,
+        buttons: 0,
+    }
+}
+
+/// Waits until `ready` gives something, at most 5 s.
+fn wait_for<T>(mut ready: impl FnMut() -> Option<T>) -> T {
+    let start = Instant::now();
+    loop {
+        if let Some(found) = ready() {
+            return found;
+        }
+        assert!(start.elapsed() < Duration::from_secs(5), "waited in vain");
+        std::thread::sleep(Duration::from_millis(1));
+    }
+}
+
+#[test]
+fn a_pose_is_answered_by_the_wrench_that_names_it() {
+    let server = FakeServer::current();
+    let connection = Connection::open(&server.endpoints).unwrap();
+    assert_eq!(connection.session().unwrap().name, "fake");
+    let mut tool = connection.attach("test", "", 1000.0).unwrap();
+    assert_eq!(tool.latest_wrench(), None);
+    assert_eq!(tool.safe_force(0), [0.0; 3]);
+    wait_for(|| server.is_attended().then_some(()));
+
+    for expected in 1..=3 {
+        let sent_ns = tool.now_ns();
+        assert_eq!(tool.send_pose(pose(0.001)).unwrap(), expected);
+        let received = wait_for(|| tool.latest_wrench().filter(|r| r.wrench.pose_sequence == expected));
+        assert!(received.fresh && received.wrench.pose_time_ns >= sent_ns && received.arrival_ns > sent_ns);
+        assert!((received.wrench.force[2] - 0.004 * FLOOR_STIFFNESS).abs() < 1e-6);
+        assert!(!tool.latest_wrench().unwrap().fresh);
+        assert_eq!(tool.safe_force(received.arrival_ns), received.wrench.force);
+    }
+    let counters = tool.counters();
+    assert_eq!((counters.received, counters.missed, counters.undecodable, counters.foreign), (3, 0, 0, 0));
+
+    tool.detach().unwrap();
+    wait_for(|| (!server.is_attended()).then_some(()));
+    connection.attach("test", "ball", 80.0).unwrap();
+}
+
+#[test]
+fn a_refusal_carries_the_reason_of_the_server() {
+    let server = FakeServer::current();
+    let connection = Connection::open(&server.endpoints).unwrap();
+    let unknown = connection.attach("test", "scalpel", 1000.0).err().unwrap();
+    assert_eq!(unknown.to_string(), "the server refused: there is no tool 'scalpel'");
+    assert!(matches!(connection.control(ControlRequest::default()), Err(SdkError::Refused(_))));
+}
+
+#[test]
+fn a_server_of_another_version_is_refused_and_both_versions_are_named() {
+    let server = FakeServer::start(9);
+    let error = Connection::open_surface(&server.endpoints).unwrap().session().unwrap_err();
+    assert_eq!(error.to_string(), "the server speaks version 9 of the contract, this client version 1");
+}
+
+#[test]
+fn no_answer_names_the_key_and_the_endpoint() {
+    let server = FakeServer::current();
+    let elsewhere = Endpoints { session: "elsewhere".to_owned(), ..server.endpoints.clone() };
+    let error = Connection::open_surface(&elsewhere).unwrap().session().unwrap_err();
+    let expected = format!("no answer on palpate/v1/elsewhere/session from {}", server.endpoints.surface);
+    assert!(error.to_string().starts_with(&expected), "{error}");
+}
+
+#[test]
+fn a_viewer_needs_no_force_channel_and_cannot_attach() {
+    let server = FakeServer::current();
+    let viewer = Connection::open_surface(&server.endpoints).unwrap();
+    assert!(matches!(viewer.attach("test", "", 1000.0), Err(SdkError::NoForceChannel)));
+    assert_eq!(viewer.surface_topology().unwrap().triangles, [[0, 1, 2], [0, 2, 3]]);
+
+    let (sender, frames) = channel();
+    let subscription = viewer.subscribe_surface(move |frame| sender.send(frame.sequence).unwrap()).unwrap();
+    let first = wait_for(|| {
+        server.publish_frame(1);
+        frames.try_recv().ok()
+    });
+    assert_eq!(first, 1);
+    drop(subscription);
+    wait_for(|| frames.recv().is_err().then_some(()));
+}
+
+#[test]
+fn the_bare_round_trip_returns_its_own_payload() {
+    let server = FakeServer::current();
+    let connection = Connection::open(&server.endpoints).unwrap();
+    let mut probe = connection.round_trip_probe(142).unwrap();
+    let round_trip = wait_for(|| probe.round_trip(Duration::from_millis(200)));
+    assert!(round_trip > Duration::ZERO && round_trip < Duration::from_millis(200));
+}

@@ -1,0 +1,198 @@
+//! A stand-in for the server: a springy floor at z = 0 that answers each pose at once. Shared by the clients' tests.
+#![allow(dead_code)] // each of them uses a part
+
+use std::{
+    net::TcpListener,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, AtomicU64, Ordering::Relaxed},
+    },
+};
+
+use palpate_proto::{
+    Attached, ControlReply, ControlRequest, Limits, Message, Session, SurfaceFrame, SurfaceTopology, ToolDescription,
+    ToolPhase, ToolPose, ToolWrench, VERSION_MAJOR, control_request::Request, keys,
+};
+use palpate_sdk::Endpoints;
+use zenoh::{
+    Wait,
+    pubsub::Publisher,
+    qos::{CongestionControl, Priority},
+};
+
+/// Radius of the only tool [m].
+pub const TOOL_RADIUS: f64 = 0.005;
+/// Stiffness of the floor [N/m].
+pub const FLOOR_STIFFNESS: f64 = 300.0;
+const EPOCH: u32 = 41;
+const TOOL: u32 = 3;
+
+/// Runs until dropped.
+pub struct FakeServer {
+    pub endpoints: Endpoints,
+    /// While true, poses get no answer.
+    pub mute: Arc<AtomicBool>,
+    surface: zenoh::Session,
+    _force: zenoh::Session,
+}
+
+impl FakeServer {
+    /// Listens on two free ports of the loopback interface and speaks `version_major` of the contract.
+    pub fn start(version_major: u32) -> Self {
+        let endpoints = Endpoints { force: free_endpoint(), surface: free_endpoint(), session: "fake".to_owned() };
+        let (force, surface) = (open_router(&endpoints.force), open_router(&endpoints.surface));
+        let mute = Arc::new(AtomicBool::new(false));
+        answer_poses(&force, &endpoints.session, mute.clone());
+        answer_queries(&surface, &endpoints.session, version_major);
+        Self { endpoints, mute, surface, _force: force }
+    }
+
+    /// A server of this contract's version.
+    pub fn current() -> Self {
+        Self::start(VERSION_MAJOR)
+    }
+
+    /// Publishes one surface frame with the given sequence number.
+    pub fn publish_frame(&self, sequence: u64) {
+        let frame = SurfaceFrame { sequence, ..Default::default() };
+        self.surface.put(keys::surface_frame(&self.endpoints.session), frame.encode_to_vec()).wait().unwrap();
+    }
+
+    /// True when a client holds a liveliness token.
+    pub fn is_attended(&self) -> bool {
+        let present = self.surface.liveliness().get(keys::all_presence(&self.endpoints.session)).wait().unwrap();
+        let keys: Vec<_> =
+            present.iter().filter_map(|r| r.into_result().ok()).map(|s| s.key_expr().to_string()).collect();
+        keys == [keys::presence(&self.endpoints.session, TOOL, EPOCH)]
+    }
+}
+
+fn free_endpoint() -> String {
+    let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+    format!("tcp/127.0.0.1:{port}")
+}
+
+fn open_router(endpoint: &str) -> zenoh::Session {
+    let mut config = zenoh::Config::default();
+    for (key, value) in [
+        ("mode", r#""router""#),
+        ("listen/endpoints", &format!("[{endpoint:?}]")),
+        ("scouting/multicast/enabled", "false"),
+        // A router's `open` sleeps this long [ms], scouting or not.
+        ("scouting/delay", "0"),
+        // A router stamps every message by default.
+        ("timestamping/enabled", "false"),
+        ("transport/link/tx/queue/congestion_control/drop/wait_before_drop", "0"),
+        ("transport/link/tx/queue/size/real_time", "16"),
+    ] {
+        config.insert_json5(key, value).unwrap();
+    }
+    zenoh::open(config).wait().unwrap()
+}
+
+fn publisher(session: &zenoh::Session, key: String) -> Publisher<'static> {
+    session
+        .declare_publisher(key)
+        .priority(Priority::RealTime)
+        .express(true)
+        .congestion_control(CongestionControl::Drop)
+        .wait()
+        .unwrap()
+}
+
+fn answer_poses(force: &zenoh::Session, session: &str, mute: Arc<AtomicBool>) {
+    let wrenches = publisher(force, keys::tool_wrench(session, TOOL));
+    let sequence = AtomicU64::new(0);
+    let answer = move |sample: zenoh::sample::Sample| {
+        let pose = ToolPose::decode(&*sample.payload().to_bytes()).unwrap();
+        if pose.epoch != EPOCH || mute.load(Relaxed) {
+            return;
+        }
+        let overlap = (TOOL_RADIUS - f64::from(pose.position[2])).max(0.0);
+        let force = vec![0.0, 0.0, (FLOOR_STIFFNESS * overlap) as f32];
+        let number = sequence.fetch_add(1, Relaxed) + 1;
+        let wrench = ToolWrench {
+            tool: TOOL,
+            epoch: EPOCH,
+            sequence: number,
+            tick: number,
+            pose_sequence: pose.sequence,
+            pose_time_ns: pose.time_ns,
+            position: pose.position,
+            orientation: pose.orientation,
+            physical_force: force.clone(),
+            physical_torque: vec![0.0; 3],
+            force,
+            torque: vec![0.0; 3],
+            contact_points: u32::from(overlap > 0.0),
+            phase: ToolPhase::Engaged as i32,
+            ..Default::default()
+        };
+        wrenches.put(wrench.encode_to_vec()).wait().unwrap();
+    };
+    force.declare_subscriber(keys::all_tool_poses(session)).callback(answer).background().wait().unwrap();
+
+    let echoes = publisher(force, keys::echo_reply(session));
+    let echo = move |sample: zenoh::sample::Sample| echoes.put(sample.payload().clone()).wait().unwrap();
+    force.declare_subscriber(keys::echo_request(session)).callback(echo).background().wait().unwrap();
+}
+
+fn answer_queries(surface: &zenoh::Session, session: &str, version_major: u32) {
+    let description = Session {
+        version_major,
+        name: session.to_owned(),
+        tick_s: 0.001,
+        tools: vec![ToolDescription {
+            tool: TOOL,
+            name: "ball".to_owned(),
+            shape: "ball".to_owned(),
+            radius: TOOL_RADIUS,
+            ..Default::default()
+        }],
+        limits: Some(Limits { workspace: vec![-0.2, -0.2, -0.2, 0.2, 0.2, 0.2], ..Default::default() }),
+        ..Default::default()
+    };
+    answer(surface, keys::session(session), move |_| description.encode_to_vec());
+
+    let corners: [f32; 12] = [-0.05, -0.05, 0.0, 0.05, -0.05, 0.0, 0.05, 0.05, 0.0, -0.05, 0.05, 0.0];
+    let topology = SurfaceTopology {
+        topology: 1,
+        vertices: 4,
+        triangles: [0u32, 1, 2, 0, 2, 3].iter().flat_map(|v| v.to_le_bytes()).collect(),
+        rest_positions: corners.iter().flat_map(|x| x.to_le_bytes()).collect(),
+    };
+    answer(surface, keys::surface_topology(session), move |_| topology.encode_to_vec());
+
+    let taken = AtomicBool::new(false);
+    answer(surface, keys::control(session), move |payload| {
+        let reply = match ControlRequest::decode(payload).unwrap().request {
+            Some(Request::Attach(attach)) if !attach.tool.is_empty() && attach.tool != "ball" => {
+                ControlReply { error: format!("there is no tool '{}'", attach.tool), ..Default::default() }
+            }
+            Some(Request::Attach(_)) if taken.swap(true, Relaxed) => {
+                ControlReply { error: "every tool is taken".to_owned(), ..Default::default() }
+            }
+            Some(Request::Attach(_)) => {
+                ControlReply { attached: Some(Attached { tool: TOOL, epoch: EPOCH }), ..Default::default() }
+            }
+            Some(Request::Detach(_)) => {
+                taken.store(false, Relaxed);
+                ControlReply::default()
+            }
+            _ => ControlReply { error: "not here".to_owned(), ..Default::default() },
+        };
+        reply.encode_to_vec()
+    });
+}
+
+fn answer(session: &zenoh::Session, key: String, reply: impl Fn(&[u8]) -> Vec<u8> + Send + Sync + 'static) {
+    session
+        .declare_queryable(&key)
+        .callback(move |query| {
+            let request = query.payload().map(|payload| payload.to_bytes().into_owned()).unwrap_or_default();
+            query.reply(query.key_expr().clone(), reply(&request)).wait().unwrap();
+        })
+        .background()
+        .wait()
+        .unwrap();
+}

@@ -1,0 +1,30 @@
+//! Monotonic time, real or made up.
+
+use rustix::thread::{ClockId, clock_nanosleep_absolute};
+use rustix::time::{Timespec, clock_gettime};
+
+/// A monotonic clock that can be slept on.
+pub trait Clock {
+    /// Now [ns].
+    fn now(&mut self) -> u64;
+    /// Returns at or after `deadline` [ns]; at once when it has passed.
+    fn sleep_until(&mut self, deadline: u64);
+}
+
+/// The system's monotonic clock.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Monotonic;
+
+impl Clock for Monotonic {
+    fn now(&mut self) -> u64 {
+        let t = clock_gettime(ClockId::Monotonic);
+        t.tv_sec as u64 * 1_000_000_000 + t.tv_nsec as u64
+    }
+
+    fn sleep_until(&mut self, deadline: u64) {
+        let request =
+            Timespec { tv_sec: (deadline / 1_000_000_000) as i64, tv_nsec: (deadline % 1_000_000_000) as i64 };
+        // A signal may wake it early: the deadline is absolute, so asking again loses nothing.
+        while clock_nanosleep_absolute(ClockId::Monotonic, &request) == Err(rustix::io::Errno::INTR) {}
+    }
+}

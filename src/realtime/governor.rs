@@ -1,0 +1,66 @@
+//! Turns measured compute time into the work budget of the next tick.
+//!
+//! The budget is an input of the core and is recorded, so a replay does not depend on how fast its machine is.
+
+/// Part of a tick that may be spent on elements [ns]; the rest is for contact, frames and a late wake-up.
+const ELEMENT_TIME: f64 = 750_000.0;
+/// Ticks before the measured cost is trusted: caches and clocks have to warm up.
+const WARM_UP: u32 = 64;
+
+/// Follows the cost of an element evaluation.
+#[derive(Clone, Copy, Debug)]
+pub struct Governor {
+    /// Mean cost of an element evaluation [ns], everything in the tick included.
+    cost: f64,
+    ticks: u32,
+    floor: u32,
+}
+
+impl Governor {
+    /// For a body of `elements`: the budget never falls below one sub-step, so that the body always moves.
+    pub fn new(elements: u32) -> Self {
+        Self { cost: 0.0, ticks: 0, floor: elements }
+    }
+
+    /// Takes in what a tick spent and how long it took [ns].
+    pub fn measure(&mut self, element_evaluations: u32, compute: u64) {
+        if element_evaluations == 0 {
+            return;
+        }
+        let cost = compute as f64 / f64::from(element_evaluations);
+        self.ticks = self.ticks.saturating_add(1);
+        if self.ticks == 1 {
+            self.cost = cost;
+        } else {
+            // A tick in which the machine was elsewhere says nothing of the cost: it counts as twice the mean at most.
+            self.cost += (cost.min(2.0 * self.cost) - self.cost) / 64.0;
+        }
+    }
+
+    /// Element evaluations that the next tick may spend.
+    pub fn budget(&self) -> u32 {
+        if self.ticks < WARM_UP {
+            return u32::MAX;
+        }
+        ((ELEMENT_TIME / self.cost) as u32).max(self.floor)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_slower_machine_gets_a_smaller_budget_and_one_stall_changes_little() {
+        let mut governor = Governor::new(1000);
+        (0..200).for_each(|_| governor.measure(10_000, 200_000));
+        let before = governor.budget();
+        assert!((36_000..=38_000).contains(&before), "{before}");
+        governor.measure(10_000, 50_000_000);
+        assert!(governor.budget() > before * 96 / 100);
+        (0..500).for_each(|_| governor.measure(10_000, 2_000_000));
+        assert!(governor.budget() < 4_000);
+        (0..2000).for_each(|_| governor.measure(10_000, 100_000_000));
+        assert_eq!(governor.budget(), 1000);
+    }
+}

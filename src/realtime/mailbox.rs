@@ -1,0 +1,217 @@
+//! What passes between the simulation thread and the rest: latest-wins slots in, single-producer rings out.
+//!
+//! No side ever waits for another. A full ring is an ordinary answer: the entry is dropped and counted.
+
+use crate::contact::tool::{MOST_TOOLS, PoseSample, ToolState};
+use crate::math::Vec3;
+use crate::simulation::{Inputs, Snapshot, ToolOutput};
+use crate::stepping::time_step::Plan;
+use crate::wire::TickFlags;
+use rustix::event::{EventfdFlags, eventfd};
+use rustix::fd::OwnedFd;
+use std::sync::Arc;
+use std::sync::atomic::AtomicU64;
+
+/// A pose on its way to the tick, with the epoch of the client that sent it.
+#[derive(Clone, Copy, Debug)]
+pub struct PoseSlot {
+    /// Of the sender.
+    pub epoch: u32,
+    /// The pose.
+    pub sample: PoseSample,
+}
+
+/// What the control side asks of the simulation thread.
+pub enum Command {
+    /// A client takes a tool.
+    Attach {
+        /// The tool.
+        tool: usize,
+        /// Its new epoch.
+        epoch: u32,
+        /// Ticks between two poses.
+        period_ticks: u32,
+    },
+    /// The client is gone.
+    Detach {
+        /// The tool.
+        tool: usize,
+    },
+    /// Back to the starting state.
+    Reset,
+    /// Record from the next tick on.
+    StartRecording(Box<RecordTap>),
+    /// Stop recording.
+    StopRecording,
+}
+
+/// The simulation thread's end of a recording. It is made, and dropped, elsewhere; that it was dropped tells the
+/// recorder that the recording is over.
+pub struct RecordTap {
+    /// Where the state before the first recorded tick goes; sent once.
+    pub start: rtrb::Producer<Box<Snapshot>>,
+    /// Room for it.
+    pub room: Option<Box<Snapshot>>,
+    /// Every tick.
+    pub ticks: rtrb::Producer<RecordedTick>,
+    /// Frames on their way.
+    pub frames: rtrb::Producer<Box<Frame>>,
+    /// Empty frames that come back.
+    pub empty_frames: rtrb::Consumer<Box<Frame>>,
+}
+
+/// A tick as the recorder gets it.
+#[derive(Clone, Copy)]
+pub struct RecordedTick {
+    /// The tick.
+    pub tick: u64,
+    /// What it consumed.
+    pub inputs: Inputs,
+    /// What each tool felt.
+    pub tools: [ToolOutput; MOST_TOOLS],
+    /// What else it said with every wrench.
+    pub flags: TickFlags,
+    /// The state's hash, at frames.
+    pub hash: Option<u64>,
+}
+
+/// A tick as the force output gets it.
+#[derive(Clone, Copy)]
+pub struct TickReport {
+    /// The tick.
+    pub tick: u64,
+    /// Each tool.
+    pub tools: [ToolOutput; MOST_TOOLS],
+    /// What else the tick said.
+    pub flags: TickFlags,
+}
+
+/// A tick as the status gets it.
+#[derive(Clone, Copy, Debug)]
+pub struct TickTiming {
+    /// The tick.
+    pub tick: u64,
+    /// Begun this long after its deadline [ns].
+    pub lateness: u64,
+    /// Time inside it [ns].
+    pub compute: u64,
+    /// It ended after the next deadline.
+    pub missed: bool,
+    /// Ticks lost before it.
+    pub lapsed: u32,
+    /// Sub-steps needed and taken.
+    pub plan: Plan,
+    /// Element evaluations spent.
+    pub element_evaluations: u32,
+    /// Element evaluations allowed.
+    pub budget: u32,
+    /// A non-finite state was contained.
+    pub restored: bool,
+}
+
+/// A frame of the surface.
+#[derive(Clone, Debug)]
+pub struct Frame {
+    /// The tick that ended it.
+    pub tick: u64,
+    /// Display vertices [m].
+    pub skin: Vec<Vec3>,
+    /// Tools.
+    pub tools: [ToolState; MOST_TOOLS],
+}
+
+impl Frame {
+    /// Room for a surface of `vertices`.
+    pub fn empty(vertices: usize) -> Self {
+        Self { tick: 0, skin: vec![Vec3::zeros(); vertices], tools: [ToolState::default(); MOST_TOOLS] }
+    }
+}
+
+/// Ticks dropped because a reader was too slow, by reader.
+#[derive(Debug, Default)]
+pub struct Dropped {
+    /// Force output.
+    pub reports: AtomicU64,
+    /// Status.
+    pub timings: AtomicU64,
+    /// Frames not recorded because none was empty.
+    pub frames: AtomicU64,
+}
+
+/// The simulation thread's ends.
+pub struct SimulationEnds {
+    /// One latest-wins slot per tool.
+    pub poses: Vec<triple_buffer::Output<Option<PoseSlot>>>,
+    /// Commands, drained at the start of a tick.
+    pub commands: rtrb::Consumer<Command>,
+    /// Taps of recordings that ended, to be dropped elsewhere.
+    pub retired: rtrb::Producer<Box<RecordTap>>,
+    /// To the force output.
+    pub reports: rtrb::Producer<TickReport>,
+    /// Wakes it.
+    pub wake: Arc<OwnedFd>,
+    /// To the status.
+    pub timings: rtrb::Producer<TickTiming>,
+    /// To the surface output.
+    pub frames: triple_buffer::Input<Frame>,
+    /// Dropped entries.
+    pub dropped: Arc<Dropped>,
+}
+
+/// Everybody else's ends.
+pub struct ServerEnds {
+    /// One slot per tool.
+    pub poses: Vec<triple_buffer::Input<Option<PoseSlot>>>,
+    /// To the simulation thread.
+    pub commands: rtrb::Producer<Command>,
+    /// Taps that come back.
+    pub retired: rtrb::Consumer<Box<RecordTap>>,
+    /// Of the force output.
+    pub reports: rtrb::Consumer<TickReport>,
+    /// Readable when there is a report.
+    pub wake: Arc<OwnedFd>,
+    /// Of the status.
+    pub timings: rtrb::Consumer<TickTiming>,
+    /// Of the surface output.
+    pub frames: triple_buffer::Output<Frame>,
+    /// Dropped entries.
+    pub dropped: Arc<Dropped>,
+}
+
+/// Both sides, for `tools` tools and a surface of `vertices`.
+///
+/// # Errors
+/// When the system has no eventfd to give.
+pub fn mailboxes(tools: usize, vertices: usize) -> std::io::Result<(SimulationEnds, ServerEnds)> {
+    let (pose_in, pose_out) = (0..tools).map(|_| triple_buffer::triple_buffer(&None)).unzip();
+    let (command_in, command_out) = rtrb::RingBuffer::new(64);
+    let (retired_in, retired_out) = rtrb::RingBuffer::new(4);
+    // The force output sends the newest; a burst of caught-up ticks fits.
+    let (report_in, report_out) = rtrb::RingBuffer::new(64);
+    // The status looks in every tenth of a second.
+    let (timing_in, timing_out) = rtrb::RingBuffer::new(8192);
+    let (frame_in, frame_out) = triple_buffer::triple_buffer(&Frame::empty(vertices));
+    let wake = Arc::new(eventfd(0, EventfdFlags::CLOEXEC)?);
+    let dropped = Arc::new(Dropped::default());
+    let simulation = SimulationEnds {
+        poses: pose_out,
+        commands: command_out,
+        retired: retired_in,
+        reports: report_in,
+        wake: wake.clone(),
+        timings: timing_in,
+        frames: frame_in,
+        dropped: dropped.clone(),
+    };
+    let server = ServerEnds {
+        poses: pose_in,
+        commands: command_in,
+        retired: retired_out,
+        reports: report_out,
+        wake,
+        timings: timing_out,
+        frames: frame_out,
+        dropped,
+    };
+    Ok((simulation, server))
+}

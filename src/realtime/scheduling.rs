@@ -1,0 +1,87 @@
+//! What the real-time threads ask of the system, and what it granted.
+
+use thread_priority::{
+    RealtimeThreadSchedulePolicy, ThreadPriority, ThreadSchedulePolicy, set_thread_priority_and_policy,
+    thread_native_id,
+};
+
+/// Priority of the simulation thread.
+pub const SIMULATION: u8 = 80;
+/// Priority of the force output thread.
+pub const FORCE_OUTPUT: u8 = 60;
+/// Priority of the force session's network threads: zenoh's threads inherit it from the thread that opens it.
+pub const FORCE_NETWORK: u8 = 50;
+
+/// Asks for SCHED_FIFO at `priority` for the calling thread.
+///
+/// # Errors
+/// The system's reason.
+pub fn fifo(priority: u8) -> Result<(), String> {
+    let value = priority.try_into().map_err(|e| format!("{e}"))?;
+    set_thread_priority_and_policy(
+        thread_native_id(),
+        ThreadPriority::Crossplatform(value),
+        ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo),
+    )
+    .map_err(|e| format!("{e:?}"))
+}
+
+/// What the simulation thread got.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Granted {
+    /// SCHED_FIFO.
+    pub fifo: bool,
+    /// All memory stays in RAM.
+    pub locked: bool,
+    /// CPU that the thread is bound to.
+    pub cpu: Option<usize>,
+}
+
+impl Granted {
+    /// Asks for all of it on behalf of the calling thread; `cpu` binds it to that CPU.
+    pub fn ask(cpu: Option<usize>) -> Self {
+        use rustix::mm::{MlockAllFlags, mlockall};
+        let fifo = fifo(SIMULATION).is_ok();
+        let locked = mlockall(MlockAllFlags::CURRENT | MlockAllFlags::FUTURE).is_ok();
+        let cpu = cpu.filter(|id| core_affinity::set_for_current(core_affinity::CoreId { id: *id }));
+        Self { fifo, locked, cpu }
+    }
+
+    /// For the status message.
+    pub fn describe(&self) -> String {
+        let fifo = if self.fifo { format!("SCHED_FIFO {SIMULATION}") } else { "normal scheduling".into() };
+        let locked = if self.locked { ", memory locked" } else { ", memory not locked" };
+        let cpu = self.cpu.map(|c| format!(", on CPU {c}")).unwrap_or_default();
+        format!("{fifo}{locked}{cpu}")
+    }
+
+    /// One warning with its remedy when something was refused.
+    pub fn warning(&self) -> Option<String> {
+        let refused = match (self.fifo, self.locked) {
+            (true, true) => return None,
+            (false, true) => "real-time scheduling",
+            (true, false) => "locked memory",
+            (false, false) => "real-time scheduling and locked memory",
+        };
+        Some(format!(
+            "the system refused {refused}: on a busy machine ticks will be late. Remedy: run as root, or add to \
+             /etc/security/limits.d/palpate.conf the lines '@realtime - rtprio 90' and '@realtime - memlock unlimited', \
+             put the user into the group realtime, and log in again"
+        ))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_refusal_names_what_and_the_remedy() {
+        let all = Granted { fifo: true, locked: true, cpu: None };
+        assert_eq!(all.warning(), None);
+        let none = Granted::default();
+        let warning = none.warning().unwrap();
+        assert!(warning.contains("rtprio") && warning.contains("memlock"));
+        assert_eq!(none.describe(), "normal scheduling, memory not locked");
+    }
+}

@@ -1,0 +1,246 @@
+//! Who holds which tool, and the requests of clients.
+
+use super::{ServerError, Shared, lock, network, recorder};
+use crate::contact::tool::MOST_TOOLS;
+use crate::realtime::mailbox::Command;
+use crate::simulation::{TICK, TICKS_PER_FRAME};
+use crate::wire;
+use palpate_proto::control_request::Request;
+use palpate_proto::{self as proto, Message, keys};
+use std::path::{Component, Path};
+use std::sync::atomic::Ordering;
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use zenoh::query::Query;
+use zenoh::sample::SampleKind;
+
+/// A holder that sends nothing for this long loses its tool, whatever its connection says.
+const SILENCE: Duration = Duration::from_secs(10);
+
+/// A client with a tool.
+#[derive(Clone, Debug)]
+struct Holder {
+    client: String,
+    epoch: u32,
+}
+
+/// Who holds which tool.
+pub(super) struct Holders {
+    held: Mutex<Holding>,
+}
+
+struct Holding {
+    tools: Vec<Option<Holder>>,
+    next_epoch: u32,
+}
+
+impl Holders {
+    pub(super) fn new(tools: usize) -> Self {
+        // Epochs of an earlier run of the server must not come again: start at the seconds of this one.
+        let seconds = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs());
+        let next_epoch = (seconds as u32).wrapping_mul(16) | 1;
+        Self { held: Mutex::new(Holding { tools: vec![None; tools], next_epoch }) }
+    }
+
+    /// Names of present clients with their tools.
+    pub(super) fn clients(&self, names: impl Fn(usize) -> String) -> Vec<String> {
+        let held = lock(&self.held);
+        let named = held.tools.iter().enumerate();
+        named.filter_map(|(i, h)| h.as_ref().map(|h| format!("{} ({})", h.client, names(i)))).collect()
+    }
+
+    fn taken(&self, tool: usize) -> bool {
+        lock(&self.held).tools[tool].is_some()
+    }
+
+    /// Frees tools whose holders have gone silent.
+    pub(super) fn free_silent(&self, shared: &Shared) {
+        let silent: Vec<(usize, u32)> = lock(&self.held)
+            .tools
+            .iter()
+            .enumerate()
+            .filter_map(|(i, h)| h.as_ref().map(|h| (i, h.epoch)))
+            .filter(|(i, _)| shared.input.silence(*i) > SILENCE)
+            .collect();
+        for (tool, epoch) in silent {
+            if free(shared, tool, epoch).is_ok() {
+                tracing::info!(tool, "freed: its client has been silent for {} s", SILENCE.as_secs());
+            }
+        }
+    }
+}
+
+/// Answers the session description, the topology and control requests until it is aborted.
+pub(super) async fn serve(
+    shared: &Arc<Shared>,
+    session: &zenoh::Session,
+) -> Result<tokio::task::JoinHandle<()>, ServerError> {
+    let name = &shared.options.session;
+    let about = session.declare_queryable(keys::session(name)).await.map_err(network)?;
+    let topology = session.declare_queryable(keys::surface_topology(name)).await.map_err(network)?;
+    let control = session.declare_queryable(keys::control(name)).await.map_err(network)?;
+    let surface = wire::topology(&shared.body).encode_to_vec();
+    let shared = shared.clone();
+    Ok(tokio::spawn(async move {
+        loop {
+            tokio::select! {
+                Ok(query) = about.recv_async() => answer(&query, describe(&shared).encode_to_vec()).await,
+                Ok(query) = topology.recv_async() => answer(&query, surface.clone()).await,
+                Ok(query) = control.recv_async() => {
+                    let bytes = query.payload().map(|p| p.to_bytes().into_owned()).unwrap_or_default();
+                    let reply = match proto::ControlRequest::decode(&bytes[..]) {
+                        Ok(request) => carry_out(&shared, request).await,
+                        Err(e) => Err(format!("not a control request: {e}")),
+                    };
+                    let reply = reply.unwrap_or_else(|error| proto::ControlReply { error, ..Default::default() });
+                    answer(&query, reply.encode_to_vec()).await;
+                }
+                else => return,
+            }
+        }
+    }))
+}
+
+async fn answer(query: &Query, payload: Vec<u8>) {
+    if let Err(e) = query.reply(query.key_expr().clone(), payload).await {
+        tracing::debug!("a query went unanswered: {e}");
+    }
+}
+
+/// Frees the tool of every client whose liveliness ends.
+pub(super) async fn watch_presence(
+    shared: &Arc<Shared>,
+    session: &zenoh::Session,
+) -> Result<tokio::task::JoinHandle<()>, ServerError> {
+    let presence = session
+        .liveliness()
+        .declare_subscriber(keys::all_presence(&shared.options.session))
+        .await
+        .map_err(network)?;
+    let shared = shared.clone();
+    Ok(tokio::spawn(async move {
+        while let Ok(sample) = presence.recv_async().await {
+            let holder = keys::holder_of_presence_key(sample.key_expr().as_str());
+            if let (SampleKind::Delete, Some((tool, epoch))) = (sample.kind(), holder)
+                && free(&shared, tool as usize, epoch).is_ok()
+            {
+                tracing::info!(tool, "freed: its client is gone");
+            }
+        }
+    }))
+}
+
+async fn carry_out(shared: &Arc<Shared>, request: proto::ControlRequest) -> Result<proto::ControlReply, String> {
+    let mut reply = proto::ControlReply::default();
+    match request.request.ok_or("an empty control request: it is of a later version, or damaged")? {
+        Request::Attach(attach) => reply.attached = Some(take(shared, &attach)?),
+        Request::Detach(d) => free(shared, d.tool as usize, d.epoch)?,
+        Request::Reset(_) => shared.command(Command::Reset)?,
+        Request::StartRecording(start) => {
+            let path = Path::new(&start.path);
+            let plain = !start.path.is_empty() && path.components().all(|c| matches!(c, Component::Normal(_)));
+            if !plain {
+                return Err(format!("{:?}: give a file name below the server's recordings folder", start.path));
+            }
+            let path = shared.options.recordings.join(path);
+            if let Some(folder) = path.parent() {
+                std::fs::create_dir_all(folder).map_err(|e| format!("{}: {e}", folder.display()))?;
+            }
+            recorder::start(shared, path).await?;
+            reply.recording = shared.recorder.status();
+        }
+        Request::StopRecording(_) => {
+            shared.command(Command::StopRecording)?;
+            reply.recording = Some(recorder::finish(shared).await.ok_or("no recording is running")?);
+        }
+    }
+    Ok(reply)
+}
+
+fn take(shared: &Shared, attach: &proto::Attach) -> Result<proto::Attached, String> {
+    if !(10.0..=2000.0).contains(&attach.rate_hz) {
+        return Err(format!("rate_hz is {}: declare how often poses come, 10 to 2000", attach.rate_hz));
+    }
+    if attach.client.len() > 64 {
+        return Err("client names have at most 64 bytes".into());
+    }
+    let mut held = lock(&shared.holders.held);
+    let names = || shared.scene.tool.iter().map(|t| t.name.as_str()).collect::<Vec<_>>().join(", ");
+    let tool = if attach.tool.is_empty() {
+        held.tools.iter().position(Option::is_none).ok_or("every tool is taken")?
+    } else {
+        let tool = shared.scene.tool.iter().position(|t| t.name == attach.tool);
+        let tool = tool.ok_or_else(|| format!("no tool {:?}: this session has {}", attach.tool, names()))?;
+        if let Some(holder) = &held.tools[tool] {
+            return Err(format!("tool {:?} is held by {}", attach.tool, holder.client));
+        }
+        tool
+    };
+    let epoch = held.next_epoch;
+    held.next_epoch = held.next_epoch.wrapping_add(1).max(1);
+    let period_ticks = ((1.0 / (attach.rate_hz * TICK)).round() as u32).max(1);
+    shared.command(Command::Attach { tool, epoch, period_ticks })?;
+    shared.input.admit(tool, epoch);
+    held.tools[tool] = Some(Holder { client: attach.client.clone(), epoch });
+    tracing::info!(tool, client = attach.client, rate_hz = attach.rate_hz, "taken");
+    Ok(proto::Attached { tool: tool as u32, epoch })
+}
+
+fn free(shared: &Shared, tool: usize, epoch: u32) -> Result<(), String> {
+    let mut held = lock(&shared.holders.held);
+    let holds = held.tools.get(tool).and_then(Option::as_ref).is_some_and(|h| h.epoch == epoch);
+    if !holds {
+        return Err(format!("tool {tool} is not held under epoch {epoch}"));
+    }
+    shared.command(Command::Detach { tool })?;
+    shared.input.admit(tool, 0);
+    held.tools[tool] = None;
+    Ok(())
+}
+
+fn describe(shared: &Shared) -> proto::Session {
+    let body = &shared.body;
+    let material = body.material();
+    let corners = |(low, high): (crate::math::Vec3, crate::math::Vec3)| low.iter().chain(high.iter()).copied().collect();
+    let tools = shared.scene.tool.iter().enumerate().take(MOST_TOOLS);
+    proto::Session {
+        version_major: proto::VERSION_MAJOR,
+        version_minor: proto::VERSION_MINOR,
+        name: shared.options.session.clone(),
+        frame: "world: right-handed, metres; gravity as the scene says".into(),
+        tick_s: TICK,
+        ticks_per_frame: TICKS_PER_FRAME as u32,
+        body: Some(proto::BodyDescription {
+            name: body.name().into(),
+            levels: body.levels().len() as u32,
+            active_level: body.active_level() as u32,
+            nodes: body.levels().iter().map(|l| l.mesh.nodes.len() as u32).collect(),
+            elements: body.levels().iter().map(|l| l.mesh.elements.len() as u32).collect(),
+            mass_kg: body.mass(),
+            density: material.density,
+            youngs_modulus: material.youngs_modulus(),
+            poisson_ratio: material.poisson_ratio(),
+            bounds: corners(body.surface().bounds()),
+            checksum: body.checksum(),
+        }),
+        tools: tools
+            .map(|(i, t)| proto::ToolDescription {
+                tool: i as u32,
+                name: t.name.clone(),
+                shape: if t.length > 0.0 { "capsule" } else { "ball" }.into(),
+                radius: t.radius,
+                length: t.length,
+                taken: shared.holders.taken(i),
+            })
+            .collect(),
+        limits: Some(proto::Limits {
+            force: shared.scene.safety.force_limit,
+            torque: shared.scene.safety.torque_limit,
+            slew: shared.scene.safety.slew_limit,
+            tool_speed: shared.scene.safety.tool_speed,
+            workspace: corners(shared.scene.workspace(body)),
+        }),
+        tick: shared.counters.tick.load(Ordering::Relaxed),
+        surface_endpoint: shared.options.surface_endpoint.clone(),
+    }
+}

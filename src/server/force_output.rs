@@ -1,0 +1,98 @@
+//! Wrenches out: a real-time thread that sends what the last tick said, once per tick.
+
+use super::{ServerError, Shared, network};
+use crate::contact::tool::{MOST_TOOLS, Phase};
+use crate::realtime::mailbox::TickReport;
+use crate::realtime::scheduling;
+use crate::wire;
+use palpate_proto::{Message, keys};
+use rustix::fd::OwnedFd;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use zenoh::Wait;
+use zenoh::pubsub::Publisher;
+use zenoh::qos::{CongestionControl, Priority};
+
+/// The running thread.
+pub(super) struct ForceOutput {
+    stop: Arc<AtomicBool>,
+    wake: Arc<OwnedFd>,
+    thread: std::thread::JoinHandle<()>,
+}
+
+impl ForceOutput {
+    pub(super) fn start(
+        shared: &Arc<Shared>,
+        session: &zenoh::Session,
+        reports: rtrb::Consumer<TickReport>,
+        wake: Arc<OwnedFd>,
+    ) -> Result<Self, ServerError> {
+        let publishers = (0..shared.scene.tool.len() as u32)
+            .map(|tool| {
+                session
+                    .declare_publisher(keys::tool_wrench(&shared.options.session, tool))
+                    .priority(Priority::RealTime)
+                    .express(true)
+                    .congestion_control(CongestionControl::Drop)
+                    .wait()
+                    .map_err(network)
+            })
+            .collect::<Result<Vec<_>, _>>()?;
+        let stop = Arc::new(AtomicBool::new(false));
+        let (shared, stopped, waker) = (shared.clone(), stop.clone(), wake.clone());
+        let thread = std::thread::Builder::new().name("force output".into()).spawn(move || {
+            if scheduling::fifo(scheduling::FORCE_OUTPUT).is_err() {
+                tracing::debug!("the force output runs at normal priority");
+            }
+            send(&shared, &publishers, reports, &waker, &stopped);
+        })?;
+        Ok(Self { stop, wake, thread })
+    }
+
+    pub(super) fn stop(self) {
+        self.stop.store(true, Ordering::Relaxed);
+        let _ = rustix::io::write(&self.wake, &1u64.to_ne_bytes());
+        let _ = self.thread.join();
+    }
+}
+
+fn send(
+    shared: &Shared,
+    publishers: &[Publisher<'_>],
+    mut reports: rtrb::Consumer<TickReport>,
+    wake: &OwnedFd,
+    stop: &AtomicBool,
+) {
+    let mut sequence = [0u64; MOST_TOOLS];
+    let mut bytes = Vec::with_capacity(512);
+    while !stop.load(Ordering::Relaxed) {
+        let mut count = [0u8; 8];
+        if rustix::io::read(wake, &mut count).is_err() {
+            continue;
+        }
+        // After a burst only the newest force matters; the others leave a gap in the sequence.
+        let mut newest = None;
+        while let Ok(report) = reports.pop() {
+            let held = |i: usize| report.tools[i].state.phase != Phase::Detached;
+            (0..publishers.len()).filter(|i| held(*i)).for_each(|i| sequence[i] += 1);
+            if newest.replace(report).is_some() {
+                shared.counters.wrenches_skipped.fetch_add(1, Ordering::Relaxed);
+            }
+        }
+        let Some(report) = newest else { continue };
+        for (i, publisher) in publishers.iter().enumerate() {
+            let tool = &report.tools[i];
+            // A tool that nobody moves is silent, but the force that a lost one still fades with is sent.
+            if tool.state.phase == Phase::Detached && tool.state.epoch == 0 {
+                continue;
+            }
+            let wrench = wire::wrench(i as u32, report.tick, sequence[i], tool, report.flags);
+            bytes.clear();
+            // A Vec grows as it needs to: encoding into it cannot fail.
+            let _ = wrench.encode(&mut bytes);
+            if publisher.put(bytes.as_slice()).wait().is_ok() {
+                shared.counters.wrenches_sent.fetch_add(1, Ordering::Relaxed);
+            }
+        }
+    }
+}

@@ -1,0 +1,192 @@
+//! How the server fares: measured from the ticks' own reports, published once a second.
+
+use super::{ServerError, Shared, network};
+use crate::realtime::mailbox::{Dropped, RecordTap, TickTiming};
+use hdrhistogram::Histogram;
+use palpate_proto::{self as proto, Message, keys};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Duration, Instant};
+use tokio::sync::{mpsc, oneshot, watch};
+
+/// Counted by the parts of the server.
+#[derive(Debug, Default)]
+pub(super) struct Counters {
+    pub(super) tick: AtomicU64,
+    pub(super) wrenches_sent: AtomicU64,
+    pub(super) wrenches_skipped: AtomicU64,
+    pub(super) surface_frames: AtomicU64,
+}
+
+/// What the status is made from.
+pub(super) struct Sources {
+    pub(super) timings: rtrb::Consumer<TickTiming>,
+    pub(super) retired: rtrb::Consumer<Box<RecordTap>>,
+    pub(super) dropped: Arc<Dropped>,
+}
+
+/// Ticks before the clock is judged: the first ones fault in pages and warm up caches.
+const WARM_UP_TICKS: u64 = 500;
+
+/// Sums over the run.
+struct Sums {
+    lateness: Histogram<u64>,
+    compute: Histogram<u64>,
+    ticks: u64,
+    late: u64,
+    missed: u64,
+    lapsed: u64,
+    stalls: u64,
+    dropped_substeps: u64,
+    restored: u64,
+    last: Option<TickTiming>,
+}
+
+impl Sums {
+    fn new() -> Self {
+        // Nanoseconds up to a minute, three digits.
+        let histogram = || Histogram::new_with_bounds(1, 60_000_000_000, 3).unwrap_or_else(|_| unreachable!("valid bounds"));
+        Self {
+            lateness: histogram(),
+            compute: histogram(),
+            ticks: 0,
+            late: 0,
+            missed: 0,
+            lapsed: 0,
+            stalls: 0,
+            dropped_substeps: 0,
+            restored: 0,
+            last: None,
+        }
+    }
+
+    fn add(&mut self, t: TickTiming) {
+        self.ticks += 1;
+        if self.ticks > WARM_UP_TICKS {
+            self.lateness.saturating_record(t.lateness.max(1));
+            self.compute.saturating_record(t.compute.max(1));
+            self.late += u64::from(t.lateness >= crate::realtime::pacer::TICK_NS);
+            self.missed += u64::from(t.missed);
+        }
+        self.lapsed += u64::from(t.lapsed);
+        self.stalls += u64::from(t.lapsed > 0);
+        self.dropped_substeps += u64::from(t.plan.needed - t.plan.taken);
+        self.restored += u64::from(t.restored);
+        self.last = Some(t);
+    }
+}
+
+fn distribution(histogram: &Histogram<u64>) -> proto::Distribution {
+    let micros = |ns: u64| ns as f64 / 1e3;
+    proto::Distribution {
+        p50: micros(histogram.value_at_quantile(0.5)),
+        p99: micros(histogram.value_at_quantile(0.99)),
+        p999: micros(histogram.value_at_quantile(0.999)),
+        max: micros(histogram.max()),
+        count: histogram.len(),
+    }
+}
+
+/// Gathers ten times a second into `live`, publishes every tenth; a request on `flush` is answered once everything
+/// that the simulation thread left behind is in.
+pub(super) async fn publish(
+    shared: &Arc<Shared>,
+    session: &zenoh::Session,
+    mut sources: Sources,
+    live: watch::Sender<proto::Status>,
+    mut flush: mpsc::Receiver<oneshot::Sender<()>>,
+) -> Result<tokio::task::JoinHandle<()>, ServerError> {
+    let publisher = session.declare_publisher(keys::status(&shared.options.session)).await.map_err(network)?;
+    let shared = shared.clone();
+    Ok(tokio::spawn(async move {
+        let mut sums = Sums::new();
+        let mut interval = tokio::time::interval(Duration::from_millis(100));
+        interval.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
+        let (mut rounds, mut second) = (0u64, Second::begin(&sums, &shared));
+        loop {
+            let done = tokio::select! {
+                _ = interval.tick() => None,
+                done = flush.recv() => done,
+            };
+            while let Ok(timing) = sources.timings.pop() {
+                sums.add(timing);
+            }
+            // Dropping a tap tells its recorder that the recording is over.
+            while sources.retired.pop().is_ok() {}
+            if let Some(last) = sums.last {
+                shared.counters.tick.store(last.tick, Ordering::Relaxed);
+            }
+            rounds += 1;
+            if rounds.is_multiple_of(10) {
+                second.end(&sums, &shared);
+                shared.holders.free_silent(&shared);
+            }
+            let status = compose(&shared, &sums, &second, &sources.dropped);
+            if rounds.is_multiple_of(10) {
+                let _ = publisher.put(status.encode_to_vec()).await;
+            }
+            live.send_replace(status);
+            if let Some(done) = done {
+                let _ = done.send(());
+            }
+        }
+    }))
+}
+
+/// Rates over the last whole second.
+struct Second {
+    began: Instant,
+    ticks: u64,
+    frames: u64,
+    tick_rate: f64,
+    frame_rate: f64,
+}
+
+impl Second {
+    fn begin(sums: &Sums, shared: &Shared) -> Self {
+        let frames = shared.counters.surface_frames.load(Ordering::Relaxed);
+        Self { began: Instant::now(), ticks: sums.ticks, frames, tick_rate: 0.0, frame_rate: 0.0 }
+    }
+
+    fn end(&mut self, sums: &Sums, shared: &Shared) {
+        let seconds = self.began.elapsed().as_secs_f64();
+        let next = Second::begin(sums, shared);
+        let tick_rate = (next.ticks - self.ticks) as f64 / seconds;
+        let frame_rate = (next.frames - self.frames) as f64 / seconds;
+        *self = Second { tick_rate, frame_rate, ..next };
+    }
+}
+
+fn compose(shared: &Shared, sums: &Sums, second: &Second, dropped: &Dropped) -> proto::Status {
+    let level = shared.body.level();
+    let last = sums.last;
+    let load = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
+    proto::Status {
+        tick: last.map_or(0, |t| t.tick),
+        tick_rate_hz: second.tick_rate,
+        lateness_us: Some(distribution(&sums.lateness)),
+        compute_us: Some(distribution(&sums.compute)),
+        late_ticks: sums.late,
+        missed_deadlines: sums.missed,
+        lapsed_ticks: sums.lapsed,
+        stalls: sums.stalls,
+        dropped_substeps: sums.dropped_substeps,
+        restored_states: sums.restored,
+        nodes: level.mesh.nodes.len() as u64,
+        elements: level.mesh.elements.len() as u64,
+        element_evaluations: last.map_or(0, |t| u64::from(t.element_evaluations)),
+        budget: last.map_or(0, |t| u64::from(t.budget)),
+        surface_frames_hz: second.frame_rate,
+        wrenches_sent: load(&shared.counters.wrenches_sent),
+        wrenches_skipped: load(&shared.counters.wrenches_skipped) + load(&dropped.reports),
+        refused: shared
+            .input
+            .refused()
+            .filter(|r| r.1 > 0)
+            .map(|(reason, count)| proto::Refusal { reason: reason.into(), count })
+            .collect(),
+        recording: shared.recorder.status(),
+        scheduling: shared.scheduling.clone(),
+        clients: shared.holders.clients(|tool| shared.scene.tool[tool].name.clone()),
+    }
+}
