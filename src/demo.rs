@@ -80,7 +80,12 @@ pub fn run(args: DemoArgs) -> anyhow::Result<ExitCode> {
         let (stop, newest) = (Arc::new(AtomicBool::new(false)), Arc::new(Mutex::new(None)));
         let phantom = start_phantom(&args, device, stop.clone(), newest.clone())?;
         let mut view = View {
-            title: format!("palpate demo: {}, {} held by a virtual hand, {}", scene.name, device.name, args.pattern.name()),
+            title: format!(
+                "palpate demo: {}, {} held by a virtual hand, {}",
+                scene.name,
+                device.name,
+                args.pattern.name()
+            ),
             limit: scene.safety.force_limit,
             ..View::default()
         };
@@ -270,13 +275,25 @@ fn draw(view: &View, frame: &mut ratatui::Frame) {
         let d = d.unwrap_or_default();
         Row::new([name.to_owned(), micros(d.p50), micros(d.p99), micros(d.p999), micros(d.max)])
     };
-    let widths = [Constraint::Length(20), Constraint::Length(10), Constraint::Length(10), Constraint::Length(10), Constraint::Length(10)];
+    let widths = [
+        Constraint::Length(20),
+        Constraint::Length(10),
+        Constraint::Length(10),
+        Constraint::Length(10),
+        Constraint::Length(10),
+    ];
     let round_trip = view.phantom.map_or([f64::NAN; 2], |p| [p.round_trip_p50, p.round_trip_p99]);
     let table = Table::new(
         [
             cells("tick lateness", s.lateness_us),
             cells("compute per tick", s.compute_us),
-            Row::new(["pose to wrench".to_owned(), micros(round_trip[0]), micros(round_trip[1]), String::new(), String::new()]),
+            Row::new([
+                "pose to wrench".to_owned(),
+                micros(round_trip[0]),
+                micros(round_trip[1]),
+                String::new(),
+                String::new(),
+            ]),
         ],
         widths,
     )
@@ -289,11 +306,20 @@ fn draw(view: &View, frame: &mut ratatui::Frame) {
         s.missed_deadlines, s.late_ticks, s.stalls, s.lapsed_ticks, s.dropped_substeps
     );
     let touch = view.phantom.map_or("waiting for the Phantom".to_owned(), |p| {
-        format!("{:?}, {} contact points, {} wrenches received, {} missed", p.phase, p.contact_points, p.wrenches, p.missed_wrenches)
+        format!(
+            "{:?}, {} contact points, {} wrenches received, {} missed",
+            p.phase, p.contact_points, p.wrenches, p.missed_wrenches
+        )
     });
     let lines = vec![
-        Line::from(format!("{} nodes, {} elements, {} evaluations per tick of {} allowed", s.nodes, s.elements, s.element_evaluations, s.budget)),
-        Line::from(format!("surface {:.1} frames/s; wrenches sent {}, skipped {}", s.surface_frames_hz, s.wrenches_sent, s.wrenches_skipped)),
+        Line::from(format!(
+            "{} nodes, {} elements, {} evaluations per tick of {} allowed",
+            s.nodes, s.elements, s.element_evaluations, s.budget
+        )),
+        Line::from(format!(
+            "surface {:.1} frames/s; wrenches sent {}, skipped {}",
+            s.surface_frames_hz, s.wrenches_sent, s.wrenches_skipped
+        )),
         Line::from(missed).style(if s.missed_deadlines + s.stalls > 0 { Color::Yellow } else { Color::Reset }),
         Line::from(format!("tool: {touch}")),
         Line::from(recording_line(s)),
@@ -302,8 +328,12 @@ fn draw(view: &View, frame: &mut ratatui::Frame) {
 
     let now = view.force.back().copied().unwrap_or(0) as f64 / 1e3;
     let peak = view.force.iter().copied().max().unwrap_or(0);
-    let block = Block::bordered()
-        .title(format!(" force {now:.3} N (last {} s, peak {:.3} N, limit {} N) ", HISTORY / 10, peak as f64 / 1e3, view.limit));
+    let block = Block::bordered().title(format!(
+        " force {now:.3} N (last {} s, peak {:.3} N, limit {} N) ",
+        HISTORY / 10,
+        peak as f64 / 1e3,
+        view.limit
+    ));
     let width = block.inner(force).width as usize;
     let shown: Vec<u64> = view.force.iter().copied().skip(view.force.len().saturating_sub(width)).collect();
     let bars = Sparkline::default().data(&shown).max(peak.max(100)).style(Style::new().fg(Color::Red));
@@ -349,8 +379,22 @@ mod tests {
         let mut terminal = ratatui::Terminal::new(ratatui::backend::TestBackend::new(100, 30)).unwrap();
         terminal.draw(|frame| draw(&view, frame)).unwrap();
         let text: String = terminal.backend().buffer().content().iter().map(|c| c.symbol()).collect();
-        for part in ["999.9 Hz", "tick 4321", "21.5", "51.0", "99.0", "1234.5", "205.0", "777 nodes", "3456 elements",
-            "31.2 frames/s", "deadlines missed 3", "force 0.900 N", "peak 0.900 N", "limit 3.3 N"] {
+        for part in [
+            "999.9 Hz",
+            "tick 4321",
+            "21.5",
+            "51.0",
+            "99.0",
+            "1234.5",
+            "205.0",
+            "777 nodes",
+            "3456 elements",
+            "31.2 frames/s",
+            "deadlines missed 3",
+            "force 0.900 N",
+            "peak 0.900 N",
+            "limit 3.3 N",
+        ] {
             assert!(text.contains(part), "{part}");
         }
         assert!(one_line(&view).contains("999.9 Hz"));

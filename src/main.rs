@@ -11,7 +11,6 @@ use palpate::recording::{Recording, RecordingWriter, replay};
 use palpate::scene::LoadedScene;
 use palpate::server::{self, Server};
 use palpate::simulation::{Inputs, Simulation, Snapshot, TICK};
-use palpate::wire::TickFlags;
 use palpate_proto::{self as proto, keys};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -209,7 +208,9 @@ fn serve(args: &ServeArgs) -> anyhow::Result<ExitCode> {
         );
         let time_up = async {
             match args.seconds {
-                Some(seconds) => tokio::time::sleep(std::time::Duration::try_from_secs_f64(seconds).unwrap_or_default()).await,
+                Some(seconds) => {
+                    tokio::time::sleep(std::time::Duration::try_from_secs_f64(seconds).unwrap_or_default()).await
+                }
                 None => std::future::pending().await,
             }
         };
@@ -239,10 +240,11 @@ fn simulate(args: &SimulateArgs) -> anyhow::Result<ExitCode> {
         None => Trajectory::default(),
     };
     std::fs::create_dir_all(&args.out).with_context(|| args.out.display().to_string())?;
-    let mut simulation = Simulation::new(body.clone(), loaded.scene.settings(), start.clone()).map_err(anyhow::Error::msg)?;
+    let mut simulation =
+        Simulation::new(body.clone(), loaded.scene.settings(), start.clone()).map_err(anyhow::Error::msg)?;
     let mut samples = SampleWriter::create(&args.out, &loaded.scene, &simulation, args.every)?;
     let mut recording = match &args.record {
-        Some(path) => Some(RecordingWriter::create(path, &loaded.scene, &body, &start)?),
+        Some(path) => Some(RecordingWriter::create(path, &loaded.scene, &body, &start, &start.body)?),
         None => None,
     };
     let ticks = (args.seconds / TICK).round() as u64;
@@ -253,11 +255,13 @@ fn simulate(args: &SimulateArgs) -> anyhow::Result<ExitCode> {
         }
         if let Some(recording) = &mut recording {
             let inputs: Inputs = trajectory.inputs(outputs.tick);
-            let flags = TickFlags {
-                restored: outputs.restored,
-                substeps_dropped: outputs.plan.taken < outputs.plan.needed,
-            };
-            recording.tick(outputs.tick, &inputs, &outputs.tools, flags, outputs.frame.then_some(outputs.hash))?;
+            recording.tick(
+                outputs.tick,
+                &inputs,
+                &outputs.tools,
+                outputs.flags(),
+                outputs.frame.then_some(outputs.hash),
+            )?;
             if outputs.frame {
                 let tools: Vec<_> = outputs.tools.iter().map(|t| t.state).collect();
                 recording.frame(outputs.tick, &outputs.skin, &tools)?;

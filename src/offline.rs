@@ -74,14 +74,18 @@ impl Trajectory {
             if poses.last().is_some_and(|last| last.0 > tick) {
                 return Err(fault(line, "times must ascend".into()));
             }
-            poses.push((tick, tool, PoseSample {
-                sequence: 0,
-                time_ns: (time * 1e9) as u64,
-                pose: Pose { position: Vec3::new(x, y, z), orientation },
-                linear_velocity: Vec3::zeros(),
-                angular_velocity: Vec3::zeros(),
-                buttons: buttons as u32,
-            }));
+            poses.push((
+                tick,
+                tool,
+                PoseSample {
+                    sequence: 0,
+                    time_ns: (time * 1e9) as u64,
+                    pose: Pose { position: Vec3::new(x, y, z), orientation },
+                    linear_velocity: Vec3::zeros(),
+                    angular_velocity: Vec3::zeros(),
+                    buttons: buttons as u32,
+                },
+            ));
         }
         Ok(Self { events: events_of(poses) })
     }
@@ -136,7 +140,14 @@ pub fn write_trajectory_row(out: &mut impl Write, tick: u64, tool: usize, sample
         out,
         "{:.3},{tool},{},{},{},{},{},{},{},{}",
         tick.saturating_sub(1) as Real * TICK,
-        p.x, p.y, p.z, q[0], q[1], q[2], q[3], sample.buttons
+        p.x,
+        p.y,
+        p.z,
+        q[0],
+        q[1],
+        q[2],
+        q[3],
+        sample.buttons
     )
 }
 

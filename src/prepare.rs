@@ -1,12 +1,12 @@
 //! From shapes to a body: levels, their ties, the display surface in each of them, and the holds.
 
-use crate::model::body::{Body, BodyError, BodyParts, Hold, vertices_in};
-use crate::model::material::Material;
 use crate::geometry::{Surface, TetMesh};
 use crate::hierarchy::cover::{CoverError, cover};
 use crate::hierarchy::level::{Level, mean_edge};
 use crate::hierarchy::{embedding, parentage};
 use crate::math::{Real, Vec3};
+use crate::model::body::{Body, BodyError, BodyParts, Hold, vertices_in};
+use crate::model::material::Material;
 use crate::simulation::TICK;
 use crate::stepping::time_step::stable_step;
 
@@ -78,7 +78,9 @@ pub enum PrepareError {
         body: (Vec3, Vec3),
     },
     /// Lattice covers reach beyond the body, so fixing their nodes in a box would hold more than the box.
-    #[error("hold {0} is exact, which only boxes and given meshes can be: leave `exact` out to hold the region by springs")]
+    #[error(
+        "hold {0} is exact, which only boxes and given meshes can be: leave `exact` out to hold the region by springs"
+    )]
     ExactOnCover(usize),
     /// No such level.
     #[error("active_level is {active}, but the body has the levels 0 to {last}", last = count - 1)]
@@ -186,7 +188,8 @@ fn hold_regions(
         // A hair of tolerance, so that a box face that coincides with a mesh face holds it.
         let slack = 1e-9 + 1e-6 * (surface.bounds().1 - surface.bounds().0).norm();
         let inside = |p: &Vec3| (0..3).all(|c| p[c] >= low[c] - slack && p[c] <= high[c] + slack);
-        let empty = |what| PrepareError::EmptyHold { index: i + 1, what, region: region.bounds, body: surface.bounds() };
+        let empty =
+            |what| PrepareError::EmptyHold { index: i + 1, what, region: region.bounds, body: surface.bounds() };
         if region.exact {
             if !conforming {
                 return Err(PrepareError::ExactOnCover(i + 1));

@@ -5,8 +5,10 @@
 
 use crate::contact::safety::ForceLimits;
 use crate::contact::tool::{Following, MOST_TOOLS, Shape as ToolShape, Tool};
+use crate::geometry::MeshError;
+use crate::geometry::decimate::decimate;
 use crate::geometry::locate::{Host, Locator};
-use crate::geometry::mesh_io::{self, LengthUnit, MeshError};
+use crate::geometry::mesh_io::{self, LengthUnit};
 use crate::geometry::{Surface, TetMesh, primitives};
 use crate::math::{Real, Vec3};
 use crate::model::{Body, Material};
@@ -345,7 +347,7 @@ pub enum SceneError {
         /// File or bundled scene.
         origin: String,
         /// Why.
-        source: PrepareError,
+        source: Box<PrepareError>,
     },
 }
 
@@ -410,7 +412,7 @@ impl LoadedScene {
             active_level: self.scene.body.active_level,
         };
         prepare::prepare(&recipe, progress)
-            .map_err(|source| SceneError::Prepare { origin: self.origin.clone(), source })
+            .map_err(|source| SceneError::Prepare { origin: self.origin.clone(), source: Box::new(source) })
     }
 
     fn shape(&self) -> Result<prepare::Shape, SceneError> {
@@ -420,11 +422,8 @@ impl LoadedScene {
             keys.unit.ok_or_else(|| missing(source_name, "body.unit, one of \"m\", \"cm\", \"mm\", \"in\""))
         };
         let at = |file: &PathBuf| self.folder.join(file);
-        let failed = |path: PathBuf, source| SceneError::Mesh {
-            origin: self.origin.clone(),
-            path,
-            source: Box::new(source),
-        };
+        let failed =
+            |path: PathBuf, source| SceneError::Mesh { origin: self.origin.clone(), path, source: Box::new(source) };
         // A surface net at this spacing has about as many vertices as asked for (area over spacing squared).
         let spacing = |area: Real| (area / keys.display_vertices as Real).sqrt();
         let closed = |mut surface: Surface| {
@@ -442,7 +441,7 @@ impl LoadedScene {
                 let file = keys.file.as_ref().ok_or_else(|| missing("surface", "body.file, an OBJ or STL file"))?;
                 let unit = unit("surface")?;
                 let surface = mesh_io::read_surface(&at(file), unit).map_err(|e| failed(at(file), e))?;
-                closed(mesh_io::decimate(&surface, keys.display_vertices))
+                closed(decimate(&surface, keys.display_vertices))
             }
             Source::Volumes => {
                 if keys.files.is_empty() {
@@ -552,10 +551,8 @@ impl Scene {
 /// # Errors
 /// With line and remedy, all values out of range at once.
 pub fn parse(text: &str, origin: &str) -> Result<Scene, SceneError> {
-    let scene: Scene = toml::from_str(text).map_err(|e| SceneError::Syntax {
-        origin: origin.to_owned(),
-        message: e.to_string().trim_end().to_owned(),
-    })?;
+    let scene: Scene = toml::from_str(text)
+        .map_err(|e| SceneError::Syntax { origin: origin.to_owned(), message: e.to_string().trim_end().to_owned() })?;
     scene.validate().map_err(|report| {
         let line = |path: &str| match line_of(text, path) {
             Some(line) => format!("{origin}, line {line}: {path}"),
@@ -577,7 +574,7 @@ fn line_of(text: &str, path: &str) -> Option<usize> {
         // A key left out has no line of its own: its table's stands for it.
         let next = match value.get_ref() {
             DeValue::Table(table) => table.iter().find(|(k, _)| k.get_ref() == part).map(|(_, v)| v),
-            DeValue::Array(array) => array.iter().nth(part.parse().ok()?),
+            DeValue::Array(array) => array.get(part.parse::<usize>().ok()?),
             _ => None,
         };
         value = match next {
@@ -590,13 +587,12 @@ fn line_of(text: &str, path: &str) -> Option<usize> {
 
 /// The scene text with each `key=value` put in its place.
 fn override_keys(text: &str, origin: &str, overrides: &[String]) -> Result<String, SceneError> {
-    let mut table: toml::Table = toml::from_str(text).map_err(|e| SceneError::Syntax {
-        origin: origin.to_owned(),
-        message: e.to_string().trim_end().to_owned(),
-    })?;
+    let mut table: toml::Table = toml::from_str(text)
+        .map_err(|e| SceneError::Syntax { origin: origin.to_owned(), message: e.to_string().trim_end().to_owned() })?;
     for given in overrides {
         let fault = |message: &str| SceneError::Override { given: given.clone(), message: message.to_owned() };
-        let (key, value) = given.split_once('=').ok_or_else(|| fault("write key=value, as in material.density=1000"))?;
+        let (key, value) =
+            given.split_once('=').ok_or_else(|| fault("write key=value, as in material.density=1000"))?;
         let value = value.trim();
         let parsed = toml::from_str::<toml::Table>(&format!("v = {value}"))
             .ok()

@@ -120,6 +120,15 @@ pub struct ToolOutput {
     pub limited: Limited,
 }
 
+/// What a tick says of itself with every wrench.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct TickFlags {
+    /// A state that was not finite was contained.
+    pub restored: bool,
+    /// The budget did not cover the tick.
+    pub substeps_dropped: bool,
+}
+
 /// Everything that leaves a tick.
 #[derive(Clone, Debug)]
 pub struct Outputs {
@@ -141,6 +150,13 @@ pub struct Outputs {
     pub extremes: Extremes,
     /// A state that was not finite has been replaced by the last good one, at rest.
     pub restored: bool,
+}
+
+impl Outputs {
+    /// What the tick says of itself with every wrench.
+    pub fn flags(&self) -> TickFlags {
+        TickFlags { restored: self.restored, substeps_dropped: self.plan.taken < self.plan.needed }
+    }
 }
 
 /// A body under way.
@@ -172,7 +188,8 @@ impl Simulation {
         }
         let tools = settings.tools.len();
         let most_points = start.points.iter().map(Vec::len).max().unwrap_or(0);
-        if tools > MOST_TOOLS || start.tools.len() != tools || start.points.len() != tools || most_points > MOST_POINTS {
+        if tools > MOST_TOOLS || start.tools.len() != tools || start.points.len() != tools || most_points > MOST_POINTS
+        {
             return Err(format!("{tools} tools: a session has at most {MOST_TOOLS}, and its state as many"));
         }
         let mut now = Snapshot::at_rest(&body, tools);
@@ -202,6 +219,17 @@ impl Simulation {
             body,
             settings,
         })
+    }
+
+    /// What a reset returns to; the starting state unless set.
+    pub fn reset_state(&self) -> &State {
+        &self.start
+    }
+
+    /// Makes a reset return to `state`, which must be of the same body.
+    pub fn with_reset_state(mut self, state: &State) -> Self {
+        self.start.copy_from(state);
+        self
     }
 
     /// Runs the kernel on `path` from now on; it must be available on this CPU. The results do not depend on it.

@@ -4,7 +4,7 @@ use crate::contact::safety::Limited;
 use crate::contact::tool::{MOST_TOOLS, Phase, PoseSample, ToolEvent, ToolState};
 use crate::math::{Pose, Real, Vec3, normalized_quaternion};
 use crate::model::Body;
-use crate::simulation::{Inputs, ToolOutput};
+use crate::simulation::{Inputs, TickFlags, ToolOutput};
 use palpate_proto as proto;
 use palpate_proto::Message;
 
@@ -134,15 +134,6 @@ fn phase(phase: Phase) -> i32 {
     phase.into()
 }
 
-/// What else a tick says with every wrench.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct TickFlags {
-    /// A state that was not finite was contained.
-    pub restored: bool,
-    /// The budget did not cover the tick.
-    pub substeps_dropped: bool,
-}
-
 /// The wrench of tool `tool` after `tick`; `sequence` counts this tool's wrenches.
 pub fn wrench(tool: u32, tick: u64, sequence: u64, output: &ToolOutput, flags: TickFlags) -> proto::ToolWrench {
     let t = &output.state;
@@ -240,9 +231,7 @@ pub fn inputs_to_message(tick: u64, inputs: &Inputs) -> proto::TickInputs {
         budget: inputs.budget,
         commands: u32::from(inputs.reset),
         tools: tools
-            .filter_map(|(i, e)| {
-                e.as_ref().map(|e| proto::ToolInput { tool: i as u32, event: Some(event(e)) })
-            })
+            .filter_map(|(i, e)| e.as_ref().map(|e| proto::ToolInput { tool: i as u32, event: Some(event(e)) }))
             .collect(),
     }
 }

@@ -224,7 +224,8 @@ fn near_triangles(on: &Touchable, axis: &Axis, shape: &Shape, memory: &[PointMem
     let segment = Segment::new(to_parry(axis.from), to_parry(axis.at(1.0)));
     for (t, triangle) in on.body.surface().triangles.iter().enumerate() {
         let corners = triangle.map(|v| on.vertices[v as usize]);
-        let (least, most) = (corners[0].inf(&corners[1]).inf(&corners[2]), corners[0].sup(&corners[1]).sup(&corners[2]));
+        let (least, most) =
+            (corners[0].inf(&corners[1]).inf(&corners[2]), corners[0].sup(&corners[1]).sup(&corners[2]));
         let apart = (0..3).any(|c| most[c] < low[c] || least[c] > high[c]);
         let longest = (0..3).map(|i| (corners[i] - corners[(i + 1) % 3]).norm_squared()).fold(0.0, Real::max);
         if apart || longest <= shape.radius * shape.radius {
@@ -275,6 +276,7 @@ fn nearest_in_triangle(axis: &Axis, segment: &Segment, corners: &[Vec3; 3]) -> O
     let (e1, e2, d) = (corners[1] - corners[0], corners[2] - corners[0], p - corners[0]);
     let (a, b, c) = (e1.norm_squared(), e1.dot(&e2), e2.norm_squared());
     let det = a * c - b * b;
+    #[expect(clippy::neg_cmp_op_on_partial_ord, reason = "NaN, too, must leave here")]
     if !(det > 0.0) {
         return None;
     }
@@ -297,7 +299,8 @@ pub fn is_outside(on: &Touchable, shape: &Shape, pose: &Pose) -> bool {
     let segment = Segment::new(to_parry(axis.from), to_parry(axis.at(1.0)));
     let grazes = on.body.surface().triangles.iter().any(|triangle| {
         let corners = triangle.map(|v| on.vertices[v as usize]);
-        let (least, most) = (corners[0].inf(&corners[1]).inf(&corners[2]), corners[0].sup(&corners[1]).sup(&corners[2]));
+        let (least, most) =
+            (corners[0].inf(&corners[1]).inf(&corners[2]), corners[0].sup(&corners[1]).sup(&corners[2]));
         let apart = (0..3).any(|c| most[c] < low[c] || least[c] > high[c]);
         !apart
             && nearest_in_triangle(&axis, &segment, &corners).is_some_and(|(along, w)| {

@@ -39,10 +39,8 @@ pub fn render(tool: &mut ToolState, physical: &Wrench, limits: &ForceLimits, tic
     let scale = if tool.touches() { tool.ramp } else { 0.0 };
     let mut force = physical.force * scale;
     let mut torque = physical.torque * scale;
-    let mut limited = Limited {
-        ramping: matches!(tool.phase, Phase::Engaged | Phase::Holding) && scale < 1.0,
-        ..Limited::default()
-    };
+    let mut limited =
+        Limited { ramping: matches!(tool.phase, Phase::Engaged | Phase::Holding) && scale < 1.0, ..Limited::default() };
     // One factor for both keeps the wrench's axis.
     let fits = |size: Real, limit: Real| if size > limit { limit / size } else { 1.0 };
     let factor = fits(force.norm(), limits.force).min(fits(torque.norm(), limits.torque));
@@ -51,10 +49,9 @@ pub fn render(tool: &mut ToolState, physical: &Wrench, limits: &ForceLimits, tic
         torque *= factor;
         limited.clamped = true;
     }
-    for (now, before, rate) in [
-        (&mut force, tool.force, limits.slew),
-        (&mut torque, tool.torque, limits.slew * limits.torque / limits.force),
-    ] {
+    for (now, before, rate) in
+        [(&mut force, tool.force, limits.slew), (&mut torque, tool.torque, limits.slew * limits.torque / limits.force)]
+    {
         let change = *now - before;
         let size = change.norm();
         if size > rate * tick {

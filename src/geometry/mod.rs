@@ -2,11 +2,17 @@
 //!
 //! Knows nothing of materials, levels or time.
 
+pub mod decimate;
 pub mod locate;
+pub mod mesh_error;
 pub mod mesh_io;
+mod msh;
 pub mod primitives;
+pub mod soundness;
 pub mod surface;
+mod surface_file;
 pub mod tet_mesh;
 
+pub use mesh_error::MeshError;
 pub use surface::Surface;
 pub use tet_mesh::TetMesh;

@@ -2,7 +2,7 @@
 //!
 //! Only `+ − × ÷ √` in f64 decide where a vertex lies, so a shape is the same on every x86-64 machine.
 
-use super::mesh_io::{check_closed, keep_referenced};
+use super::soundness::{check_closed, keep_referenced};
 use super::tet_mesh::volume;
 use super::{Surface, TetMesh};
 use crate::math::{Real, Vec3};

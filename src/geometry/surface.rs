@@ -31,10 +31,9 @@ impl Surface {
 
     /// Smallest and largest coordinates [m].
     pub fn bounds(&self) -> (Vec3, Vec3) {
-        self.vertices.iter().fold(
-            (Vec3::repeat(Real::INFINITY), Vec3::repeat(Real::NEG_INFINITY)),
-            |(low, high), v| (low.inf(v), high.sup(v)),
-        )
+        self.vertices.iter().fold((Vec3::repeat(Real::INFINITY), Vec3::repeat(Real::NEG_INFINITY)), |(low, high), v| {
+            (low.inf(v), high.sup(v))
+        })
     }
 
     /// A third of the area of the triangles around each vertex [m²], (n_vertices).
@@ -53,7 +52,7 @@ impl Surface {
     /// parry's mesh of this surface, oriented, so that its point projections tell inside from outside.
     ///
     /// # Panics
-    /// When the surface has no triangle; a surface that passed [`super::mesh_io::check_closed`] has some.
+    /// When the surface has no triangle; a surface that passed [`super::soundness::check_closed`] has some.
     pub fn to_trimesh(&self) -> TriMesh {
         let vertices = self.vertices.iter().map(|v| to_parry(*v)).collect();
         TriMesh::with_flags(vertices, self.triangles.clone(), TriMeshFlags::ORIENTED)

@@ -44,10 +44,8 @@ impl TetMesh {
     /// Smallest altitude of element `e` [m]: three volumes over the largest face.
     pub fn smallest_altitude(&self, e: usize) -> Real {
         let u = self.corners(e);
-        let largest_face = FACES
-            .iter()
-            .map(|f| 0.5 * (u[f[1]] - u[f[0]]).cross(&(u[f[2]] - u[f[0]])).norm())
-            .fold(0.0, Real::max);
+        let largest_face =
+            FACES.iter().map(|f| 0.5 * (u[f[1]] - u[f[0]]).cross(&(u[f[2]] - u[f[0]])).norm()).fold(0.0, Real::max);
         3.0 * volume(&u).abs() / largest_face
     }
 

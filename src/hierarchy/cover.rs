@@ -27,7 +27,9 @@ pub enum CoverError {
         spacing: Real,
     },
     /// More elements than one level may have.
-    #[error("spacing {spacing} m would make about {elements:.0} elements, over the limit of {limit}: give a coarser one")]
+    #[error(
+        "spacing {spacing} m would make about {elements:.0} elements, over the limit of {limit}: give a coarser one"
+    )]
     TooFine {
         /// Lattice constant [m].
         spacing: Real,
@@ -49,6 +51,7 @@ pub const MOST_ELEMENTS: usize = 4_000_000;
 pub fn cover(surface: &Surface, spacing: Real, index: u32, density: Real) -> Result<Level, CoverError> {
     let volume = surface.volume();
     let elements = 12.0 * volume / (spacing * spacing * spacing);
+    #[expect(clippy::neg_cmp_op_on_partial_ord, reason = "NaN is far too much, too")]
     if !(elements <= MOST_ELEMENTS as Real) {
         return Err(CoverError::TooFine { spacing, elements, limit: MOST_ELEMENTS });
     }

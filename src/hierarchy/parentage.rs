@@ -28,12 +28,10 @@ fn adopt_for_the_childless(coarse: &Level, fine: &mut Level) {
         if children[p] > 0 {
             continue;
         }
-        let adopted = (0..fine.mesh.nodes.len())
-            .filter(|&n| children[fine.parent[n] as usize] > 1)
-            .min_by(|&a, &b| {
-                let distance = |n: usize| (fine.mesh.nodes[n] - u).norm_squared();
-                distance(a).total_cmp(&distance(b)).then(a.cmp(&b))
-            });
+        let adopted = (0..fine.mesh.nodes.len()).filter(|&n| children[fine.parent[n] as usize] > 1).min_by(|&a, &b| {
+            let distance = |n: usize| (fine.mesh.nodes[n] - u).norm_squared();
+            distance(a).total_cmp(&distance(b)).then(a.cmp(&b))
+        });
         // With fewer fine nodes than coarse ones there may be none to spare; `body` refuses such levels.
         if let Some(n) = adopted {
             children[fine.parent[n] as usize] -= 1;

@@ -85,8 +85,7 @@ impl Body {
 
         let level = &parts.levels[parts.active_level as usize];
         let material_of = &parts.material_of[parts.active_level as usize];
-        let material =
-            |e: usize| parts.materials[material_of.get(e).copied().unwrap_or_default() as usize];
+        let material = |e: usize| parts.materials[material_of.get(e).copied().unwrap_or_default() as usize];
         let elements = Elements::new(level, material);
         let mut inverse_mass: Vec<Real> = level.node_mass.iter().map(|m| 1.0 / m).collect();
         for &n in &level.fixed {

@@ -75,6 +75,7 @@ fn blocks(level: &Level, material: impl Fn(usize) -> Material) -> Vec<Block> {
                 for i in 0..4 {
                     block.node[i][l] = level.mesh.elements[e][i];
                 }
+                #[expect(clippy::needless_range_loop, reason = "three arrays under the same indices")]
                 for i in 0..3 {
                     for c in 0..3 {
                         block.gradient[i][c][l] = gradients[i][c];
@@ -351,9 +352,5 @@ fn minus_times<L: Lanes>(p: &[[L; 3]; 3], g: &[L; 3]) -> [L; 3] {
 
 #[inline(always)]
 fn cross<L: Lanes>(a: &[L; 3], b: &[L; 3]) -> [L; 3] {
-    [
-        a[1].mul(b[2]).sub(a[2].mul(b[1])),
-        a[2].mul(b[0]).sub(a[0].mul(b[2])),
-        a[0].mul(b[1]).sub(a[1].mul(b[0])),
-    ]
+    [a[1].mul(b[2]).sub(a[2].mul(b[1])), a[2].mul(b[0]).sub(a[0].mul(b[2])), a[0].mul(b[1]).sub(a[1].mul(b[0]))]
 }

@@ -107,6 +107,7 @@ impl Lanes for Plain {
     }
     #[inline(always)]
     unsafe fn scatter_add(field: &mut [PaddedForce], node: &[u32; LANES], value: &[Self; 3]) {
+        #[expect(clippy::needless_range_loop, reason = "four arrays under the same index")]
         for l in 0..LANES {
             // SAFETY: the caller's promise.
             let at = unsafe { field.get_unchecked_mut(node[l] as usize) };

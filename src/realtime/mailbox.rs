@@ -4,9 +4,8 @@
 
 use crate::contact::tool::{MOST_TOOLS, PoseSample, ToolState};
 use crate::math::Vec3;
-use crate::simulation::{Inputs, Snapshot, ToolOutput};
+use crate::simulation::{Inputs, Snapshot, TickFlags, ToolOutput};
 use crate::stepping::time_step::Plan;
-use crate::wire::TickFlags;
 use rustix::event::{EventfdFlags, eventfd};
 use rustix::fd::OwnedFd;
 use std::sync::Arc;

@@ -17,7 +17,7 @@ pub const FORCE_NETWORK: u8 = 50;
 /// # Errors
 /// The system's reason.
 pub fn fifo(priority: u8) -> Result<(), String> {
-    let value = priority.try_into().map_err(|e| format!("{e}"))?;
+    let value = priority.try_into()?;
     set_thread_priority_and_policy(
         thread_native_id(),
         ThreadPriority::Crossplatform(value),

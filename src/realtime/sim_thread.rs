@@ -5,8 +5,7 @@ use super::governor::Governor;
 use super::mailbox::{Command, Frame, RecordTap, RecordedTick, SimulationEnds, TickReport, TickTiming};
 use super::pacer::{Begin, Pacer};
 use crate::contact::tool::{MOST_TOOLS, ToolEvent};
-use crate::simulation::{Inputs, Outputs, Simulation, ToolOutput};
-use crate::wire::TickFlags;
+use crate::simulation::{Inputs, Outputs, Simulation, TICKS_PER_FRAME, ToolOutput};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Everything that the thread owns.
@@ -15,6 +14,8 @@ pub struct SimThread {
     ends: SimulationEnds,
     governor: Governor,
     tap: Option<Box<RecordTap>>,
+    /// A recording that has been asked for and begins with the next frame.
+    awaited: Option<Box<RecordTap>>,
     epochs: [u32; MOST_TOOLS],
 }
 
@@ -26,7 +27,7 @@ impl SimThread {
         for (epoch, tool) in epochs.iter_mut().zip(&simulation.snapshot().tools) {
             *epoch = tool.epoch;
         }
-        Self { simulation, ends, governor: Governor::new(elements), tap: None, epochs }
+        Self { simulation, ends, governor: Governor::new(elements), tap: None, awaited: None, epochs }
     }
 
     /// Ticks until `stop`. After this call begins, nothing is allocated, locked or logged on this thread.
@@ -78,6 +79,7 @@ impl SimThread {
             let Ok(command) = self.ends.commands.pop() else { break };
             self.obey(command, &mut inputs);
         }
+        self.begin_recording();
         for (i, slot) in self.ends.poses.iter_mut().enumerate() {
             // The slot is left alone until its turn: it keeps only the newest anyway.
             if inputs.tools[i].is_some() || !slot.updated() {
@@ -101,24 +103,34 @@ impl SimThread {
                 inputs.tools[tool] = Some(ToolEvent::Detach);
             }
             Command::Reset => inputs.reset = true,
-            Command::StartRecording(mut tap) => {
+            Command::StartRecording(tap) => {
                 self.retire();
-                if let Some(mut room) = tap.room.take() {
-                    room.copy_from(self.simulation.snapshot());
-                    // The ring has room for the one start of this recording.
-                    if let Err(rtrb::PushError::Full(room)) = tap.start.push(room) {
-                        tap.room = Some(room);
-                    }
-                }
-                self.tap = Some(tap);
+                self.awaited = Some(tap);
             }
             Command::StopRecording => self.retire(),
         }
     }
 
+    /// Recordings begin where a frame ended: there the last good state, which is not recorded, is the state itself.
+    fn begin_recording(&mut self) {
+        let now = self.simulation.snapshot();
+        if !now.tick.is_multiple_of(TICKS_PER_FRAME) {
+            return;
+        }
+        let Some(mut tap) = self.awaited.take() else { return };
+        if let Some(mut room) = tap.room.take() {
+            room.copy_from(now);
+            // The ring has room for the one start of this recording.
+            if let Err(rtrb::PushError::Full(room)) = tap.start.push(room) {
+                tap.room = Some(room);
+            }
+        }
+        self.tap = Some(tap);
+    }
+
     /// Sends the tap of the recording to where it is dropped.
     fn retire(&mut self) {
-        if let Some(tap) = self.tap.take()
+        if let Some(tap) = self.tap.take().or_else(|| self.awaited.take())
             && let Err(rtrb::PushError::Full(tap)) = self.ends.retired.push(tap)
         {
             // Four recordings ended and nobody looked: leaking is the one thing that cannot block.
@@ -140,10 +152,6 @@ fn all_tools(outputs: &Outputs) -> [ToolOutput; MOST_TOOLS] {
     tools
 }
 
-fn flags(outputs: &Outputs) -> TickFlags {
-    TickFlags { restored: outputs.restored, substeps_dropped: outputs.plan.taken < outputs.plan.needed }
-}
-
 fn fill(frame: &mut Frame, outputs: &Outputs) {
     frame.tick = outputs.tick;
     frame.skin.copy_from_slice(&outputs.skin);
@@ -153,7 +161,7 @@ fn fill(frame: &mut Frame, outputs: &Outputs) {
 }
 
 fn hand_out(ends: &mut SimulationEnds, outputs: &Outputs) {
-    let report = TickReport { tick: outputs.tick, tools: all_tools(outputs), flags: flags(outputs) };
+    let report = TickReport { tick: outputs.tick, tools: all_tools(outputs), flags: outputs.flags() };
     if ends.reports.push(report).is_err() {
         ends.dropped.reports.fetch_add(1, Ordering::Relaxed);
     }
@@ -172,7 +180,7 @@ fn record(tap: &mut Option<Box<RecordTap>>, ends: &SimulationEnds, inputs: &Inpu
         tick: outputs.tick,
         inputs: *inputs,
         tools: all_tools(outputs),
-        flags: flags(outputs),
+        flags: outputs.flags(),
         hash: outputs.frame.then_some(outputs.hash),
     };
     if tap.ticks.push(tick).is_err() {

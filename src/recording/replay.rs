@@ -2,11 +2,11 @@
 
 use super::{FORMAT, RecordingError};
 use crate::math::Real;
-use crate::model::Body;
 use crate::model::element_kernel::Path as KernelPath;
+use crate::model::{Body, State};
 use crate::scene::{self, Scene};
 use crate::simulation::{Inputs, Simulation, Snapshot, TICK};
-use crate::wire::{self, TickFlags};
+use crate::wire;
 use palpate_proto::keys::topics;
 use palpate_proto::{self as proto, Message};
 use std::collections::BTreeMap;
@@ -21,6 +21,8 @@ pub struct Recording {
     pub body: Arc<Body>,
     /// The state before the first recorded tick.
     pub start: Snapshot,
+    /// What a reset returns to.
+    pub reset: State,
     /// What each tick consumed, ascending, without a gap.
     pub inputs: Vec<(u64, Inputs)>,
     /// Hash of the state at frames, by tick.
@@ -58,7 +60,8 @@ impl Recording {
                     break;
                 }
             };
-            let broken = |e: prost::DecodeError| content(format!("a message of {} is damaged: {e}", message.channel.topic));
+            let broken =
+                |e: prost::DecodeError| content(format!("a message of {} is damaged: {e}", message.channel.topic));
             let data = &message.data[..];
             match message.channel.topic.as_str() {
                 topics::START => start = Some(proto::RecordingStart::decode(data).map_err(broken)?),
@@ -100,8 +103,12 @@ impl Recording {
         if body.checksum() != start.body_checksum {
             return Err(content("the body is not the one that was recorded: its checksum differs".into()));
         }
-        let snapshot = postcard::from_bytes(&start.state)
-            .map_err(|e| content(format!("the starting state is damaged: {e}")))?;
+        let damaged = |e: postcard::Error| content(format!("the starting state is damaged: {e}"));
+        let snapshot = postcard::from_bytes(&start.state).map_err(damaged)?;
+        let reset: State = postcard::from_bytes(&start.reset_state).map_err(damaged)?;
+        if reset.position.len() != body.level().mesh.nodes.len() || reset.velocity.len() != reset.position.len() {
+            return Err(content("the state to reset to is of another body".into()));
+        }
         let mut last = start.first_tick.saturating_sub(1);
         for (tick, inputs) in &inputs {
             if *tick != last + 1 + u64::from(inputs.lapsed) {
@@ -109,7 +116,7 @@ impl Recording {
             }
             last = *tick;
         }
-        Ok(Self { scene, body: Arc::new(body), start: snapshot, inputs, hashes, wrenches, frames, cut })
+        Ok(Self { scene, body: Arc::new(body), start: snapshot, reset, inputs, hashes, wrenches, frames, cut })
     }
 }
 
@@ -158,17 +165,15 @@ impl ReplayReport {
 pub fn replay(recording: &Recording, path: KernelPath) -> Result<ReplayReport, String> {
     let started = std::time::Instant::now();
     let settings = recording.scene.settings();
-    let mut simulation =
-        Simulation::new(recording.body.clone(), settings, recording.start.clone())?.with_path(path);
+    let mut simulation = Simulation::new(recording.body.clone(), settings, recording.start.clone())?
+        .with_reset_state(&recording.reset)
+        .with_path(path);
     let mut report = ReplayReport::default();
     for (tick, inputs) in &recording.inputs {
         let outputs = simulation.advance(inputs);
         report.ticks += 1;
         debug_assert_eq!(outputs.tick, *tick);
-        let flags = TickFlags {
-            restored: outputs.restored,
-            substeps_dropped: outputs.plan.taken < outputs.plan.needed,
-        };
+        let flags = outputs.flags();
         for (i, output) in outputs.tools.iter().enumerate() {
             let Some(recorded) = recording.wrenches.get(&(*tick, i as u32)) else { continue };
             let again = wire::wrench(i as u32, *tick, recorded.sequence, output, flags);
@@ -181,7 +186,8 @@ pub fn replay(recording: &Recording, path: KernelPath) -> Result<ReplayReport, S
         }
         if let Some(recorded) = recording.hashes.get(tick) {
             if outputs.hash != *recorded {
-                let moved = recording.frames.get(tick).map(|frame| farthest(frame, &wire::positions_f32(&outputs.skin)));
+                let moved =
+                    recording.frames.get(tick).map(|frame| farthest(frame, &wire::positions_f32(&outputs.skin)));
                 let what = match moved {
                     Some(moved) => format!("state hash; the surface is at most {moved:e} m from the recorded one"),
                     None => "state hash".into(),

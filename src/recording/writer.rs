@@ -3,10 +3,10 @@
 use super::{FORMAT, RecordingError};
 use crate::contact::tool::{Phase, ToolState};
 use crate::math::Vec3;
-use crate::model::Body;
+use crate::model::{Body, State};
 use crate::scene::Scene;
-use crate::simulation::{Inputs, Snapshot, TICK, ToolOutput};
-use crate::wire::{self, TickFlags};
+use crate::simulation::{Inputs, Snapshot, TICK, TickFlags, ToolOutput};
+use crate::wire;
 use mcap::records::MessageHeader;
 use palpate_proto::keys::topics;
 use palpate_proto::{self as proto, Message};
@@ -27,11 +27,18 @@ pub struct RecordingWriter {
 }
 
 impl RecordingWriter {
-    /// Creates the file and writes how the run starts: `start` is the state before the first recorded tick.
+    /// Creates the file and writes how the run starts: `start` is the state before the first recorded tick, at the end
+    /// of a frame; `reset` what a reset returns to.
     ///
     /// # Errors
     /// Those of the file system.
-    pub fn create(path: &Path, scene: &Scene, body: &Body, start: &Snapshot) -> Result<Self, RecordingError> {
+    pub fn create(
+        path: &Path,
+        scene: &Scene,
+        body: &Body,
+        start: &Snapshot,
+        reset: &State,
+    ) -> Result<Self, RecordingError> {
         let io = |source| RecordingError::Io { path: path.display().to_string(), source };
         let file = File::create(path).map_err(io)?;
         // Chunks of a few hundred ticks: what a crash may cost.
@@ -64,15 +71,16 @@ impl RecordingWriter {
             ticks: 0,
             frames: 0,
         };
-        let state = postcard::to_stdvec(start)
-            .map_err(|e| RecordingError::Content { path: path.display().to_string(), what: e.to_string() })?;
+        let content =
+            |e: postcard::Error| RecordingError::Content { path: path.display().to_string(), what: e.to_string() };
         let opening = proto::RecordingStart {
             format: FORMAT,
             palpate_version: env!("CARGO_PKG_VERSION").into(),
             scene_toml: scene.to_toml(),
             body: body.bytes().to_vec(),
             body_checksum: body.checksum(),
-            state,
+            state: postcard::to_stdvec(start).map_err(content)?,
+            reset_state: postcard::to_stdvec(reset).map_err(content)?,
             first_tick: writer.first_tick,
         };
         writer.message(topics::START, start.tick, &opening)?;

@@ -112,11 +112,8 @@ pub(super) async fn watch_presence(
     shared: &Arc<Shared>,
     session: &zenoh::Session,
 ) -> Result<tokio::task::JoinHandle<()>, ServerError> {
-    let presence = session
-        .liveliness()
-        .declare_subscriber(keys::all_presence(&shared.options.session))
-        .await
-        .map_err(network)?;
+    let presence =
+        session.liveliness().declare_subscriber(keys::all_presence(&shared.options.session)).await.map_err(network)?;
     let shared = shared.clone();
     Ok(tokio::spawn(async move {
         while let Ok(sample) = presence.recv_async().await {
@@ -201,7 +198,8 @@ fn free(shared: &Shared, tool: usize, epoch: u32) -> Result<(), String> {
 fn describe(shared: &Shared) -> proto::Session {
     let body = &shared.body;
     let material = body.material();
-    let corners = |(low, high): (crate::math::Vec3, crate::math::Vec3)| low.iter().chain(high.iter()).copied().collect();
+    let corners =
+        |(low, high): (crate::math::Vec3, crate::math::Vec3)| low.iter().chain(high.iter()).copied().collect();
     let tools = shared.scene.tool.iter().enumerate().take(MOST_TOOLS);
     proto::Session {
         version_major: proto::VERSION_MAJOR,

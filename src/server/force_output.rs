@@ -73,8 +73,7 @@ fn send(
         // After a burst only the newest force matters; the others leave a gap in the sequence.
         let mut newest = None;
         while let Ok(report) = reports.pop() {
-            let held = |i: usize| report.tools[i].state.phase != Phase::Detached;
-            (0..publishers.len()).filter(|i| held(*i)).for_each(|i| sequence[i] += 1);
+            (0..publishers.len()).filter(|i| is_heard(&report, *i)).for_each(|i| sequence[i] += 1);
             if newest.replace(report).is_some() {
                 shared.counters.wrenches_skipped.fetch_add(1, Ordering::Relaxed);
             }
@@ -82,8 +81,7 @@ fn send(
         let Some(report) = newest else { continue };
         for (i, publisher) in publishers.iter().enumerate() {
             let tool = &report.tools[i];
-            // A tool that nobody moves is silent, but the force that a lost one still fades with is sent.
-            if tool.state.phase == Phase::Detached && tool.state.epoch == 0 {
+            if !is_heard(&report, i) {
                 continue;
             }
             let wrench = wire::wrench(i as u32, report.tick, sequence[i], tool, report.flags);
@@ -95,4 +93,10 @@ fn send(
             }
         }
     }
+}
+
+/// True while a client may listen to tool `i`: one whose poses stopped is told so, and hears its force fade.
+fn is_heard(report: &TickReport, i: usize) -> bool {
+    let tool = &report.tools[i].state;
+    tool.phase != Phase::Detached || tool.epoch != 0
 }

@@ -10,7 +10,7 @@ mod status;
 mod surface_output;
 mod tool_input;
 
-use crate::model::Body;
+use crate::model::{Body, State};
 use crate::realtime::clock::Monotonic;
 use crate::realtime::mailbox::{Command, ServerEnds, mailboxes};
 use crate::realtime::scheduling::{self, Granted};
@@ -88,6 +88,8 @@ pub enum ServerError {
 struct Shared {
     scene: Scene,
     body: Arc<Body>,
+    /// What a reset returns to.
+    reset: State,
     options: Options,
     commands: Mutex<rtrb::Producer<Command>>,
     input: tool_input::ToolInput,
@@ -136,6 +138,7 @@ impl Server {
             return Err(ServerError::SessionName(options.session));
         }
         let simulation = Simulation::new(body.clone(), scene.settings(), start).map_err(ServerError::Simulation)?;
+        let reset = simulation.reset_state().clone();
         let (sim_ends, ends) = mailboxes(scene.tool.len(), body.surface().vertices.len())?;
         let ServerEnds { poses, commands, retired, reports, wake, timings, frames, dropped } = ends;
 
@@ -154,6 +157,7 @@ impl Server {
             recorder: recorder::Recorder::new(),
             counters: status::Counters::default(),
             scheduling: granted.describe(),
+            reset,
             commands: Mutex::new(commands),
             scene,
             body,
@@ -262,6 +266,8 @@ fn open(endpoint: &str) -> Result<zenoh::Session, ServerError> {
         ("listen/exit_on_failure", "true".into()),
         ("scouting/multicast/enabled", "false".into()),
         ("scouting/gossip/enabled", "false".into()),
+        // There is nobody to look for: without this, opening waits half a second.
+        ("scouting/delay", "0".into()),
         ("timestamping/enabled", "false".into()),
         // A client that stops answering is noticed after this long [ms]; safety does not wait for it.
         ("transport/link/tx/lease", "1500".into()),
@@ -272,9 +278,15 @@ fn open(endpoint: &str) -> Result<zenoh::Session, ServerError> {
     }
     zenoh::open(config)
         .wait()
-        .map_err(|e| ServerError::Listen { endpoint: endpoint.to_owned(), message: e.to_string() })
+        .map_err(|e| ServerError::Listen { endpoint: endpoint.to_owned(), message: words(&e) })
 }
 
 fn network(e: zenoh::Error) -> ServerError {
-    ServerError::Network(e.to_string())
+    ServerError::Network(words(&e))
+}
+
+/// zenoh's message without the places in its source that it appends.
+fn words(e: &zenoh::Error) -> String {
+    let text = e.to_string();
+    text.split(" at ").filter(|part| !part.contains(".rs:")).collect::<Vec<_>>().join(" at ")
 }

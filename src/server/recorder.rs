@@ -65,7 +65,7 @@ fn start_now(shared: &Shared, path: &Path) -> Result<(), String> {
             Err(_) => std::thread::sleep(Duration::from_millis(1)),
         }
     };
-    let writer = match RecordingWriter::create(path, &shared.scene, &shared.body, &start) {
+    let writer = match RecordingWriter::create(path, &shared.scene, &shared.body, &start, &shared.reset) {
         Ok(writer) => writer,
         Err(e) => {
             let _ = shared.command(Command::StopRecording);

@@ -45,7 +45,8 @@ struct Sums {
 impl Sums {
     fn new() -> Self {
         // Nanoseconds up to a minute, three digits.
-        let histogram = || Histogram::new_with_bounds(1, 60_000_000_000, 3).unwrap_or_else(|_| unreachable!("valid bounds"));
+        let histogram =
+            || Histogram::new_with_bounds(1, 60_000_000_000, 3).unwrap_or_else(|_| unreachable!("valid bounds"));
         Self {
             lateness: histogram(),
             compute: histogram(),

@@ -20,10 +20,7 @@ pub struct Workspace {
 impl Workspace {
     /// For `body` and at most `constraints` points at a time.
     pub fn new(body: &Body, constraints: usize) -> Self {
-        Self {
-            force: vec![[0.0; 4]; body.level().mesh.nodes.len()],
-            prepared: vec![Prepared::default(); constraints],
-        }
+        Self { force: vec![[0.0; 4]; body.level().mesh.nodes.len()], prepared: vec![Prepared::default(); constraints] }
     }
 }
 

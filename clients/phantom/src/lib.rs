@@ -1,8 +1,9 @@
 //! The virtual Phantom: a haptic device and the hand that holds it, in closed loop over the network.
 //!
-//! Data flow: a [`Path`] says where the hand wants to be; [`HeldDevice`] moves device and hand under the hand's pull and
+//! Data flow: a [`Path`] says where the hand wants to be; [`HeldDevice`] moves device and hand under its pull and
 //! the force that came from the server; [`run`] sends the pose the encoders report a thousand times a second and
 //! measures what comes back. Device, hand and path know no clock and no network: the same inputs give the same motion.
+#![allow(rustdoc::broken_intra_doc_links)] // units stand in square brackets: [m]
 
 mod device;
 mod hand;

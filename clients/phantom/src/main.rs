@@ -1,4 +1,5 @@
 //! `palpate-phantom`: holds a virtual haptic device against a server and reports what it felt.
+#![allow(rustdoc::broken_intra_doc_links)] // units stand in square brackets: [m]
 
 use std::{
     io::{IsTerminal, Write},

@@ -82,11 +82,11 @@ impl Default for Options {
 
 /// Runs until `options.seconds` have passed or `stop` is set, and reports.
 ///
-/// Raises the priority of the calling thread where the system permits, before the first zenoh session is opened, so that
-/// zenoh's threads inherit it. `live` is called ten times a second from the device loop and must return quickly.
+/// Raises the priority of the calling thread where the system permits, before it opens the zenoh sessions: zenoh's
+/// threads inherit it. `live` is called ten times a second from the device loop and must return quickly.
 ///
-/// Errors: bad options, no connection, the server refuses, the path leaves the device's or the server's workspace, or no
-/// wrench comes for 2 s.
+/// Errors: bad options, no connection, the server refuses, the path leaves the workspace of the device or the
+/// server, or no wrench comes for 2 s.
 pub fn run(options: &Options, stop: &AtomicBool, live: &mut dyn FnMut(&Live)) -> Result<Report> {
     ensure!(options.rate_hz > 0.0 && options.rate_hz <= RATE_HZ, "the pose rate must be above 0 and at most 1000 Hz");
     ensure!(options.depth > 0.0 && options.depth.is_finite(), "the depth must be above 0");

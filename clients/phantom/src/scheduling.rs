@@ -1,7 +1,7 @@
 //! The scheduling class of the device loop.
 
-/// Priority of the device loop and of zenoh's threads in this process, among SCHED_FIFO. Below the server's own threads,
-/// so that a phantom on the server's machine never delays the simulation.
+/// SCHED_FIFO priority of the device loop and of zenoh's threads in this process. Below the server's own threads, so
+/// that a phantom on the server's machine never delays the simulation.
 #[cfg(unix)]
 const PRIORITY: u8 = 40;
 

@@ -9,8 +9,8 @@ use crate::Vec3;
 /// must not slip between its triangles.
 const EDGE: f64 = 1e-6;
 
-/// The topmost surface point [m] of the column along z through the middle of the bounds, and the outward unit normal there
-/// (vertex normals, interpolated). Where that column misses the body, it goes through the upward facing
+/// The topmost surface point [m] of the column along z through the middle of the bounds, and the outward unit normal
+/// there (vertex normals, interpolated). Where that column misses the body, it goes through the upward facing
 /// vertex nearest to it instead.
 ///
 /// Errors: the surface has no upward facing part.
@@ -49,8 +49,8 @@ fn topmost_hit(positions: &[Vec3], normals: &[Vec3], triangles: &[[u32; 3]], col
     hits.max_by(|(a, _), (b, _)| a.z.total_cmp(&b.z))
 }
 
-/// Outward unit normals (vertices): the normals of the adjacent triangles, weighted with their angle at the vertex, so that
-/// it does not matter how a face is cut into triangles. Zero where there is none.
+/// Outward unit normals (vertices): the normals of the adjacent triangles, weighted with their angle at the vertex, so
+/// that it does not matter how a face is cut into triangles. Zero where there is none.
 fn vertex_normals(positions: &[Vec3], triangles: &[[u32; 3]]) -> Vec<Vec3> {
     let mut normals = vec![Vec3::zeros(); positions.len()];
     for triangle in triangles {

@@ -8,7 +8,7 @@ use palpate_proto::{
 };
 use zenoh::{Wait, bytes::ZBytes};
 
-use crate::SdkError;
+use crate::{SdkError, error::reason};
 
 /// How long a query may take.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(2);
@@ -107,7 +107,11 @@ impl Connection {
         if let Some(payload) = payload {
             query = query.payload(payload);
         }
-        let replies = query.wait().map_err(|reason| SdkError::Zenoh { operation: "ask", key: key.clone(), reason })?;
+        let replies = query.wait().map_err(|error| SdkError::Zenoh {
+            operation: "ask",
+            key: key.clone(),
+            reason: reason(error),
+        })?;
         let no_answer = || SdkError::NoAnswer { key: key.clone(), endpoint: self.endpoints.surface.clone() };
         // The channel closes without a reply when nobody offers this key.
         let reply = replies.recv().map_err(|_| no_answer())?;
@@ -153,7 +157,7 @@ fn check_session_name(endpoints: &Endpoints) -> Result<(), SdkError> {
 fn open_session(endpoint: &str) -> Result<zenoh::Session, SdkError> {
     client_config(endpoint)
         .and_then(|config| zenoh::open(config).wait())
-        .map_err(|reason| SdkError::Connect { endpoint: endpoint.to_owned(), reason })
+        .map_err(|error| SdkError::Connect { endpoint: endpoint.to_owned(), reason: reason(error) })
 }
 
 fn client_config(endpoint: &str) -> zenoh::Result<zenoh::Config> {
@@ -171,7 +175,6 @@ fn client_config(endpoint: &str) -> zenoh::Result<zenoh::Config> {
         ("transport/link/tx/lease", "2000"),
         // A pose that cannot leave now is better replaced by the next one than sent late.
         ("transport/link/tx/queue/congestion_control/drop/wait_before_drop", "0"),
-        ("transport/link/tx/queue/size/real_time", "16"),
     ] {
         config.insert_json5(key, value)?;
     }

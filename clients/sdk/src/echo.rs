@@ -12,7 +12,7 @@ use zenoh::{
     qos::{CongestionControl, Priority},
 };
 
-use crate::{Connection, SdkError};
+use crate::{Connection, SdkError, error::reason};
 
 /// Bytes at the start of a payload that tell whose it is and which.
 const TAG_BYTES: usize = 8;
@@ -47,7 +47,7 @@ impl Connection {
                 }
             })
             .wait()
-            .map_err(|reason| SdkError::Zenoh { operation: "subscribe to", key, reason })?;
+            .map_err(|error| SdkError::Zenoh { operation: "subscribe to", key, reason: reason(error) })?;
         let key = keys::echo_request(session);
         let requests = force
             .declare_publisher(key.clone())
@@ -55,7 +55,7 @@ impl Connection {
             .express(true)
             .congestion_control(CongestionControl::Drop)
             .wait()
-            .map_err(|reason| SdkError::Zenoh { operation: "publish on", key, reason })?;
+            .map_err(|error| SdkError::Zenoh { operation: "publish on", key, reason: reason(error) })?;
         // Replies reach every client: four random bytes of the session's id tell ours apart.
         let mut payload = vec![0; bytes.max(TAG_BYTES)];
         payload[4..TAG_BYTES].copy_from_slice(&force.zid().to_le_bytes()[..4]);

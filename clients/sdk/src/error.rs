@@ -9,7 +9,7 @@ pub enum SdkError {
         /// The endpoint, as given.
         endpoint: String,
         /// What zenoh says.
-        reason: zenoh::Error,
+        reason: String,
     },
     /// The session name is not one key chunk.
     #[error("'{0}' cannot be a session name: use letters, digits, '-' and '_'")]
@@ -25,7 +25,7 @@ pub enum SdkError {
         /// On which key expression.
         key: String,
         /// What zenoh says.
-        reason: zenoh::Error,
+        reason: String,
     },
     /// Connected, but nobody answered a query.
     #[error("no answer on {key} from {endpoint}: is a Palpate server of this session name there?")]
@@ -57,4 +57,24 @@ pub enum SdkError {
     /// A pose to be sent holds a number that is not finite as f32; it was not sent.
     #[error("the pose is not finite")]
     PoseNotFinite,
+}
+
+/// What zenoh says, without the place in its source code that it appends to every message as ` at <file>.rs:<line>.`
+pub(crate) fn reason(error: zenoh::Error) -> String {
+    let text = error.to_string();
+    match text.rsplit_once(" at ") {
+        Some((message, place)) if place.contains(".rs:") => message.to_owned(),
+        _ => text,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_reason_names_no_source_file_of_zenoh() {
+        assert_eq!(reason("Timeout! at /src/zenoh/orchestrator.rs:388.".into()), "Timeout!");
+        assert_eq!(reason("nobody is at home".into()), "nobody is at home");
+    }
 }

@@ -10,6 +10,7 @@
 //! zenoh starts its threads with the first session of the process, and they inherit the scheduling class of the thread
 //! that opens it. A client that renders force should raise its own thread first and call [`Connection::open`] from it.
 //! Callbacks run on zenoh's receiving threads, which poses and wrenches share: they must return quickly.
+#![allow(rustdoc::broken_intra_doc_links)] // units stand in square brackets: [m]
 
 mod connection;
 mod echo;

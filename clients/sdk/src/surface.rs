@@ -3,7 +3,7 @@
 use palpate_proto::{Message, Status, SurfaceFrame, SurfaceTopology, keys};
 use zenoh::{Wait, pubsub::Subscriber};
 
-use crate::{Connection, SdkError};
+use crate::{Connection, SdkError, error::reason};
 
 /// The triangulated surface of the body at rest.
 #[derive(Clone, Debug, PartialEq)]
@@ -32,8 +32,8 @@ impl Connection {
         surface(&message)
     }
 
-    /// Calls `callback` with each surface frame, about 31 times a second. It runs on a receiving thread of zenoh and must
-    /// return quickly. Messages that are no frame are left out. Errors: [`SdkError::Zenoh`].
+    /// Calls `callback` with each surface frame, about 31 times a second. It runs on a receiving thread of zenoh and
+    /// must return quickly. Messages that are no frame are left out. Errors: [`SdkError::Zenoh`].
     pub fn subscribe_surface(
         &self,
         callback: impl Fn(SurfaceFrame) + Send + Sync + 'static,
@@ -64,7 +64,7 @@ impl Connection {
                 }
             })
             .wait()
-            .map_err(|reason| SdkError::Zenoh { operation: "subscribe to", key, reason })?;
+            .map_err(|error| SdkError::Zenoh { operation: "subscribe to", key, reason: reason(error) })?;
         Ok(Subscription { _subscriber: subscriber, _connection: self.clone() })
     }
 }

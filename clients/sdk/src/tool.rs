@@ -14,7 +14,7 @@ use zenoh::{
     qos::{CongestionControl, Priority},
 };
 
-use crate::{Connection, SdkError, Wrench, connection::nanoseconds_since, wrench::watchdog_scale};
+use crate::{Connection, SdkError, Wrench, connection::nanoseconds_since, error::reason, wrench::watchdog_scale};
 
 /// Where the tool is held, as the device measures it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -168,7 +168,7 @@ impl Connection {
                 observer(&wrench, arrival_ns);
             })
             .wait()
-            .map_err(|reason| SdkError::Zenoh { operation: "subscribe to", key, reason })?;
+            .map_err(|error| SdkError::Zenoh { operation: "subscribe to", key, reason: reason(error) })?;
 
         let key = keys::presence(session, id, epoch);
         let presence = self
@@ -176,7 +176,7 @@ impl Connection {
             .liveliness()
             .declare_token(&key)
             .wait()
-            .map_err(|reason| SdkError::Zenoh { operation: "declare presence on", key, reason })?;
+            .map_err(|error| SdkError::Zenoh { operation: "declare presence on", key, reason: reason(error) })?;
 
         let key = keys::tool_pose(session, id);
         let poses = force
@@ -185,7 +185,7 @@ impl Connection {
             .express(true)
             .congestion_control(CongestionControl::Drop)
             .wait()
-            .map_err(|reason| SdkError::Zenoh { operation: "publish on", key, reason })?;
+            .map_err(|error| SdkError::Zenoh { operation: "publish on", key, reason: reason(error) })?;
 
         Ok(Tool {
             id,
@@ -221,16 +221,16 @@ impl Tool {
 
     /// Sends a pose with the current time and returns its sequence number, which counts from 1.
     ///
-    /// Never waits: a pose that cannot leave now is dropped. Errors: [`SdkError::PoseNotFinite`],
+    /// Does not wait for the network: a pose that cannot leave now is dropped. Errors: [`SdkError::PoseNotFinite`],
     /// [`SdkError::Zenoh`] when the connection is closed.
     pub fn send_pose(&mut self, pose: PoseSample) -> Result<u32, SdkError> {
         let sequence = self.sequence.wrapping_add(1);
         let message = pose.message(self.epoch, sequence, self.now_ns())?;
         self.sequence = sequence;
-        self.poses.put(message.encode_to_vec()).wait().map_err(|reason| SdkError::Zenoh {
+        self.poses.put(message.encode_to_vec()).wait().map_err(|error| SdkError::Zenoh {
             operation: "publish on",
             key: self.poses.key_expr().to_string(),
-            reason,
+            reason: reason(error),
         })?;
         Ok(sequence)
     }

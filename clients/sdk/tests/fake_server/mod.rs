@@ -83,7 +83,6 @@ fn open_router(endpoint: &str) -> zenoh::Session {
         // A router stamps every message by default.
         ("timestamping/enabled", "false"),
         ("transport/link/tx/queue/congestion_control/drop/wait_before_drop", "0"),
-        ("transport/link/tx/queue/size/real_time", "16"),
     ] {
         config.insert_json5(key, value).unwrap();
     }

@@ -1,0 +1,403 @@
+//! The server over real zenoh sessions on loopback: what a client sees, and what it may do to the server.
+
+use palpate::model::element_kernel::Path as KernelPath;
+use palpate::recording::{Recording, replay};
+use palpate::scene::LoadedScene;
+use palpate::server::{Options, Server};
+use palpate_proto::{self as proto, Message, control_request::Request, keys};
+use palpate_sdk::{Connection, Endpoints, PoseSample, SdkError, Tool, ToolPhase};
+use std::path::Path;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+use zenoh::Wait;
+
+/// Two ports that nobody listens on.
+fn free_endpoints() -> (String, String) {
+    let taken: Vec<_> = (0..2).map(|_| std::net::TcpListener::bind("127.0.0.1:0").unwrap()).collect();
+    let ports: Vec<u16> = taken.iter().map(|l| l.local_addr().unwrap().port()).collect();
+    (format!("tcp/127.0.0.1:{}", ports[0]), format!("tcp/127.0.0.1:{}", ports[1]))
+}
+
+struct Running {
+    runtime: tokio::runtime::Runtime,
+    server: Option<Server>,
+    endpoints: Endpoints,
+    folder: tempfile::TempDir,
+}
+
+/// A small cube, clamped at the bottom, with two ball tools.
+fn serve() -> Running {
+    let given = [
+        "body.cells=[[3,3,3],[4,4,4]]",
+        "world.gravity=[0,0,0]",
+        "tool=[{name=\"left\", radius=0.02}, {name=\"right\", radius=0.02}]",
+    ]
+    .map(String::from);
+    let loaded = LoadedScene::load(Path::new("cube"), &given).unwrap();
+    let body = Arc::new(loaded.build(&mut |_, _, _| {}).unwrap());
+    let start = palpate::simulation::Snapshot::at_rest(&body, 2);
+    let (force, surface) = free_endpoints();
+    let folder = tempfile::tempdir().unwrap();
+    let options = Options {
+        session: "test".into(),
+        force_endpoint: force.clone(),
+        surface_endpoint: surface.clone(),
+        recordings: folder.path().to_owned(),
+        ..Options::default()
+    };
+    let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().worker_threads(2).build().unwrap();
+    let server = runtime.block_on(Server::start(loaded.scene, body, start, options)).unwrap();
+    Running { runtime, server: Some(server), endpoints: Endpoints { force, surface, session: "test".into() }, folder }
+}
+
+impl Running {
+    fn status(&self) -> proto::Status {
+        self.server.as_ref().unwrap().live().borrow().clone()
+    }
+
+    fn stop(mut self) -> proto::Status {
+        self.runtime.block_on(self.server.take().unwrap().stop()).unwrap()
+    }
+
+    fn refused(&self, reason: &str) -> u64 {
+        self.status().refused.iter().find(|r| r.reason == reason).map_or(0, |r| r.count)
+    }
+}
+
+fn wait_for(what: &str, mut done: impl FnMut() -> bool) {
+    let began = Instant::now();
+    while !done() {
+        assert!(began.elapsed() < Duration::from_secs(10), "waited in vain: {what}");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+/// Above the middle of the cube's top, the ball `height` [m] above touching it.
+fn above(height: f64) -> PoseSample {
+    PoseSample {
+        position: [0.05, 0.05, 0.12 + height],
+        orientation: [0.0, 0.0, 0.0, 1.0],
+        linear_velocity: None,
+        angular_velocity: None,
+        buttons: 0,
+    }
+}
+
+/// Sends poses every millisecond for `milliseconds`, the height going from `from` to `to`.
+fn move_tool(tool: &mut Tool, from: f64, to: f64, milliseconds: u32) {
+    let mut next = Instant::now();
+    for i in 1..=milliseconds {
+        tool.send_pose(above(from + (to - from) * f64::from(i) / f64::from(milliseconds))).unwrap();
+        next += Duration::from_millis(1);
+        std::thread::sleep(next.saturating_duration_since(Instant::now()));
+    }
+}
+
+#[test]
+fn a_client_finds_the_session_presses_and_is_answered_every_tick() {
+    let running = serve();
+    let connection = Connection::open(&running.endpoints).unwrap();
+    let session = connection.session().unwrap();
+    assert_eq!((session.version_major, session.ticks_per_frame), (proto::VERSION_MAJOR, 32));
+    assert_eq!(session.tools.len(), 2);
+    assert!((session.body.as_ref().unwrap().mass_kg - 1.0).abs() < 1e-9);
+    let surface = connection.surface_topology().unwrap();
+    assert!(!surface.triangles.is_empty());
+
+    let frames = Arc::new(std::sync::Mutex::new(Vec::new()));
+    let seen = frames.clone();
+    let _frames = connection.subscribe_surface(move |frame| seen.lock().unwrap().push(frame)).unwrap();
+
+    let mut tool = connection.attach("test", "left", 1000.0).unwrap();
+    assert!(connection.session().unwrap().tools[0].taken);
+    move_tool(&mut tool, 0.02, 0.02, 50);
+    move_tool(&mut tool, 0.02, -0.008, 300);
+    move_tool(&mut tool, -0.008, -0.008, 700);
+    let pressed = tool.latest_wrench().unwrap().wrench;
+    assert_eq!(pressed.phase, ToolPhase::Engaged);
+    assert!(pressed.force[2] > 0.1 && pressed.force[2] < 3.3, "{pressed:?}");
+    let counters = tool.counters();
+    // About a thousand ticks have passed; on a busy machine some are late or superseded.
+    assert!(counters.received > 700, "{counters:?}");
+    assert_eq!(counters.undecodable, 0);
+
+    let frames = std::mem::take(&mut *frames.lock().unwrap());
+    assert!(frames.len() > 20, "{} frames", frames.len());
+    for pair in frames.windows(2) {
+        assert!(pair[1].tick > pair[0].tick && pair[1].tick.is_multiple_of(32));
+    }
+    let last = palpate_sdk::frame_positions(frames.last().unwrap()).unwrap();
+    assert_eq!(last.len(), surface.rest_positions.len());
+    let dent = last.iter().zip(&surface.rest_positions).map(|(now, rest)| rest[2] - now[2]).fold(0.0, f32::max);
+    assert!(dent > 0.002, "the surface shows the dent: {dent}");
+
+    tool.detach().unwrap();
+    wait_for("the tool to be free", || !connection.session().unwrap().tools[0].taken);
+    let status = running.stop();
+    assert!(status.tick > 1000 && status.restored_states == 0, "{status:?}");
+}
+
+#[test]
+fn tools_have_one_holder_and_requests_that_make_no_sense_are_answered() {
+    let running = serve();
+    let connection = Connection::open(&running.endpoints).unwrap();
+    let refused = |outcome: Result<Tool, SdkError>| match outcome {
+        Err(e) => e.to_string(),
+        Ok(_) => panic!("attached"),
+    };
+    let left = connection.attach("first", "left", 1000.0).unwrap();
+    assert!(refused(connection.attach("second", "left", 1000.0)).contains("held by first"));
+    assert!(refused(connection.attach("second", "scalpel", 1000.0)).contains("left, right"));
+    assert!(refused(connection.attach("second", "", 0.5)).contains("rate_hz"));
+    let right = connection.attach("second", "", 80.0).unwrap();
+    assert_eq!((left.id(), right.id()), (0, 1));
+    assert!(refused(connection.attach("third", "", 1000.0)).contains("every tool is taken"));
+    let outside = proto::StartRecording { path: "../elsewhere.mcap".into() };
+    let e = connection.control(proto::ControlRequest { request: Some(Request::StartRecording(outside)) });
+    assert!(e.unwrap_err().to_string().contains("below the server's recordings folder"));
+    let e = connection.control(proto::ControlRequest { request: None }).unwrap_err().to_string();
+    assert!(e.contains("empty control request"), "{e}");
+    let e =
+        connection.control(proto::ControlRequest { request: Some(Request::StopRecording(proto::StopRecording {})) });
+    assert!(e.unwrap_err().to_string().contains("no recording"));
+    running.stop();
+}
+
+#[test]
+fn garbage_bad_poses_and_floods_are_refused_and_counted_while_the_clock_goes_on() {
+    let running = serve();
+    let connection = Connection::open(&running.endpoints).unwrap();
+    let mut tool = connection.attach("test", "left", 1000.0).unwrap();
+    move_tool(&mut tool, 0.02, 0.02, 30);
+    // Somebody else on the same key, without the sdk's care.
+    let mut config = zenoh::Config::default();
+    for (key, value) in [
+        ("mode", "\"client\"".to_owned()),
+        ("connect/endpoints", format!("[{:?}]", running.endpoints.force)),
+        ("scouting/multicast/enabled", "false".into()),
+    ] {
+        config.insert_json5(key, &value).unwrap();
+    }
+    let stranger = zenoh::open(config).wait().unwrap();
+    let good = proto::ToolPose {
+        epoch: tool.epoch(),
+        sequence: 1_000_000,
+        position: vec![0.05, 0.05, 0.14],
+        orientation: vec![0.0, 0.0, 0.0, 1.0],
+        ..Default::default()
+    };
+    let send = |tool: u32, bytes: Vec<u8>| stranger.put(keys::tool_pose("test", tool), bytes).wait().unwrap();
+    let changed = |change: &dyn Fn(&mut proto::ToolPose)| {
+        let mut pose = good.clone();
+        change(&mut pose);
+        pose.encode_to_vec()
+    };
+    send(0, b"\xff\xfe garbage".to_vec());
+    send(0, vec![0xff; 60_000]);
+    send(99, good.encode_to_vec());
+    send(0, changed(&|p| p.epoch ^= 1));
+    send(0, changed(&|p| p.position[0] = f32::NAN));
+    send(0, changed(&|p| p.orientation = vec![0.0; 4]));
+    send(0, changed(&|p| p.position = vec![90.0, 0.0, 0.0]));
+    send(0, changed(&|p| p.sequence = 0));
+    for (reason, least) in [
+        ("malformed", 2),
+        ("unknown tool", 1),
+        ("wrong epoch", 1),
+        ("not finite", 1),
+        ("bad orientation", 1),
+        ("out of range", 1),
+        ("stale", 1),
+    ] {
+        wait_for(reason, || running.refused(reason) >= least);
+    }
+    let before = running.status().tick;
+    let malformed = running.refused("malformed");
+    for _ in 0..20_000 {
+        send(0, b"\xff\xfe garbage".to_vec());
+    }
+    wait_for("the flood to be counted", || running.refused("malformed") > malformed + 1000);
+    wait_for("the clock to go on", || running.status().tick > before + 200);
+    move_tool(&mut tool, 0.02, 0.02, 50);
+    let wrench = tool.latest_wrench().unwrap().wrench;
+    assert_eq!((wrench.phase, wrench.force), (ToolPhase::Engaged, [0.0; 3]));
+    let status = running.stop();
+    assert_eq!(status.restored_states, 0);
+}
+
+#[test]
+fn a_jump_of_a_metre_is_followed_at_the_speed_limit_and_within_the_force_limit() {
+    let running = serve();
+    let connection = Connection::open(&running.endpoints).unwrap();
+    let mut tool = connection.attach("test", "left", 1000.0).unwrap();
+    move_tool(&mut tool, 0.3, 0.3, 50);
+    // Straight through the body to below it: 0.7 m at once, then held there.
+    let mut worst = 0.0f64;
+    let mut heights = Vec::new();
+    for _ in 0..600 {
+        tool.send_pose(above(-0.4)).unwrap();
+        std::thread::sleep(Duration::from_millis(1));
+        let wrench = tool.latest_wrench().unwrap().wrench;
+        worst = worst.max(wrench.force.iter().map(|c| c * c).sum::<f64>().sqrt());
+        heights.push((wrench.tick, wrench.position[2]));
+    }
+    for pair in heights.windows(2) {
+        let (ticks, moved) = (pair[1].0 - pair[0].0, (pair[1].1 - pair[0].1).abs());
+        assert!(moved <= 1.01e-3 * ticks as f64 + 1e-6, "{moved} m in {ticks} ticks");
+    }
+    println!("peak force {worst} N");
+    assert!(worst > 0.0 && worst <= 3.3 + 1e-5, "{worst}");
+    assert_eq!(running.stop().restored_states, 0);
+}
+
+#[test]
+fn a_silent_client_feels_its_force_fade_and_loses_contact() {
+    let running = serve();
+    let connection = Connection::open(&running.endpoints).unwrap();
+    let mut tool = connection.attach("test", "left", 1000.0).unwrap();
+    move_tool(&mut tool, 0.02, 0.02, 50);
+    move_tool(&mut tool, 0.02, -0.008, 300);
+    move_tool(&mut tool, -0.008, -0.008, 200);
+    let pressed = tool.latest_wrench().unwrap().wrench;
+    assert!(pressed.force[2] > 0.1);
+    // Silence. The wrenches go on and say so.
+    let (mut ages, mut last) = (Vec::new(), None);
+    let began = Instant::now();
+    while began.elapsed() < Duration::from_millis(300) {
+        if let Some(received) = tool.latest_wrench().filter(|r| r.fresh) {
+            let w = received.wrench;
+            ages.push((w.pose_age_ticks, w.force[2], w.phase));
+            last = Some(w);
+        }
+        std::thread::sleep(Duration::from_micros(500));
+    }
+    for (age, force, phase) in &ages {
+        // One newton per millisecond of slew may stand between the ramp and the force.
+        let left = (70.0 - f64::from(*age)) / 50.0;
+        assert!(*force <= pressed.force[2] * left.clamp(0.0, 1.0) * 1.1 + 0.02, "{age}: {force}");
+        assert!(*age <= 20 || *phase != ToolPhase::Engaged, "{age} {phase:?}");
+    }
+    assert!(ages.iter().any(|a| a.2 == ToolPhase::Holding), "{ages:?}");
+    let last = last.unwrap();
+    assert_eq!((last.phase, last.force), (ToolPhase::Detached, [0.0; 3]));
+    running.stop();
+}
+
+const VICTIM: &str = "PALPATE_TEST_VICTIM";
+
+/// Not a claim of its own: the process that the next test kills. It presses until it dies.
+#[test]
+fn victim_process() {
+    let Ok(endpoints) = std::env::var(VICTIM) else { return };
+    let (force, surface) = endpoints.split_once(' ').unwrap();
+    let endpoints = Endpoints { force: force.into(), surface: surface.into(), session: "test".into() };
+    let connection = Connection::open(&endpoints).unwrap();
+    let mut tool = connection.attach("victim", "left", 1000.0).unwrap();
+    move_tool(&mut tool, 0.02, 0.02, 50);
+    move_tool(&mut tool, 0.02, -0.008, 300);
+    move_tool(&mut tool, -0.008, -0.008, 20_000);
+}
+
+#[test]
+fn a_client_killed_mid_press_frees_its_tool() {
+    let running = serve();
+    let mut victim = std::process::Command::new(std::env::current_exe().unwrap())
+        .args(["victim_process", "--exact"])
+        .env(VICTIM, format!("{} {}", running.endpoints.force, running.endpoints.surface))
+        .stdout(std::process::Stdio::null())
+        .spawn()
+        .unwrap();
+    let other = Connection::open(&running.endpoints).unwrap();
+    wait_for("the victim to take its tool", || other.session().unwrap().tools[0].taken);
+    std::thread::sleep(Duration::from_millis(600));
+    victim.kill().unwrap();
+    victim.wait().unwrap();
+    let killed = Instant::now();
+    wait_for("the tool to be free", || !other.session().unwrap().tools[0].taken);
+    println!("freed {:?} after the kill", killed.elapsed());
+    let before = running.status().tick;
+    let mut again = other.attach("next", "left", 1000.0).unwrap();
+    // Inside the body: no force until it has been outside.
+    move_tool(&mut again, -0.03, -0.03, 60);
+    let wrench = again.latest_wrench().unwrap().wrench;
+    assert_eq!((wrench.phase, wrench.force), (ToolPhase::Waiting, [0.0; 3]));
+    move_tool(&mut again, 0.03, 0.03, 60);
+    assert_eq!(again.latest_wrench().unwrap().wrench.phase, ToolPhase::Engaged);
+    wait_for("the clock to go on", || running.status().tick > before + 100);
+    assert_eq!(running.stop().restored_states, 0);
+}
+
+#[test]
+fn a_headset_at_72_hz_presses_smoothly() {
+    let running = serve();
+    let connection = Connection::open(&running.endpoints).unwrap();
+    let mut tool = connection.attach("headset", "left", 72.0).unwrap();
+    let mut steps = Vec::new();
+    let mut last: Option<(u64, f64)> = None;
+    let began = Instant::now();
+    for i in 0..72 {
+        let t = f64::from(i) / 72.0;
+        tool.send_pose(above(0.02 - 0.028 * t)).unwrap();
+        while began.elapsed().as_secs_f64() < f64::from(i + 1) / 72.0 {
+            let fresh = tool.latest_wrench().filter(|r| r.fresh).map(|r| r.wrench);
+            if let Some(w) = fresh.filter(|w| w.phase == ToolPhase::Engaged) {
+                if let Some((tick, z)) = last {
+                    steps.push((w.position[2] - z).abs() / (w.tick - tick).max(1) as f64);
+                }
+                last = Some((w.tick, w.position[2]));
+            }
+            std::thread::sleep(Duration::from_micros(500));
+        }
+    }
+    // 28 mm in a second: between samples the tool moves on, a little each tick, instead of 0.39 mm at every 14th.
+    let largest = steps.iter().copied().fold(0.0, f64::max);
+    let moving = steps.iter().filter(|s| **s > 1e-6).count();
+    println!("largest step {largest} m, moving in {moving} of {}", steps.len());
+    assert!(largest < 1.5e-4, "{largest}");
+    assert!(moving * 10 > steps.len() * 7);
+    running.stop();
+}
+
+#[test]
+fn a_recording_of_a_live_session_replays_bit_for_bit() {
+    let running = serve();
+    let connection = Connection::open(&running.endpoints).unwrap();
+    let mut tool = connection.attach("test", "left", 1000.0).unwrap();
+    move_tool(&mut tool, 0.02, 0.02, 30);
+    let ask = |request| connection.control(proto::ControlRequest { request: Some(request) }).unwrap();
+    ask(Request::StartRecording(proto::StartRecording { path: "press.mcap".into() }));
+    move_tool(&mut tool, 0.02, -0.01, 300);
+    ask(Request::Reset(proto::ResetBody {}));
+    move_tool(&mut tool, -0.01, 0.02, 200);
+    move_tool(&mut tool, 0.02, -0.01, 200);
+    let done = ask(Request::StopRecording(proto::StopRecording {})).recording.unwrap();
+    assert!(done.fault.is_empty() && done.ticks > 600, "{done:?}");
+    let file = running.folder.path().join("press.mcap");
+    let recording = Recording::read(&file).unwrap();
+    assert!(recording.cut.is_none());
+    assert!(recording.frames.len() > 15 && recording.wrenches.len() > 600);
+    assert!(recording.inputs.iter().any(|(_, inputs)| inputs.reset));
+    let pressed = recording.wrenches.values().filter(|w| w.contact_points > 0).count();
+    assert!(pressed > 100, "{pressed}");
+    for path in KernelPath::available() {
+        let report = replay(&recording, path).unwrap();
+        println!("{path:?}: {}", report.verdict());
+        assert_eq!(report.difference, None);
+        assert_eq!(report.ticks, done.ticks);
+    }
+    running.stop();
+}
+
+#[test]
+fn a_taken_port_is_named() {
+    let running = serve();
+    let given = ["body.cells=[[2,2,2]]", "world.settle=0"].map(String::from);
+    let loaded = LoadedScene::load(Path::new("cube"), &given).unwrap();
+    let body = Arc::new(loaded.build(&mut |_, _, _| {}).unwrap());
+    let start = palpate::simulation::Snapshot::at_rest(&body, 1);
+    let options = Options { force_endpoint: running.endpoints.force.clone(), ..Options::default() };
+    let outcome = running.runtime.block_on(Server::start(loaded.scene, body, start, options));
+    let e = outcome.err().unwrap().to_string();
+    assert!(e.contains(&running.endpoints.force) && e.contains("another server"), "{e}");
+    running.stop();
+}

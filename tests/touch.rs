@@ -1,0 +1,607 @@
+//! Contact as the hand and the body feel it: what a press gives and takes, that tools never pull, that nothing a
+//! client may do breaks the body, and that the same inputs give the same bits.
+
+use palpate::contact::safety::ForceLimits;
+use palpate::contact::tool::{Following, PoseSample, Shape as ToolShape, Tool, ToolEvent};
+use palpate::contact::tool::{Phase, ToolState};
+use palpate::geometry::primitives::box_mesh;
+use palpate::math::{Pose, Real, Vec3, is_finite, normalized_quaternion};
+use palpate::model::element_kernel;
+use palpate::model::energy::energy;
+use palpate::model::skin::skin;
+use palpate::model::{Body, Material};
+use palpate::prepare::{Recipe, Shape, prepare};
+use palpate::scene::LoadedScene;
+use palpate::simulation::{Inputs, Outputs, Settings, Simulation, Snapshot, TICK, TICKS_PER_FRAME};
+use std::path::Path;
+use std::sync::Arc;
+
+/// Edge of every body here [m].
+const SIDE: Real = 0.1;
+/// Middle of the top face.
+const TOP: Vec3 = Vec3::new(0.05, 0.05, SIDE);
+const UPRIGHT: [Real; 4] = [0.0, 0.0, 0.0, 1.0];
+/// Turns a tool's own +z to +x.
+const ALONG_X: [Real; 4] = [0.0, std::f64::consts::FRAC_1_SQRT_2, 0.0, std::f64::consts::FRAC_1_SQRT_2];
+
+/// The bundled cube without gravity, held fast at its bottom; `overrides` as for `--set`.
+fn cube(overrides: &[&str]) -> (Arc<Body>, Settings) {
+    let small = ["body.cells=[[4,4,4],[8,8,8]]", "body.active_level=1", "world.gravity=[0,0,0]", "world.settle=0"];
+    let all: Vec<String> = small.iter().chain(overrides).map(|s| (*s).to_owned()).collect();
+    let loaded = LoadedScene::load(Path::new("cube"), &all).unwrap();
+    (Arc::new(loaded.build(&mut |_, _, _| {}).unwrap()), loaded.scene.settings())
+}
+
+fn simulation((body, settings): &(Arc<Body>, Settings)) -> Simulation {
+    let rest = Snapshot::at_rest(body, settings.tools.len());
+    Simulation::new(body.clone(), settings.clone(), rest).unwrap()
+}
+
+fn attach() -> ToolEvent {
+    ToolEvent::Attach { epoch: 1, period_ticks: 1 }
+}
+
+fn posed(position: Vec3, orientation: [Real; 4]) -> ToolEvent {
+    ToolEvent::Pose(PoseSample {
+        sequence: 1,
+        time_ns: 0,
+        pose: Pose { position, orientation },
+        linear_velocity: Vec3::zeros(),
+        angular_velocity: Vec3::zeros(),
+        buttons: 0,
+    })
+}
+
+fn at(position: Vec3) -> ToolEvent {
+    posed(position, UPRIGHT)
+}
+
+/// One event for each tool, in order.
+fn inputs(events: &[Option<ToolEvent>]) -> Inputs {
+    let mut inputs = Inputs::default();
+    inputs.tools[..events.len()].copy_from_slice(events);
+    inputs
+}
+
+/// One tick of the only tool.
+fn tick(simulation: &mut Simulation, event: ToolEvent) -> &Outputs {
+    simulation.advance(&inputs(&[Some(event)]))
+}
+
+/// From 0 at `from` to 1 at `to`, without a kink.
+fn ease(t: Real, from: Real, to: Real) -> Real {
+    let s = ((t - from) / (to - from)).clamp(0.0, 1.0);
+    s * s * (3.0 - 2.0 * s)
+}
+
+fn rest_distance(simulation: &Simulation) -> Real {
+    let rest = &simulation.body().level().mesh.nodes;
+    simulation.snapshot().body.position.iter().zip(rest).map(|(x, u)| (x - u).norm()).fold(0.0, Real::max)
+}
+
+/// Splitmix64: any seed gives its own sequence.
+struct Random(u64);
+
+impl Random {
+    fn bits(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    }
+
+    fn between(&mut self, low: Real, high: Real) -> Real {
+        low + (high - low) * (self.bits() >> 11) as Real / (1u64 << 53) as Real
+    }
+
+    fn below(&mut self, count: u64) -> u64 {
+        self.bits() % count
+    }
+
+    fn place(&mut self) -> Vec3 {
+        Vec3::from_fn(|_, _| self.between(-0.05, 0.15))
+    }
+
+    fn orientation(&mut self) -> [Real; 4] {
+        normalized_quaternion(std::array::from_fn(|_| self.between(-1.0, 1.0))).unwrap_or(UPRIGHT)
+    }
+}
+
+// ---- What a press gives and takes ----
+
+/// A cube that nothing holds, under one tool.
+fn free_cube(shape: ToolShape) -> (Arc<Body>, Settings) {
+    let elastic = Material::from_young(1e4, 0.35, 1000.0);
+    let recipe = Recipe {
+        name: "free".into(),
+        shape: Shape::Meshes(vec![box_mesh(Vec3::repeat(SIDE), [4; 3])]),
+        material: Material { phi: elastic.lambda * 1e-3, psi: elastic.mu * 1e-3, ..elastic },
+        holds: vec![],
+        active_level: None,
+    };
+    let settings = Settings {
+        gravity: Vec3::zeros(),
+        tools: vec![Tool { name: "tool".into(), shape }],
+        following: Following { speed: 1.0, engage_ticks: 100 },
+        limits: ForceLimits { force: 3.3, torque: 0.2, slew: 1000.0 },
+    };
+    (Arc::new(prepare(&recipe, &mut |_, _, _| {}).unwrap()), settings)
+}
+
+/// Largest error of the momentum balance over any tick, against the largest momentum, and largest error of the
+/// balance of angular momentum as a lever arm [m] of the force, against the way that the fastest node made in the tick.
+fn momentum_errors(shape: ToolShape, pose_at: impl Fn(Real) -> ToolEvent) -> (Real, Real) {
+    let mut free = simulation(&free_cube(shape));
+    tick(&mut free, attach());
+    let (mut worst, mut most_momentum, mut worst_lever, mut pushed) = (0.0 as Real, 0.0 as Real, 0.0 as Real, 0);
+    for i in 0..400 {
+        let before = energy(free.body(), &free.snapshot().body, Vec3::zeros());
+        let tool = tick(&mut free, pose_at(i as Real * TICK)).tools[0].state;
+        let after = energy(free.body(), &free.snapshot().body, Vec3::zeros());
+        let given = tool.physical_force * TICK;
+        worst = worst.max((after.linear_momentum - before.linear_momentum + given).norm());
+        most_momentum = most_momentum.max(after.linear_momentum.norm());
+        if given.norm() > 1e-6 {
+            pushed += 1;
+            let middle = (tool.previous.position + tool.pose.position) * 0.5;
+            let moment = (tool.physical_torque + middle.cross(&tool.physical_force)) * TICK;
+            let error = (after.angular_momentum - before.angular_momentum + moment).norm();
+            let way = free.snapshot().body.velocity.iter().map(|v| v.norm()).fold(0.0, Real::max) * TICK;
+            worst_lever = worst_lever.max(error / given.norm() / way);
+        }
+    }
+    assert!(pushed > 50, "pushed in {pushed} ticks only");
+    (worst / most_momentum, worst_lever)
+}
+
+#[test]
+fn what_the_tool_gets_the_body_loses_tick_by_tick() {
+    let ball =
+        momentum_errors(ToolShape { radius: 0.02, length: 0.0 }, |t| at(TOP + Vec3::new(0.02, -0.01, 0.023 - 0.1 * t)));
+    let capsule = momentum_errors(ToolShape { radius: 0.008, length: 0.06 }, |t| {
+        let turned = normalized_quaternion([0.3 * t, 1.0, 0.1, 1.0 - t]).unwrap();
+        posed(TOP + Vec3::new(-0.03 + 0.05 * t, -0.01, 0.012 - 0.08 * t), turned)
+    });
+    println!("linear: ball {:.1e}, capsule {:.1e} of the momentum", ball.0, capsule.0);
+    println!("angular: ball {:.1e}, capsule {:.1e} of the way of the fastest node, as a lever arm", ball.1, capsule.1);
+    for (linear, angular) in [ball, capsule] {
+        assert!(linear <= 1e-12);
+        // The force's line is that of the start of the tick, and the surface slides along the tool until its end.
+        assert!(angular <= 1.0);
+    }
+}
+
+#[test]
+fn a_tool_never_pulls() {
+    for radius in ["tool.radius=0.01", "tool.radius=0.02"] {
+        let mut press = simulation(&cube(&[radius]));
+        let r = press.settings().tools[0].shape.radius;
+        tick(&mut press, attach());
+        let (mut most, mut least) = (0.0 as Real, Real::INFINITY);
+        let mut last = None;
+        for i in 0..1200 {
+            let t = i as Real * TICK;
+            let depth =
+                0.008 * (ease(t, 0.0, 0.2) - ease(t, 0.4, 0.5)) + 0.02 * (ease(t, 0.0, 0.1) - ease(t, 0.5, 0.6));
+            let force = tick(&mut press, at(TOP + Vec3::z() * (r + 0.02 - depth))).tools[0].state.physical_force;
+            most = most.max(force.z);
+            least = least.min(force.z);
+            last = Some(press.advance(&inputs(&[Some(at(TOP + Vec3::z() * (r + 0.02 - depth)))])).tools[0]);
+        }
+        let last = last.unwrap();
+        println!("{radius}: {least} N to {most:.3} N, {} points at the end", last.contact_points);
+        assert!(most > 0.2 && least >= 0.0);
+        assert_eq!(
+            (last.state.physical_force, last.state.force, last.contact_points),
+            (Vec3::zeros(), Vec3::zeros(), 0)
+        );
+    }
+}
+
+#[test]
+fn a_frictionless_ball_feels_no_torque_about_its_centre() {
+    let mut press = simulation(&cube(&["tool.radius=0.015"]));
+    tick(&mut press, attach());
+    let (mut force, mut torque) = (0.0 as Real, 0.0 as Real);
+    for i in 0..600 {
+        let t = i as Real * TICK;
+        let place = TOP + Vec3::new(0.04 * ease(t, 0.3, 0.6), 0.01, 0.017 - 0.012 * ease(t, 0.0, 0.3));
+        let turned = normalized_quaternion([0.5 * t, t, -0.2, 1.0]).unwrap();
+        let tool = tick(&mut press, posed(place, turned)).tools[0].state;
+        force = force.max(tool.physical_force.norm());
+        torque = torque.max(tool.physical_torque.norm().max(tool.torque.norm()));
+    }
+    println!("torque {torque:.1e} N m at {force:.3} N");
+    assert!(force > 0.5 && torque <= 1e-9);
+}
+
+#[test]
+fn a_tool_taken_inside_the_body_touches_nothing_until_it_has_been_outside() {
+    let cube = cube(&["tool.radius=0.01"]);
+    let (mut inside, mut alone) = (simulation(&cube), simulation(&cube));
+    tick(&mut inside, attach());
+    alone.advance(&Inputs::default());
+    for i in 0..500 {
+        // Around in the body, and half out of it.
+        let place = TOP + Vec3::new(0.03 * (i as Real * 0.01).sin(), 0.0, -0.05 + 0.055 * ease(i as Real, 0.0, 500.0));
+        let tool = tick(&mut inside, at(place)).tools[0];
+        alone.advance(&Inputs::default());
+        assert_eq!(tool.state.phase, Phase::Waiting, "tick {i}");
+        assert_eq!(
+            (tool.state.physical_force, tool.state.force, tool.contact_points),
+            (Vec3::zeros(), Vec3::zeros(), 0)
+        );
+        assert_eq!(inside.snapshot().body, alone.snapshot().body, "tick {i}");
+    }
+    let mut last = ToolState::default();
+    let mut engaged_at = None;
+    for i in 0..600 {
+        let t = i as Real * TICK;
+        let height = 0.005 + 0.015 * ease(t, 0.0, 0.2) - 0.015 * ease(t, 0.2, 0.4);
+        last = tick(&mut inside, at(TOP + Vec3::z() * height)).tools[0].state;
+        if last.phase == Phase::Engaged && engaged_at.is_none() {
+            engaged_at = Some(height);
+        }
+    }
+    println!("engaged {:.2} mm above the face, then {:.3} N", 1e3 * engaged_at.unwrap(), last.force.z);
+    assert!(engaged_at.unwrap() >= 0.01 && last.force.z > 0.1);
+}
+
+#[test]
+fn a_deeper_press_pushes_harder_and_a_hold_is_quiet() {
+    for radius in [0.01, 0.015, 0.02] {
+        let mut press = simulation(&cube(&[&format!("tool.radius={radius}")]));
+        tick(&mut press, attach());
+        let mut forces = vec![0.0];
+        for i in 0..2000 {
+            // 10 mm in two seconds.
+            let depth = 5e-6 * Real::from(i);
+            let force = tick(&mut press, at(TOP + Vec3::z() * (radius + 1e-4 - depth))).tools[0].state.physical_force;
+            if i % 100 == 99 {
+                forces.push(force.z);
+            }
+        }
+        let (mut noise, mut last) = (0.0 as Real, 0.0);
+        let mut spread = (Real::INFINITY, 0.0 as Real);
+        for i in 0..1000 {
+            let force = tick(&mut press, at(TOP + Vec3::z() * (radius - 9.9e-3))).tools[0].state.physical_force.z;
+            if i >= 500 {
+                noise = noise.max((force - last).abs());
+                spread = (spread.0.min(force), spread.1.max(force));
+            }
+            last = force;
+        }
+        let least_rise = forces.windows(2).map(|f| f[1] - f[0]).fold(Real::INFINITY, Real::min);
+        println!(
+            "R {:.0} mm: {:.4} N at 5 mm, {:.4} N at 10 mm, least rise {:.4} N per 0.5 mm; hold: {:.2e} N from tick to \
+             tick, {:.2e} N in all",
+            radius * 1e3,
+            forces[10],
+            forces[20],
+            least_rise,
+            noise,
+            spread.1 - spread.0
+        );
+        assert!(least_rise > 0.0, "{forces:?}");
+        assert!(noise < 2e-3 && forces[20] > 2.0 * forces[10]);
+    }
+}
+
+#[test]
+fn a_capsule_on_its_side_feels_its_force_in_its_middle() {
+    let length = 0.05;
+    let mut press = simulation(&cube(&["tool.radius=0.01", &format!("tool.length={length}")]));
+    tick(&mut press, attach());
+    let mut tool = ToolState::default();
+    for i in 0..1500 {
+        let depth = 0.006 * ease(i as Real * TICK, 0.0, 0.5);
+        let place = TOP + Vec3::new(-0.5 * length, 0.0, 0.011 - depth);
+        tool = tick(&mut press, posed(place, ALONG_X)).tools[0].state;
+    }
+    let (force, torque) = (tool.physical_force, tool.physical_torque);
+    let arm = -torque.y / force.z;
+    let sideways = force.xy().norm() / force.z;
+    println!("force {force:?} N, torque {torque:?} N m: arm {:.2} mm, sideways {:.3}", arm * 1e3, sideways);
+    assert!(force.z > 0.3 && sideways < 0.05);
+    assert!((arm / (0.5 * length) - 1.0).abs() < 0.05);
+    assert!((torque.x.abs() + torque.z.abs()) < 0.05 * torque.y.abs());
+}
+
+/// Point of the present surface nearest to `p`, by subdivided triangles: the distance [m].
+fn distance_to_surface(simulation: &Simulation, p: Vec3) -> Real {
+    let body = simulation.body();
+    let mut vertices = vec![Vec3::zeros(); body.surface().vertices.len()];
+    skin(body.level(), &simulation.snapshot().body.position, &mut vertices);
+    let near = |t: &&[u32; 3]| t.iter().any(|v| (vertices[*v as usize] - p).norm() < 0.03);
+    let triangles = body.surface().triangles.iter().filter(near).map(|t| t.map(|v| vertices[v as usize]));
+    let parts = 100;
+    let mut least = Real::INFINITY;
+    for [a, b, c] in triangles {
+        for i in 0..=parts {
+            for j in 0..=parts - i {
+                let q = a + (b - a) * (Real::from(i) / 100.0) + (c - a) * (Real::from(j) / 100.0);
+                least = least.min((q - p).norm());
+            }
+        }
+    }
+    least
+}
+
+#[test]
+fn a_thin_tip_between_vertices_is_felt_and_does_not_sink_through() {
+    let radius = 1e-3;
+    let cube = cube(&["tool.radius=0.001"]);
+    // Vertices stand every 12.5 mm; this is the middle of a triangle of the top face.
+    let surface = cube.0.surface();
+    let middle = surface
+        .triangles
+        .iter()
+        .map(|t| t.iter().map(|v| surface.vertices[*v as usize]).sum::<Vec3>() / 3.0)
+        .min_by(|a, b| (a - TOP).norm().total_cmp(&(b - TOP).norm()))
+        .unwrap();
+    let mut press = simulation(&cube);
+    tick(&mut press, attach());
+    let mut depths = Vec::new();
+    for i in 0..2500 {
+        let depth = 0.005 * Real::from(i.min(2000)) / 2000.0;
+        let tool = tick(&mut press, at(middle + Vec3::z() * (radius + 1e-4 - depth))).tools[0];
+        if i % 400 == 399 || i == 2499 {
+            let sunk = radius - distance_to_surface(&press, tool.state.pose.position);
+            depths.push((depth - 1e-4, tool.state.physical_force.z, sunk, tool.contact_points));
+        }
+    }
+    for (depth, force, sunk, points) in &depths {
+        println!("{:.1} mm deep: {force:.4} N on {points} points, {:.3} mm through", depth * 1e3, sunk * 1e3);
+    }
+    for (depth, force, sunk, _) in depths {
+        assert!(force > 0.0, "nothing felt at {depth} m");
+        assert!(sunk.abs() < 0.5e-3, "{sunk} m through the surface at {depth} m");
+    }
+}
+
+// ---- What a client may do wrong ----
+
+#[test]
+fn a_jump_of_a_metre_moves_the_tool_at_its_limit_and_harms_nothing() {
+    let jumps = [Vec3::x(), -Vec3::x(), Vec3::z(), -Vec3::z(), Vec3::new(0.6, 0.0, -0.8)];
+    for jump in jumps {
+        let mut press = simulation(&cube(&["tool.radius=0.01"]));
+        let (speed, limits) = (press.settings().following.speed, press.settings().limits);
+        tick(&mut press, attach());
+        let (mut fastest, mut rendered, mut slew, mut physical) = (0.0 as Real, 0.0 as Real, 0.0 as Real, 0.0 as Real);
+        for i in 0..1400 {
+            let t = i as Real * TICK;
+            let place = TOP + Vec3::z() * (0.011 - 0.005 * ease(t, 0.0, 0.3));
+            let before = press.snapshot().tools[0];
+            let outputs = tick(&mut press, at(if i < 350 { place } else { place + jump }));
+            let tool = outputs.tools[0].state;
+            assert!(!outputs.restored && is_finite(&tool.physical_force), "jump {jump:?}, tick {i}");
+            if i > 0 {
+                fastest = fastest.max((tool.pose.position - before.pose.position).norm() / TICK);
+            }
+            rendered = rendered.max(tool.force.norm());
+            slew = slew.max((tool.force - before.force).norm() / TICK);
+            physical = physical.max(tool.physical_force.norm());
+            assert!(press.snapshot().body.is_finite());
+        }
+        let left = rest_distance(&press);
+        println!(
+            "{:?}: {fastest:.6} m/s, rendered {rendered:.3} N (physical {physical:.2} N), {slew:.0} N/s; {:.2} mm from \
+             rest",
+            jump.as_slice(),
+            left * 1e3
+        );
+        assert!(fastest <= speed * (1.0 + 1e-9) && fastest > 0.99 * speed);
+        assert!(rendered <= limits.force * (1.0 + 1e-9) && slew <= limits.slew * (1.0 + 1e-9));
+    }
+}
+
+#[test]
+fn two_tools_far_apart_do_not_disturb_each_other() {
+    let cube = cube(&["tool=[{name='left', radius=0.01}, {name='right', radius=0.01}]", "material.damping_time=0.01"]);
+    let run = |left: bool, right: bool| {
+        let mut press = simulation(&cube);
+        let take = |yes: bool, event: ToolEvent| yes.then_some(event);
+        press.advance(&inputs(&[take(left, attach()), take(right, attach())]));
+        let mut held = [Vec3::zeros(); 2];
+        let mut step = 0.0 as Real;
+        for i in 0..1000 {
+            let depth = 0.003 * ease(i as Real * TICK, 0.0, 0.5);
+            let gone = i >= 800;
+            let on_left = at(Vec3::new(-0.011 + depth, 0.05, 0.05));
+            let on_right = at(Vec3::new(SIDE + 0.011 - depth, 0.05, 0.05));
+            let leaves = if i == 800 { Some(ToolEvent::Detach) } else { None };
+            let left_event = if gone { leaves.filter(|_| left) } else { take(left, on_left) };
+            let outputs = press.advance(&inputs(&[left_event, take(right, on_right)]));
+            let now = [0, 1].map(|t| outputs.tools[t].state.physical_force);
+            if i >= 750 {
+                step = step.max((now[1] - held[1]).norm() / held[1].norm());
+            }
+            if i < 800 || right {
+                held = if gone { [held[0], now[1]] } else { now };
+            }
+            if i == 799 {
+                println!("left {left}, right {right}: {:.4} N, {:.4} N", now[0].x, now[1].x);
+            }
+        }
+        (held, step)
+    };
+    let (left_alone, _) = run(true, false);
+    let (right_alone, _) = run(false, true);
+    let (_, step) = run(true, true);
+    println!("{left_alone:?} {right_alone:?} step {step}");
+}
+
+enum Way {
+    Jump(Vec3),
+    Stab(Vec3, Vec3),
+    Shake,
+    Silent,
+}
+
+#[test]
+fn twenty_wild_clients_never_break_the_body_and_it_recovers() {
+    let cube = cube(&[
+        "body.active_level=0",
+        "material.damping_time=0.01",
+        "tool=[{name='ball', radius=0.01}, {name='rod', radius=0.005, length=0.08}, {name='tip', radius=0.001}]",
+    ]);
+    assert!(cube.0.level().mesh.elements.len() <= 400);
+    let limit = cube.1.limits.force * (1.0 + 1e-9);
+    let (mut worst_left, mut worst_bend, mut worst_force) = (0.0 as Real, 0.0 as Real, 0.0 as Real);
+    for seed in 0..20 {
+        let mut random = Random(seed);
+        let mut wild = simulation(&cube);
+        let mut ways = [const { Way::Silent }; 3];
+        let mut until = [0; 3];
+        let mut turned = [UPRIGHT; 3];
+        let mut physical = 0.0 as Real;
+        let mut bend = 0.0 as Real;
+        for i in 0..2000 {
+            let mut events = [None; 3];
+            for tool in 0..3 {
+                if i >= until[tool] {
+                    until[tool] = i + 5 + random.below(200);
+                    turned[tool] = random.orientation();
+                    let place = random.place();
+                    (ways[tool], events[tool]) = match random.below(10) {
+                        0 => (Way::Silent, Some(ToolEvent::Detach)),
+                        1 => (Way::Silent, None),
+                        2 | 3 => (Way::Shake, Some(ToolEvent::Attach { epoch: 1, period_ticks: 1 + i as u32 % 20 })),
+                        4 | 5 => (Way::Jump(place), None),
+                        6 => (Way::Shake, None),
+                        _ => {
+                            // From outside through the middle and out again.
+                            let way = Vec3::from_fn(|_, _| random.between(-1.0, 1.0)).normalize();
+                            (Way::Stab(Vec3::repeat(0.05) - way * 0.12, way * (1e-3 * random.between(0.3, 1.2))), None)
+                        }
+                    };
+                } else {
+                    events[tool] = match &mut ways[tool] {
+                        Way::Jump(place) => Some(posed(*place, turned[tool])),
+                        Way::Stab(place, way) => {
+                            *place += *way;
+                            Some(posed(*place, turned[tool]))
+                        }
+                        Way::Shake => Some(posed(random.place(), random.orientation())),
+                        Way::Silent => None,
+                    };
+                }
+            }
+            let outputs = wild.advance(&inputs(&events));
+            assert!(!outputs.restored, "seed {seed}, tick {i}");
+            for tool in &outputs.tools {
+                assert!(tool.state.force.norm() <= limit, "seed {seed}, tick {i}");
+                physical = physical.max(tool.state.physical_force.norm());
+            }
+            assert!(wild.snapshot().body.is_finite(), "seed {seed}, tick {i}");
+            bend = bend.max(rest_distance(&wild));
+        }
+        wild.advance(&inputs(&[Some(ToolEvent::Detach); 3]));
+        for _ in 0..2000 {
+            assert!(!wild.advance(&Inputs::default()).restored);
+        }
+        let left = rest_distance(&wild);
+        println!("seed {seed}: up to {:.0} mm from rest, {physical:.1} N; {:.3} mm left", bend * 1e3, left * 1e3);
+        (worst_left, worst_bend, worst_force) = (worst_left.max(left), worst_bend.max(bend), worst_force.max(physical));
+    }
+    assert!(worst_bend > 0.02, "wild enough to mean something");
+    assert!(worst_left < 0.05 * SIDE, "{worst_left} m from rest");
+}
+
+// ---- The same inputs, the same bits ----
+
+/// What tools `ball` and `rod` do in tick `i`: a pure function, with stabs, jumps, silence and new attaches.
+fn script(i: u64) -> Inputs {
+    let t = i as Real * TICK;
+    let ball = match i {
+        0 | 400 => attach(),
+        390 => ToolEvent::Detach,
+        _ => at(TOP + Vec3::new(0.03 * ease(t, 0.15, 0.3), 0.01, 0.012 - 0.012 * ease(t, 0.0, 0.15))),
+    };
+    let turned = normalized_quaternion([0.2 * t, 1.0, 0.3, 1.0]).unwrap();
+    let rod = match i {
+        0 => Some(ToolEvent::Attach { epoch: 2, period_ticks: 14 }),
+        200..330 => None,
+        _ if i.is_multiple_of(14) => {
+            Some(posed(Vec3::new(-0.03 + 0.15 * ease(t, 0.0, 0.5), 0.02, 0.05 + 0.06 * ease(t, 0.3, 0.31)), turned))
+        }
+        _ => None,
+    };
+    let starved = if i % 50 == 7 { 4000 } else { u32::MAX };
+    Inputs { lapsed: u32::from(i == 100) * 3, budget: starved, reset: i == 450, ..inputs(&[Some(ball), rod]) }
+}
+
+#[test]
+fn the_same_inputs_give_the_same_bits() {
+    let cube = cube(&["tool=[{name='ball', radius=0.01}, {name='rod', radius=0.005, length=0.08}]"]);
+    let hashes = |simulation: &mut Simulation, from: u64, to: u64| -> Vec<(u64, Vec<Vec3>, u64)> {
+        let row = |simulation: &mut Simulation, i| {
+            let outputs = simulation.advance(&script(i));
+            let forces = outputs.tools.iter().flat_map(|t| [t.state.force, t.state.torque]).collect();
+            let frame = (outputs.frame, outputs.hash);
+            assert!(!frame.0 || frame.1 == simulation.snapshot().hash());
+            (simulation.snapshot().tick, forces, simulation.snapshot().hash())
+        };
+        (from..to).map(|i| row(simulation, i)).collect()
+    };
+    let ticks = 20 * TICKS_PER_FRAME;
+    let first = hashes(&mut simulation(&cube), 0, ticks);
+    assert!(first.iter().any(|row| row.1[0].norm() > 0.1) && first.iter().any(|row| row.1[2].norm() > 0.1));
+    assert_eq!(first, hashes(&mut simulation(&cube), 0, ticks));
+    for path in element_kernel::Path::available() {
+        assert_eq!(first, hashes(&mut simulation(&cube).with_path(path), 0, ticks), "{path:?}");
+    }
+    for middle in [100, 201, 333, 441] {
+        let mut half = simulation(&cube);
+        let mut rows = hashes(&mut half, 0, middle);
+        let bytes = postcard::to_stdvec(half.snapshot()).unwrap();
+        let snapshot: Snapshot = postcard::from_bytes(&bytes).unwrap();
+        assert_eq!(snapshot.hash(), half.snapshot().hash());
+        let restored = Simulation::new(cube.0.clone(), cube.1.clone(), snapshot).unwrap();
+        let rest = Snapshot::at_rest(&cube.0, 2);
+        rows.extend(hashes(&mut restored.with_reset_state(&rest.body), middle, ticks));
+        assert_eq!(first, rows, "restored after tick {middle}");
+    }
+    println!("{} ticks on {:?}, last hash {:016x}", ticks, element_kernel::Path::available(), first.last().unwrap().2);
+}
+
+#[test]
+fn without_budget_the_body_stands_still_and_the_last_force_stands() {
+    let cube = cube(&["tool.radius=0.015"]);
+    let elements = cube.0.level().mesh.elements.len() as u32;
+    let mut press = simulation(&cube);
+    let place = |depth: Real| at(TOP + Vec3::z() * (0.016 - depth));
+    tick(&mut press, attach());
+    for i in 0..400 {
+        tick(&mut press, place(0.005 * ease(i as Real * TICK, 0.0, 0.3)));
+    }
+    let before = press.snapshot().clone();
+    let force = before.tools[0].physical_force;
+    assert!(force.z > 0.1);
+    for i in 1..=50 {
+        let outputs = press.advance(&Inputs { budget: 0, ..inputs(&[Some(place(0.005))]) });
+        assert_eq!((outputs.plan.taken, outputs.element_evaluations), (0, 0));
+        assert!(outputs.flags().substeps_dropped && outputs.plan.needed >= 1);
+        let tool = outputs.tools[0];
+        assert_eq!((tool.state.physical_force, tool.state.force), (force, force));
+        assert_eq!(press.snapshot().tick, before.tick + i);
+        assert_eq!(press.snapshot().body, before.body);
+    }
+    let after = tick(&mut press, place(0.005)).tools[0].state.physical_force;
+    println!("{:.4} N before the halt, {:.4} N after", force.z, after.z);
+    assert!((after - force).norm() < 0.01 * force.norm());
+
+    // Half of what it needs: slower, not broken.
+    let mut needed = 0;
+    for i in 0..500 {
+        let depth = 0.005 + 0.003 * ease(i as Real * TICK, 0.0, 0.2);
+        let outputs =
+            press.advance(&Inputs { budget: elements * (needed / 2).max(1), ..inputs(&[Some(place(depth))]) });
+        needed = outputs.plan.needed;
+        assert!(!outputs.restored && is_finite(&outputs.tools[0].state.physical_force));
+        assert!(i == 0 || (outputs.plan.taken < outputs.plan.needed && outputs.plan.taken >= 1), "{:?}", outputs.plan);
+        assert!(press.snapshot().body.is_finite());
+    }
+    println!("{} of {needed} sub-steps: {:.4} N", needed / 2, press.snapshot().tools[0].physical_force.z);
+}
