@@ -1,0 +1,136 @@
+//! The command line: what a user types, and what it says when something is wrong.
+
+use assert_cmd::Command;
+use std::fs;
+use std::path::Path;
+
+fn palpate(arguments: &[&str]) -> assert_cmd::assert::Assert {
+    Command::new(env!("CARGO_BIN_EXE_palpate")).args(arguments).timeout(std::time::Duration::from_secs(120)).assert()
+}
+
+fn stderr(outcome: &assert_cmd::assert::Assert) -> String {
+    String::from_utf8_lossy(&outcome.get_output().stderr).into_owned()
+}
+
+fn trajectory(name: &str) -> String {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/trajectories").join(format!("{name}.csv")).display().to_string()
+}
+
+#[test]
+fn simulate_writes_samples_a_summary_and_a_recording_that_replays() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("run");
+    let recording = folder.path().join("run.mcap");
+    palpate(&[
+        "simulate",
+        "cube",
+        "--seconds",
+        "2",
+        "--trajectory",
+        &trajectory("press"),
+        "--set",
+        "body.active_level=1",
+        "--out",
+        out.to_str().unwrap(),
+        "--record",
+        recording.to_str().unwrap(),
+    ])
+    .success();
+    let summary: serde_json::Value =
+        serde_json::from_str(&fs::read_to_string(out.join("summary.json")).unwrap()).unwrap();
+    assert_eq!(summary["ticks"], 2000);
+    assert!(summary["peak_physical_force"][0].as_f64().unwrap() > 0.1);
+
+    let samples = fs::read_to_string(out.join("samples.csv")).unwrap();
+    let mut lines = samples.lines();
+    let header: Vec<&str> = lines.next().unwrap().split(',').collect();
+    let rows: Vec<Vec<f64>> = lines.map(|l| l.split(',').map(|f| f.parse().unwrap()).collect()).collect();
+    assert_eq!(rows.len(), 2000);
+    assert!(rows.iter().all(|r| r.len() == header.len()));
+    let column = |name: &str| {
+        let at = header.iter().position(|h| *h == name).unwrap_or_else(|| panic!("no column {name}"));
+        rows.iter().map(move |r| r[at])
+    };
+    assert!(column("ball_force_z_N").fold(0.0, f64::max) > 0.1);
+    assert_eq!(column("active_nodes_level1").next(), Some(125.0));
+    assert_eq!(column("active_nodes_level2").next(), Some(0.0));
+    // The probe under the ball is pushed down, and the parts of the energy add up.
+    assert!(column("top_uz_m").fold(0.0, f64::min) < -0.003);
+    let parts = column("kinetic_J").zip(column("elastic_J")).zip(column("gravity_J")).zip(column("total_J"));
+    for (((kinetic, elastic), gravity), total) in parts {
+        assert!((kinetic + elastic + gravity - total).abs() < 1e-12);
+    }
+    for name in ["ball_torque_x_Nm", "px_kgm_s", "lz_kgm2_s", "element_evaluations", "smallest_det_F"] {
+        assert!(column(name).all(f64::is_finite), "{name}");
+    }
+    let said = palpate(&["replay", recording.to_str().unwrap()]).success();
+    assert!(String::from_utf8_lossy(&said.get_output().stdout).contains("identical: 2000 ticks"));
+}
+
+#[test]
+fn mistakes_are_named_with_file_line_and_remedy() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = folder.path().join("my.toml");
+    let run = |scene: &str, more: &[&str]| {
+        let out = folder.path().join("out").display().to_string();
+        let arguments = [&["simulate", scene, "--seconds", "0.01", "--out", &out][..], more].concat();
+        stderr(&palpate(&arguments).failure())
+    };
+    fs::write(&scene, "name = \"x\"\n[body]\nsource = \"box\"\n\n[material]\nyoung = 5e3\n").unwrap();
+    let e = run(scene.to_str().unwrap(), &[]);
+    assert!(e.contains("my.toml") && e.contains("line 6") && e.contains("youngs_modulus"), "{e}");
+
+    fs::write(&scene, "name = \"x\"\n[body]\nsource = \"box\"\n\n[material]\npoisson_ratio = 0.5\n").unwrap();
+    let e = run(scene.to_str().unwrap(), &[]);
+    assert!(e.contains("my.toml, line 6: material.poisson_ratio") && e.contains("0.49"), "{e}");
+
+    fs::write(&scene, "name = \"x\"\n[body]\nsource = \"surface\"\nfile = \"lost.stl\"\nunit = \"mm\"\n").unwrap();
+    let e = run(scene.to_str().unwrap(), &[]);
+    assert!(e.contains("lost.stl"), "{e}");
+
+    let e = run("liver", &["--set", "material.stiffness=3"]);
+    assert!(e.contains("stiffness") && e.contains("youngs_modulus"), "{e}");
+    let e = run("spleen", &[]);
+    assert!(e.contains("spleen") && e.contains("liver, toy, cube, organ"), "{e}");
+    let e = run("cube", &["--trajectory", "nowhere.csv"]);
+    assert!(e.contains("nowhere.csv"), "{e}");
+    let bad = folder.path().join("bad.csv");
+    fs::write(&bad, "time_s,tool,x_m,y_m,z_m,qx,qy,qz,qw,buttons\n0,0,0,0,oops,0,0,0,1,0\n").unwrap();
+    let e = run("cube", &["--trajectory", bad.to_str().unwrap()]);
+    assert!(e.contains("bad.csv, line 2") && e.contains("oops"), "{e}");
+}
+
+#[test]
+fn the_demo_ends_by_itself_with_a_summary() {
+    // Ports of its own, so that it runs beside other servers.
+    let port = || std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+    let (force, surface) = (format!("tcp/127.0.0.1:{}", port()), format!("tcp/127.0.0.1:{}", port()));
+    let folder = tempfile::tempdir().unwrap();
+    let recording = folder.path().join("demo.mcap");
+    let outcome = palpate(&[
+        "demo",
+        "--scene",
+        "cube",
+        "--set",
+        "body.active_level=1",
+        "--seconds",
+        "4",
+        "--pattern",
+        "press",
+        "--force-endpoint",
+        &force,
+        "--surface-endpoint",
+        &surface,
+        "--record",
+        recording.to_str().unwrap(),
+    ])
+    .success();
+    let text = String::from_utf8_lossy(&outcome.get_output().stdout).into_owned();
+    for part in ["tick lateness", "compute per tick", "pose to wrench", "bare round trip", "recorded", "force: peak"] {
+        assert!(text.contains(part), "{part} in:\n{text}");
+    }
+    assert!(stderr(&outcome).contains("frames/s"));
+    let said = palpate(&["replay", recording.to_str().unwrap()]).success();
+    let said = String::from_utf8_lossy(&said.get_output().stdout).into_owned();
+    assert!(said.contains("identical") && !said.contains("differs"), "{said}");
+}
