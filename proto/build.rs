@@ -10,4 +10,3 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     prost_build::compile_fds(descriptors)?;
     Ok(())
 }
-

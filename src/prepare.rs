@@ -166,7 +166,7 @@ fn automatic_spacings(volume: Real) -> [Real; 3] {
 fn finest_affordable(parts: BodyParts) -> Result<Body, BodyError> {
     for active in (1..parts.levels.len()).rev() {
         let body = Body::new(BodyParts { active_level: active as u32, ..parts.clone() })?;
-        let substeps = (TICK / stable_step(&body, 1.0)).ceil();
+        let substeps = (TICK / stable_step(&body, 1.0, 1.0)).ceil();
         if substeps * body.level().mesh.elements.len() as Real <= EVALUATIONS_PER_TICK {
             return Ok(body);
         }

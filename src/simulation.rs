@@ -100,7 +100,8 @@ impl Snapshot {
             tool.hash_into(&mut hash);
             for p in points {
                 hash.update(&p.point.to_le_bytes());
-                for x in [p.multiplier, p.slack, p.normal.x, p.normal.y, p.normal.z] {
+                let (n, at) = (p.normal, p.place);
+                for x in [p.multiplier, p.slack, n.x, n.y, n.z, at.x, at.y, at.z] {
                     hash.update(&x.to_le_bytes());
                 }
             }
@@ -324,18 +325,17 @@ impl Simulation {
     fn step(&mut self, plan: time_step::Plan) {
         self.outputs.plan = plan;
         self.outputs.element_evaluations = plan.taken * self.body.level().mesh.elements.len() as u32;
-        if plan.taken == 0 {
-            return;
+        if plan.taken > 0 {
+            self.outputs.extremes = step::substeps(
+                self.path,
+                &self.body,
+                &mut self.now.body,
+                &mut self.constraints,
+                self.settings.gravity,
+                (plan.taken, TICK / Real::from(plan.needed)),
+                &mut self.stepping,
+            );
         }
-        self.outputs.extremes = step::substeps(
-            self.path,
-            &self.body,
-            &mut self.now.body,
-            &mut self.constraints,
-            self.settings.gravity,
-            (plan.taken, TICK / Real::from(plan.needed)),
-            &mut self.stepping,
-        );
         // The solver's multipliers are where the next tick starts.
         let mut constraints = self.constraints.iter();
         for point in self.now.points.iter_mut().flatten() {
@@ -373,11 +373,12 @@ impl Simulation {
         let stood_still = self.outputs.plan.taken == 0;
         for (i, tool) in self.now.tools.iter_mut().enumerate() {
             let middle = wrench::middle_pose(tool);
-            let (mut physical, contact_points) =
+            let (mut physical, mut contact_points) =
                 wrench::wrench_on(i as u32, &middle, &self.constraints, &self.points_of_action);
             if stood_still && tool.touches() {
                 // No step, no new force: the last one stands.
                 physical = Wrench { force: tool.physical_force, torque: tool.physical_torque };
+                contact_points = self.outputs.tools[i].contact_points;
             }
             let limited = safety::render(tool, &physical, &self.settings.limits, TICK);
             self.outputs.tools[i] = ToolOutput { state: *tool, contact_points, limited };

@@ -179,7 +179,13 @@ pub fn tool_state(tool: u32, t: &ToolState) -> proto::ToolState {
 
 /// Points as (n, 3) f32 little-endian.
 pub fn positions_f32(points: &[Vec3]) -> Vec<u8> {
-    points.iter().flat_map(|p| p.iter().flat_map(|c| (*c as f32).to_le_bytes()).collect::<Vec<u8>>()).collect()
+    let mut bytes = Vec::with_capacity(points.len() * 12);
+    for p in points {
+        for c in p.iter() {
+            bytes.extend_from_slice(&(*c as f32).to_le_bytes());
+        }
+    }
+    bytes
 }
 
 /// The surface that frames refer to.

@@ -7,7 +7,7 @@
 use super::tool::{MOST_POINTS, Shape, ToolState};
 use super::wrench::middle_pose;
 use crate::math::{Pose, Real, Vec3, from_parry, to_parry};
-use crate::model::constraint::{Constraint, PointMemory};
+use crate::model::constraint::{Constraint, PointMemory, dent};
 use crate::model::{Body, skin};
 use parry3d_f64::query::PointQuery;
 use parry3d_f64::query::details::closest_points_segment_segment_with_locations_nD as segment_segment;
@@ -32,6 +32,8 @@ struct Candidate {
     /// Signed distance from the tool's surface [m].
     gap: Real,
     normal: Vec3,
+    /// The surface point [m].
+    place: Vec3,
     /// Part of the axis (0..=1) nearest to the point.
     along: Real,
     /// Display vertices and weights; one entry counts for a vertex.
@@ -80,8 +82,9 @@ pub fn detect(
     let candidates = &mut work.candidates;
     candidates.clear();
     let axis = Axis::new(&middle_pose(tool), shape);
-    near_vertices(on, &axis, shape, memory, candidates);
-    near_triangles(on, &axis, shape, memory, candidates);
+    let touch = Touch { axis: &axis, radius: shape.radius, reach: shape.radius + MARGIN, memory };
+    near_vertices(on, &touch, candidates);
+    near_triangles(on, &touch, candidates);
 
     // The deepest come first when there are more than the solver may take; ties go to the smaller number.
     candidates.sort_unstable_by(|a, b| a.gap.total_cmp(&b.gap).then(a.point.cmp(&b.point)));
@@ -90,30 +93,78 @@ pub fn detect(
 
     let (start, end) = (Axis::new(&tool.previous, shape), Axis::new(&tool.pose, shape));
     work.memory.clear();
+    let mut claimed = [false; MOST_POINTS];
     for candidate in candidates.iter() {
+        let (n, along) = (candidate.normal, candidate.along);
+        let compliance = subgrid_compliance(on.body, candidate.area);
+        let moved = n.dot(&(end.at(along) - start.at(along)));
         let known = remembered(memory, candidate.point);
-        let slack = known.map_or((-candidate.gap).max(0.0), |m| m.slack);
+        let multiplier = match known {
+            Some(m) => m.multiplier,
+            None => inherited(candidate, candidates, memory, &mut claimed, on.body.longest_display_edge()),
+        };
+        // Overlap at the start of the tick that neither the last multiplier nor the last slack explains: a tool that
+        // came too fast, a body that stood still meanwhile, a point just found. It is closed gradually.
+        let shown = dent(compliance, multiplier, MOST_DENT * shape.radius);
+        let overlap = n.dot(&start.at(along)) + shape.radius - n.dot(&candidate.place) - shown;
+        let slack = match known {
+            Some(m) if overlap <= m.slack + UNNOTICED + 0.5 * moved.abs() => m.slack.min(overlap.max(0.0)),
+            _ => overlap.max(0.0),
+        };
         let slack_end = if slack > 1e-7 { slack * SLACK_KEPT } else { 0.0 };
-        let n = candidate.normal;
-        let middle = n.dot(&axis.at(candidate.along)) + shape.radius;
-        let speed = n.dot(&(end.at(candidate.along) - start.at(candidate.along))) / on.tick;
         let stencil = if candidate.stencil[0].1 == 1.0 { &candidate.stencil[..1] } else { &candidate.stencil[..] };
         constraints.push(Constraint {
             row: skin::row(on.body.level(), stencil),
             normal: n,
-            offset: middle - 0.5 * speed * on.tick - slack,
-            rate: speed + (slack - slack_end) / on.tick,
-            compliance: subgrid_compliance(on.body, candidate.area),
+            offset: n.dot(&start.at(along)) + shape.radius - slack,
+            rate: (moved + slack - slack_end) / on.tick,
+            compliance,
+            most_dent: MOST_DENT * shape.radius,
             tool: index,
             point: candidate.point,
-            multiplier: known.map_or(0.0, |m| m.multiplier),
+            multiplier,
             mean_multiplier: 0.0,
         });
-        points_of_action.push(axis.at(candidate.along) + n * shape.radius);
-        let multiplier = 0.0; // written back after the solve
-        work.memory.push(PointMemory { point: candidate.point, multiplier, slack: slack_end, normal: n });
+        points_of_action.push(axis.at(along) + n * shape.radius);
+        work.memory.push(PointMemory {
+            point: candidate.point,
+            multiplier: 0.0, // written back after the solve
+            slack: slack_end,
+            normal: n,
+            place: candidate.place,
+        });
     }
     std::mem::swap(memory, &mut work.memory);
+}
+
+/// Overlap [m] that rounding and a solve of few sweeps may leave.
+const UNNOTICED: Real = 5e-5;
+
+/// Part of the tool's radius that the dent below the mesh's size may take: beyond it the displayed surface would swallow
+/// a thin tip and lose it at the next triangle.
+const MOST_DENT: Real = 0.3;
+
+/// The multiplier [N] that a point just found takes over from the nearest touched point that is gone, within `edge`
+/// [m]: a tip that slides from one triangle to the next keeps its force. Each is taken over once.
+fn inherited(
+    found: &Candidate,
+    candidates: &[Candidate],
+    memory: &[PointMemory],
+    claimed: &mut [bool; MOST_POINTS],
+    edge: Real,
+) -> Real {
+    let gone = |m: &PointMemory| candidates.binary_search_by_key(&m.point, |c| c.point).is_err();
+    let mut best: Option<(Real, usize)> = None;
+    for (i, m) in memory.iter().enumerate().take(MOST_POINTS) {
+        let distance = (m.place - found.place).norm();
+        if !claimed[i] && m.multiplier > 0.0 && distance < edge && best.is_none_or(|b| distance < b.0) && gone(m) {
+            best = Some((distance, i));
+        }
+    }
+    best.map_or(0.0, |(_, i)| {
+        claimed[i] = true;
+        memory[i].multiplier
+    })
 }
 
 /// The dent that the mesh is too coarse to show: compliance [m/N] of an elastic half-space under a disc of `area`,
@@ -160,25 +211,37 @@ impl Axis {
     }
 }
 
-/// Normal from the axis at `part` to `p` and the gap [m], or `None` where `p` is out of reach or faces away.
-///
-/// A point that was touched keeps the side it was touched on: should the axis itself slip below the surface, the
-/// point is still pushed the way it was, instead of being let go.
-fn side(
-    axis: &Axis,
-    part: Real,
-    p: Vec3,
-    outward: Vec3,
-    shape: &Shape,
-    last: Option<&PointMemory>,
-) -> Option<(Vec3, Real)> {
-    let away = p - axis.at(part);
-    let distance = away.norm();
-    let normal = if distance > 1e-9 { away / distance } else { -outward };
-    match last {
-        Some(m) if m.normal.dot(&normal) < 0.0 => Some((-normal, -distance - shape.radius)),
-        Some(_) => Some((normal, distance - shape.radius)),
-        None => (normal.dot(&outward) < 0.0).then_some((normal, distance - shape.radius)),
+/// A tool near a surface, and what it touched before.
+struct Touch<'a> {
+    axis: &'a Axis,
+    /// Of the tool [m].
+    radius: Real,
+    /// Points farther from the axis are left out [m].
+    reach: Real,
+    memory: &'a [PointMemory],
+}
+
+impl Touch<'_> {
+    /// Normal from the axis at `part` to `place` and the gap [m], or `None` where the place is out of reach or its sheet
+    /// of the surface, which faces `outward`, is not one that the tool pushes.
+    ///
+    /// A point that was touched keeps the side it was touched on: should the axis itself slip below the surface, the
+    /// point is still pushed the way it was, instead of being let go.
+    fn side(&self, part: Real, place: Vec3, outward: Vec3, point: u32) -> Option<(Vec3, Real)> {
+        let away = place - self.axis.at(part);
+        let distance = away.norm();
+        if distance > self.reach {
+            return None;
+        }
+        let normal = if distance > 1e-9 { away / distance } else { -outward.normalize() };
+        let front = (normal, distance - self.radius);
+        let below = (-normal, -distance - self.radius);
+        match remembered(self.memory, point) {
+            Some(m) if m.normal.dot(&normal) < 0.0 => Some(below),
+            Some(_) => Some(front),
+            None => (normal.dot(&outward) < 0.0).then_some(front),
+        }
+        .filter(|(_, gap)| *gap <= MARGIN)
     }
 }
 
@@ -192,61 +255,51 @@ fn area_vector(on: &Touchable, t: u32) -> Vec3 {
     (b - a).cross(&(c - a))
 }
 
-fn near_vertices(on: &Touchable, axis: &Axis, shape: &Shape, memory: &[PointMemory], out: &mut Vec<Candidate>) {
-    let reach = shape.radius + MARGIN;
-    let (low, high) = axis.window(reach);
-    for (v, p) in on.vertices.iter().enumerate() {
-        let inside = p.x >= low.x && p.y >= low.y && p.z >= low.z && p.x <= high.x && p.y <= high.y && p.z <= high.z;
-        if !inside {
+fn near_vertices(on: &Touchable, touch: &Touch, out: &mut Vec<Candidate>) {
+    let (low, high) = touch.axis.window(touch.reach);
+    for (v, place) in on.vertices.iter().enumerate() {
+        let apart = (0..3).any(|c| place[c] < low[c] || place[c] > high[c]);
+        if apart {
             continue;
         }
-        let along = axis.nearest(*p);
+        let along = touch.axis.nearest(*place);
         let outward: Vec3 = on.body.triangles_around(v).iter().map(|t| area_vector(on, *t)).sum();
-        let last = remembered(memory, v as u32);
-        if let Some((normal, gap)) = side(axis, along, *p, outward, shape, last)
-            && gap <= MARGIN
-        {
+        if let Some((normal, gap)) = touch.side(along, *place, outward, v as u32) {
             let stencil = [(v as u32, 1.0), (0, 0.0), (0, 0.0)];
-            out.push(Candidate { point: v as u32, gap, normal, along, stencil, area: on.body.vertex_area()[v] });
+            let (place, area) = (*place, on.body.vertex_area()[v]);
+            out.push(Candidate { point: v as u32, gap, normal, place, along, stencil, area });
         }
     }
 }
 
-/// Points inside triangles that are large against the tool: where the surface between three vertices could pass
-/// through the tool by more than a few percent of its radius.
-fn near_triangles(on: &Touchable, axis: &Axis, shape: &Shape, memory: &[PointMemory], out: &mut Vec<Candidate>) {
-    if on.body.longest_display_edge() <= shape.radius {
-        return;
-    }
-    let reach = shape.radius + MARGIN;
-    let (low, high) = axis.window(reach);
+/// Points inside triangles: between three vertices the surface could otherwise pass through the tool unfelt.
+fn near_triangles(on: &Touchable, touch: &Touch, out: &mut Vec<Candidate>) {
+    let (low, high) = touch.axis.window(touch.reach);
     let first = on.vertices.len() as u32;
-    let segment = Segment::new(to_parry(axis.from), to_parry(axis.at(1.0)));
+    let segment = Segment::new(to_parry(touch.axis.from), to_parry(touch.axis.at(1.0)));
     for (t, triangle) in on.body.surface().triangles.iter().enumerate() {
         let corners = triangle.map(|v| on.vertices[v as usize]);
-        let (least, most) =
-            (corners[0].inf(&corners[1]).inf(&corners[2]), corners[0].sup(&corners[1]).sup(&corners[2]));
-        let apart = (0..3).any(|c| most[c] < low[c] || least[c] > high[c]);
-        let longest = (0..3).map(|i| (corners[i] - corners[(i + 1) % 3]).norm_squared()).fold(0.0, Real::max);
-        if apart || longest <= shape.radius * shape.radius {
+        if is_apart(&corners, &low, &high) {
             continue;
         }
-        let Some((along, weights)) = nearest_in_triangle(axis, &segment, &corners) else { continue };
+        let Some((along, weights)) = nearest_in_triangle(touch.axis, &segment, &corners) else { continue };
         // A corner is a point of its own already.
         if weights.iter().any(|w| *w > 0.999) {
             continue;
         }
-        let p = corners[0] * weights[0] + corners[1] * weights[1] + corners[2] * weights[2];
+        let place = corners[0] * weights[0] + corners[1] * weights[1] + corners[2] * weights[2];
         let point = first + t as u32;
         let outward = area_vector(on, t as u32);
-        let last = remembered(memory, point);
-        if let Some((normal, gap)) = side(axis, along, p, outward, shape, last)
-            && gap <= MARGIN
-        {
+        if let Some((normal, gap)) = touch.side(along, place, outward, point) {
             let stencil = std::array::from_fn(|i| (triangle[i], weights[i]));
-            out.push(Candidate { point, gap, normal, along, stencil, area: 0.5 * outward.norm() });
+            out.push(Candidate { point, gap, normal, place, along, stencil, area: 0.5 * outward.norm() });
         }
     }
+}
+
+/// True when the triangle lies wholly beyond one face of the box.
+fn is_apart(corners: &[Vec3; 3], low: &Vec3, high: &Vec3) -> bool {
+    (0..3).any(|c| corners.iter().all(|p| p[c] < low[c]) || corners.iter().all(|p| p[c] > high[c]))
 }
 
 /// Part of the axis and barycentric weights of the triangle's point nearest to it; `None` for a collapsed triangle.
@@ -299,10 +352,7 @@ pub fn is_outside(on: &Touchable, shape: &Shape, pose: &Pose) -> bool {
     let segment = Segment::new(to_parry(axis.from), to_parry(axis.at(1.0)));
     let grazes = on.body.surface().triangles.iter().any(|triangle| {
         let corners = triangle.map(|v| on.vertices[v as usize]);
-        let (least, most) =
-            (corners[0].inf(&corners[1]).inf(&corners[2]), corners[0].sup(&corners[1]).sup(&corners[2]));
-        let apart = (0..3).any(|c| most[c] < low[c] || least[c] > high[c]);
-        !apart
+        !is_apart(&corners, &low, &high)
             && nearest_in_triangle(&axis, &segment, &corners).is_some_and(|(along, w)| {
                 let p = corners[0] * w[0] + corners[1] * w[1] + corners[2] * w[2];
                 (p - axis.at(along)).norm_squared() < shape.radius * shape.radius
@@ -311,29 +361,41 @@ pub fn is_outside(on: &Touchable, shape: &Shape, pose: &Pose) -> bool {
     !grazes && !is_inside(on, axis.from)
 }
 
-/// True when `p` lies inside: rays along the three axes vote by the parity of their crossings, so that one that runs
-/// through an edge does not decide alone.
+/// True when `p` lies inside: three rays vote by the parity of their crossings, so that none decides alone.
 fn is_inside(on: &Touchable, p: Vec3) -> bool {
     let mut crossings = [0u32; 3];
     for triangle in &on.body.surface().triangles {
-        let corners = triangle.map(|v| on.vertices[v as usize]);
         for (axis, count) in crossings.iter_mut().enumerate() {
-            *count += u32::from(crosses(&corners, p, axis));
+            *count += u32::from(crosses(on.vertices, triangle, p, axis));
         }
     }
     crossings.iter().filter(|c| *c % 2 == 1).count() >= 2
 }
 
-/// True when the ray from `p` along +`axis` meets the triangle.
-fn crosses(corners: &[Vec3; 3], p: Vec3, axis: usize) -> bool {
+/// True when the ray from `p`, nearly along +`axis`, meets the triangle.
+///
+/// The ray leans a little, so that it does not run along the edges of boxes and other regular shapes. A ray through an
+/// edge meets exactly one of its two triangles: both ask on which side it passes with the edge's ends in the same order.
+fn crosses(vertices: &[Vec3], triangle: &[u32; 3], p: Vec3, axis: usize) -> bool {
     let (i, j) = ((axis + 1) % 3, (axis + 2) % 3);
-    let side = |a: &Vec3, b: &Vec3| (b[i] - a[i]) * (p[j] - a[j]) - (b[j] - a[j]) * (p[i] - a[i]);
-    let d = [side(&corners[1], &corners[2]), side(&corners[2], &corners[0]), side(&corners[0], &corners[1])];
-    let same_side = d.iter().all(|s| *s > 0.0) || d.iter().all(|s| *s < 0.0);
-    if !same_side {
+    let flat = |v: u32| {
+        let d = vertices[v as usize] - p;
+        (d[i] - 0.0173 * d[axis], d[j] - 0.0419 * d[axis])
+    };
+    // Twice the area of the ray's foot with the edge, and the side; positive counts as left, zero too.
+    let side = |from: u32, to: u32| {
+        let (a, b) = (flat(from.min(to)), flat(from.max(to)));
+        let area = a.0 * b.1 - a.1 * b.0;
+        if from < to { (area, area >= 0.0) } else { (-area, area < 0.0) }
+    };
+    let [a, b, c] = *triangle;
+    let (to_a, to_b, to_c) = (side(b, c), side(c, a), side(a, b));
+    if to_a.1 != to_b.1 || to_b.1 != to_c.1 {
         return false;
     }
-    let total = d[0] + d[1] + d[2];
-    let height = (d[0] * corners[0][axis] + d[1] * corners[1][axis] + d[2] * corners[2][axis]) / total;
-    height > p[axis]
+    let height = |v: u32| vertices[v as usize][axis] - p[axis];
+    let total = to_a.0 + to_b.0 + to_c.0;
+    let weighted = to_a.0 * height(a) + to_b.0 * height(b) + to_c.0 * height(c);
+    // The sign of weighted / total.
+    (weighted > 0.0) == (total > 0.0) && weighted != 0.0
 }

@@ -56,6 +56,8 @@ pub struct Constraint {
     pub rate: Real,
     /// Compliance G [m/N] in series: the part of the dent that the mesh is too coarse to show.
     pub compliance: Real,
+    /// Dent `G λ` [m] beyond which the point gets firmer, so that the tool stays outside the displayed surface.
+    pub most_dent: Real,
     /// Index of the tool.
     pub tool: u32,
     /// What tells this point from the tool's others, from tick to tick: a display vertex, or the number of vertices
@@ -65,6 +67,16 @@ pub struct Constraint {
     pub multiplier: Real,
     /// Mean multiplier over the sub-steps of the tick [N]: the solver's answer.
     pub mean_multiplier: Real,
+}
+
+/// Part of the compliance that is left beyond [`Constraint::most_dent`]. None at all would leave nothing to divide by
+/// where a point hangs on nodes that are held fast.
+pub const FIRMER: Real = 0.1;
+
+/// Dent [m] below the mesh's size under the multiplier `multiplier` [N]: `G λ`, firmer beyond `most`.
+pub fn dent(compliance: Real, multiplier: Real, most: Real) -> Real {
+    let soft = compliance * multiplier;
+    if soft <= most { soft } else { most + FIRMER * (soft - most) }
 }
 
 /// What is remembered of a contact point from tick to tick.
@@ -78,4 +90,6 @@ pub struct PointMemory {
     pub slack: Real,
     /// Last normal, from the tool towards the surface.
     pub normal: Vec3,
+    /// Where the point was [m].
+    pub place: Vec3,
 }

@@ -107,6 +107,11 @@ pub struct Extremes {
 }
 
 impl Extremes {
+    /// Bound on the present squared stretch over the one at rest: what viscosity grows by.
+    pub fn stretching(&self) -> Real {
+        1.0 + 2.0 * self.strain_squared.sqrt()
+    }
+
     /// A body at rest.
     pub const REST: Extremes = Extremes { strain_squared: 0.0, det_f: 1.0, collapse_cofactor_squared: 0.0 };
 

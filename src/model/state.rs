@@ -14,6 +14,8 @@ pub struct State {
     pub velocity: Vec<Vec3>,
     /// Bound on the elements' present stiffness over the one at rest, from the last sub-step: shortens the next ones.
     pub stiffening: Real,
+    /// Bound on their present squared stretch, likewise.
+    pub stretching: Real,
 }
 
 impl State {
@@ -21,7 +23,7 @@ impl State {
     pub fn at_rest(body: &Body) -> Self {
         let position = body.level().mesh.nodes.clone();
         let velocity = vec![Vec3::zeros(); position.len()];
-        Self { position, velocity, stiffening: Extremes::REST.stiffening() }
+        Self { position, velocity, stiffening: Extremes::REST.stiffening(), stretching: Extremes::REST.stretching() }
     }
 
     /// Takes over `other` without allocating; both belong to the same body.
@@ -29,11 +31,15 @@ impl State {
         self.position.copy_from_slice(&other.position);
         self.velocity.copy_from_slice(&other.velocity);
         self.stiffening = other.stiffening;
+        self.stretching = other.stretching;
     }
 
     /// True when no number is infinite or not a number.
     pub fn is_finite(&self) -> bool {
-        self.stiffening.is_finite() && self.position.iter().all(is_finite) && self.velocity.iter().all(is_finite)
+        self.stiffening.is_finite()
+            && self.stretching.is_finite()
+            && self.position.iter().all(is_finite)
+            && self.velocity.iter().all(is_finite)
     }
 
     /// Feeds every bit to `hash`.
@@ -41,5 +47,6 @@ impl State {
         hash.update(bytemuck::cast_slice(&self.position));
         hash.update(bytemuck::cast_slice(&self.velocity));
         hash.update(&self.stiffening.to_le_bytes());
+        hash.update(&self.stretching.to_le_bytes());
     }
 }

@@ -276,9 +276,7 @@ fn open(endpoint: &str) -> Result<zenoh::Session, ServerError> {
     ] {
         config.insert_json5(key, &value).map_err(|e| ServerError::Network(format!("{key}: {e}")))?;
     }
-    zenoh::open(config)
-        .wait()
-        .map_err(|e| ServerError::Listen { endpoint: endpoint.to_owned(), message: words(&e) })
+    zenoh::open(config).wait().map_err(|e| ServerError::Listen { endpoint: endpoint.to_owned(), message: words(&e) })
 }
 
 fn network(e: zenoh::Error) -> ServerError {

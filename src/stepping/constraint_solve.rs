@@ -5,6 +5,7 @@
 //! as a whole: scaling it (Baumgarte) would make the force too small, because G turns gap into force.
 
 use crate::math::{Real, Vec3};
+use crate::model::constraint::FIRMER;
 use crate::model::{Body, Constraint, State};
 
 /// Sweeps over all points in one sub-step; the multipliers of the last sub-step are the start.
@@ -43,8 +44,13 @@ pub fn solve(
         for (c, p) in constraints.iter_mut().zip(prepared.iter()) {
             let moved = step * c.normal.dot(&c.row.interpolate(&state.velocity));
             let residual = p.position + moved + c.compliance * c.multiplier - p.target;
+            let compliant = c.multiplier - residual / p.response;
+            // Beyond the largest dent only a part of the compliance is left; the larger multiplier is the right one.
+            let rest = FIRMER * c.compliance;
+            let deep = p.position + moved + (1.0 - FIRMER) * c.most_dent + rest * c.multiplier - p.target;
+            let firm = c.multiplier - deep / (p.response - c.compliance + rest);
             // A point that would pull is released: its multiplier stays at zero.
-            let multiplier = (c.multiplier - residual / p.response).max(0.0);
+            let multiplier = compliant.max(firm).max(0.0);
             let change = multiplier - c.multiplier;
             if change != 0.0 {
                 c.multiplier = multiplier;

@@ -46,6 +46,7 @@ pub fn substeps(
         constraints.iter_mut().for_each(|c| c.mean_multiplier += c.multiplier);
         drift(state, 0.5 * step);
         state.stiffening = extremes.stiffening();
+        state.stretching = extremes.stretching();
     }
     constraints.iter_mut().for_each(|c| c.mean_multiplier /= Real::from(count.max(1)));
     extremes
