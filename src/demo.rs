@@ -73,10 +73,7 @@ pub fn run(args: DemoArgs) -> anyhow::Result<ExitCode> {
     let scene: Scene = loaded.scene.clone();
     runtime()?.block_on(async {
         let server = Server::start(loaded.scene, body, start, args.server.options()).await?;
-        eprintln!(
-            "session {} listens on {} and {}",
-            args.server.session, args.server.force_endpoint, args.server.surface_endpoint
-        );
+        eprintln!("{}", args.server.describe());
         let (stop, newest) = (Arc::new(AtomicBool::new(false)), Arc::new(Mutex::new(None)));
         let phantom = start_phantom(&args, device, stop.clone(), newest.clone())?;
         let mut view = View {

@@ -73,6 +73,20 @@ struct ServerArgs {
 }
 
 impl ServerArgs {
+    /// Where it listens, and who can reach it.
+    fn describe(&self) -> String {
+        let loopback = |endpoint: &str| ["127.", "localhost", "[::1]"].iter().any(|h| endpoint.contains(h));
+        let reach = if loopback(&self.force_endpoint) && loopback(&self.surface_endpoint) {
+            "from this machine only"
+        } else {
+            "FROM OTHER MACHINES TOO, without authentication"
+        };
+        format!(
+            "session {} on {} (forces) and {} (everything else), reachable {reach}",
+            self.session, self.force_endpoint, self.surface_endpoint
+        )
+    }
+
     fn options(&self) -> server::Options {
         server::Options {
             session: self.session.clone(),
@@ -200,12 +214,7 @@ fn serve(args: &ServeArgs) -> anyhow::Result<ExitCode> {
     let (loaded, body, start) = build(&args.scene)?;
     runtime()?.block_on(async {
         let server = Server::start(loaded.scene, body, start, args.server.options()).await?;
-        tracing::info!(
-            "serving session {} on {} (forces) and {} (everything else); Ctrl-C ends it",
-            args.server.session,
-            args.server.force_endpoint,
-            args.server.surface_endpoint
-        );
+        tracing::info!("{}; Ctrl-C ends it", args.server.describe());
         let time_up = async {
             match args.seconds {
                 Some(seconds) => {

@@ -134,3 +134,43 @@ fn the_demo_ends_by_itself_with_a_summary() {
     let said = String::from_utf8_lossy(&said.get_output().stdout).into_owned();
     assert!(said.contains("identical") && !said.contains("differs"), "{said}");
 }
+
+/// A server process that ends with the test.
+struct Serving(std::process::Child);
+impl Drop for Serving {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+#[test]
+fn record_starts_and_stops_a_recording_on_a_running_server() {
+    let port = || std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+    let (force, surface) = (format!("tcp/127.0.0.1:{}", port()), format!("tcp/127.0.0.1:{}", port()));
+    let folder = tempfile::tempdir().unwrap();
+    let server = std::process::Command::new(env!("CARGO_BIN_EXE_palpate"))
+        .args(["serve", "--scene", "cube", "--set", "body.active_level=0", "--set", "world.settle=0"])
+        .args(["--force-endpoint", &force, "--surface-endpoint", &surface])
+        .args(["--recordings", folder.path().to_str().unwrap()])
+        .stdout(std::process::Stdio::null())
+        .stderr(std::process::Stdio::null())
+        .spawn()
+        .unwrap();
+    let serving = Serving(server);
+    let record = |name: &str| palpate(&["record", name, "--seconds", "1", "--surface-endpoint", &surface]);
+    // The client waits up to five seconds for the server to come up.
+    let said = record("swing.mcap").success();
+    let text = String::from_utf8_lossy(&said.get_output().stdout).into_owned();
+    assert!(text.contains("swing.mcap") && text.contains("ticks from"), "{text}");
+    let refused = stderr(&record("../swing.mcap").failure());
+    assert!(refused.contains("below the server's recordings folder"), "{refused}");
+    drop(serving);
+    let file = folder.path().join("swing.mcap");
+    let said = palpate(&["replay", file.to_str().unwrap()]).success();
+    let text = String::from_utf8_lossy(&said.get_output().stdout).into_owned();
+    let ticks: u64 = text.split("identical: ").nth(1).unwrap().split(' ').next().unwrap().parse().unwrap();
+    assert!((500..2000).contains(&ticks), "{text}");
+    let gone = stderr(&palpate(&["record", "x.mcap", "--surface-endpoint", &surface]).failure());
+    assert!(gone.contains(&surface), "{gone}");
+}
