@@ -74,6 +74,9 @@ pub fn run(args: DemoArgs) -> anyhow::Result<ExitCode> {
     runtime()?.block_on(async {
         let server = Server::start(loaded.scene, body, start, args.server.options()).await?;
         eprintln!("{}", args.server.describe());
+        if let Some(warning) = server.warning() {
+            eprintln!("warning: {warning}");
+        }
         let (stop, newest) = (Arc::new(AtomicBool::new(false)), Arc::new(Mutex::new(None)));
         let phantom = start_phantom(&args, device, stop.clone(), newest.clone())?;
         let mut view = View {

@@ -215,6 +215,9 @@ fn serve(args: &ServeArgs) -> anyhow::Result<ExitCode> {
     runtime()?.block_on(async {
         let server = Server::start(loaded.scene, body, start, args.server.options()).await?;
         tracing::info!("{}; Ctrl-C ends it", args.server.describe());
+        if let Some(warning) = server.warning() {
+            tracing::warn!("{warning}");
+        }
         let time_up = async {
             match args.seconds {
                 Some(seconds) => {

@@ -389,3 +389,107 @@ fn viscosity_damps_the_lowest_mode_as_the_reference() {
         }
     }
 }
+
+// ---- the law and its kernel ----
+
+/// Numbers in −1..1 that only `seed` determines.
+fn noise(seed: u64) -> impl FnMut() -> Real {
+    let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
+    move || {
+        state ^= state << 13;
+        state ^= state >> 7;
+        state ^= state << 17;
+        (state >> 11) as Real / (1u64 << 52) as Real - 1.0
+    }
+}
+
+/// The reference cube's rest positions, each moved by up to `size` [m].
+fn shaken(body: &Body, seed: u64, size: Real) -> Vec<Vec3> {
+    let mut noise = noise(seed);
+    body.level().mesh.nodes.iter().map(|u| u + Vec3::new(noise(), noise(), noise()) * size).collect()
+}
+
+#[test]
+fn force_is_minus_energy_gradient() {
+    let body = cube(2, Material::from_young(1e4, 0.35, 1000.0), false);
+    let still = vec![Vec3::zeros(); body.level().mesh.nodes.len()];
+    // The larger shake squeezes and even inverts elements: the compression term is part of the energy.
+    for (seed, size) in [(1, 0.002), (2, 0.01), (3, 0.03)] {
+        let mut state = State::at_rest(&body);
+        state.position = shaken(&body, seed, size);
+        let force = forces(&body, &state.position, &still);
+        let scale = force.iter().map(|f| f.norm()).fold(0.0, Real::max);
+        let mut worst = 0.0 as Real;
+        for n in 0..force.len() {
+            for c in 0..3 {
+                let mut at = |h: Real| {
+                    let before = state.position[n][c];
+                    state.position[n][c] += h;
+                    let elastic = energy(&body, &state, Vec3::zeros()).elastic;
+                    state.position[n][c] = before;
+                    elastic
+                };
+                worst = worst.max((force[n][c] + (at(1e-6) - at(-1e-6)) / 2e-6).abs());
+            }
+        }
+        println!("shaken by {size} m: {:.1e} of the largest force", worst / scale);
+        assert!(worst < 1e-6 * scale, "{worst} of {scale} N");
+    }
+}
+
+#[test]
+fn rigid_motion_gives_no_force_and_viscosity_only_takes_energy() {
+    let body = cube(2, Material { phi: 30.0, psi: 20.0, ..Material::from_young(1e4, 0.35, 1000.0) }, false);
+    let rest = &body.level().mesh.nodes;
+    let turn = *nalgebra::Rotation3::from_euler_angles(0.4, -1.1, 2.3).matrix();
+    let spin = Vec3::new(3.0, -2.0, 5.0);
+    let position: Vec<Vec3> = rest.iter().map(|u| turn * u + Vec3::new(0.3, 0.1, -0.2)).collect();
+    let velocity: Vec<Vec3> = position.iter().map(|x| spin.cross(x) + Vec3::new(1.0, 2.0, 3.0)).collect();
+    let largest = forces(&body, &position, &velocity).iter().map(|f| f.norm()).fold(0.0, Real::max);
+    assert!(largest < 1e-11, "{largest} N");
+
+    let still = vec![Vec3::zeros(); rest.len()];
+    for seed in 1..20 {
+        let position = shaken(&body, seed, 0.01);
+        let mut noise = noise(seed + 100);
+        let velocity: Vec<Vec3> = rest.iter().map(|_| Vec3::new(noise(), noise(), noise())).collect();
+        let (moving, standing) = (forces(&body, &position, &velocity), forces(&body, &position, &still));
+        let power: Real = (0..rest.len()).map(|n| (moving[n] - standing[n]).dot(&velocity[n])).sum();
+        assert!(power < 0.0, "{power} W");
+        // Neither part leaves a force or a moment over.
+        let (sum, moment) = moving
+            .iter()
+            .zip(&position)
+            .fold((Vec3::zeros(), Vec3::zeros()), |(f, m), (force, x)| (f + force, m + x.cross(force)));
+        let scale: Real = moving.iter().map(|f| f.norm()).sum();
+        assert!(sum.norm() < 1e-13 * scale && moment.norm() < 1e-13 * scale);
+    }
+}
+
+#[test]
+fn every_form_of_the_kernel_gives_the_same_bits() {
+    // 162 elements: the last block is not full.
+    let body = cube(3, Material { phi: 3.0, psi: 2.0, ..Material::from_young(1e4, 0.45, 1000.0) }, false);
+    for seed in 0..50 {
+        // From small to inverted, and once with a number that is none.
+        let mut position = shaken(&body, seed, 0.0008 * seed as Real);
+        let velocity = shaken(&body, seed + 1000, 1.0);
+        if seed == 49 {
+            position[5].y = Real::NAN;
+        }
+        let results: Vec<_> = Path::available()
+            .into_iter()
+            .map(|path| {
+                let mut force = vec![[0.0; 4]; position.len()];
+                let extremes = add_forces(path, body.elements(), &position, &velocity, &mut force);
+                let bits: Vec<u64> = force.iter().flatten().map(|x| x.to_bits()).collect();
+                (bits, extremes.strain_squared.to_bits(), extremes.det_f.to_bits(), extremes.stiffening().to_bits())
+            })
+            .collect();
+        if seed < 49 {
+            assert!(results.windows(2).all(|pair| pair[0] == pair[1]), "seed {seed}");
+        } else {
+            assert!(results.iter().all(|r| r.0.iter().any(|bits| Real::from_bits(*bits).is_nan())));
+        }
+    }
+}

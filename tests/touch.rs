@@ -730,3 +730,27 @@ fn a_tool_that_went_deeper_while_the_body_stood_still_does_not_hit_it() {
         assert!(most < 2.0 * after && fastest < 2.0, "{most} N for {after} N, {fastest} m/s");
     }
 }
+
+#[test]
+fn a_state_that_is_not_finite_gives_way_to_the_last_good_one_and_the_hand_feels_nothing() {
+    let mut press = simulation(&cube(&["tool.radius=0.015"]));
+    tick(&mut press, attach());
+    for i in 0..500 {
+        tick(&mut press, at(TOP + Vec3::z() * (0.0155 - 0.005 * ease(i as Real * TICK, 0.0, 0.3))));
+    }
+    let pressed = press.snapshot().tools[0].force.norm();
+    assert!(pressed > 0.3);
+    press.state_mut().velocity[60].y = Real::NAN;
+    let outputs = tick(&mut press, at(TOP + Vec3::z() * 0.0105));
+    assert!(outputs.restored && outputs.flags().restored);
+    assert_eq!(outputs.tools[0].state.force, Vec3::zeros());
+    assert!(press.snapshot().body.is_finite());
+    // The clock goes on, and so does the touch once the tool has been outside.
+    for i in 0..800 {
+        let height = 0.0105 + 0.01 * ease(i as Real * TICK, 0.0, 0.2) - 0.01 * ease(i as Real * TICK, 0.3, 0.5);
+        assert!(!tick(&mut press, at(TOP + Vec3::z() * height)).restored);
+    }
+    let again = press.snapshot().tools[0].force.norm();
+    println!("{pressed:.3} N, then none, then {again:.3} N");
+    assert!((again / pressed - 1.0).abs() < 0.05);
+}

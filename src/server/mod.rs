@@ -114,6 +114,7 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 /// A running server.
 pub struct Server {
     shared: Arc<Shared>,
+    warning: Option<String>,
     stop: Arc<AtomicBool>,
     simulation: std::thread::JoinHandle<SimThread>,
     force_output: force_output::ForceOutput,
@@ -148,9 +149,6 @@ impl Server {
 
         let stop = Arc::new(AtomicBool::new(false));
         let (simulation, granted) = spawn_simulation(SimThread::new(simulation, sim_ends), options.cpu, stop.clone())?;
-        if let Some(warning) = granted.warning() {
-            tracing::warn!("{warning}");
-        }
         let shared = Arc::new(Shared {
             input: tool_input::ToolInput::new(poses, scene.workspace(&body)),
             holders: control::Holders::new(scene.tool.len()),
@@ -185,6 +183,7 @@ impl Server {
         ];
         Ok(Server {
             shared,
+            warning: granted.warning(),
             stop,
             simulation,
             force_output,
@@ -193,6 +192,11 @@ impl Server {
             live,
             flush_status,
         })
+    }
+
+    /// What the system refused the simulation thread, with the remedy.
+    pub fn warning(&self) -> Option<&str> {
+        self.warning.as_deref()
     }
 
     /// The status as it changes, about ten times a second.
