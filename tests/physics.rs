@@ -420,8 +420,8 @@ fn force_is_minus_energy_gradient() {
         let force = forces(&body, &state.position, &still);
         let scale = force.iter().map(|f| f.norm()).fold(0.0, Real::max);
         let mut worst = 0.0 as Real;
-        for n in 0..force.len() {
-            for c in 0..3 {
+        for (n, force) in force.iter().enumerate() {
+            for (c, force) in force.iter().enumerate() {
                 let mut at = |h: Real| {
                     let before = state.position[n][c];
                     state.position[n][c] += h;
@@ -429,7 +429,7 @@ fn force_is_minus_energy_gradient() {
                     state.position[n][c] = before;
                     elastic
                 };
-                worst = worst.max((force[n][c] + (at(1e-6) - at(-1e-6)) / 2e-6).abs());
+                worst = worst.max((force + (at(1e-6) - at(-1e-6)) / 2e-6).abs());
             }
         }
         println!("shaken by {size} m: {:.1e} of the largest force", worst / scale);

@@ -1,8 +1,8 @@
 //! Where a tool meets the display surface: point constraints, once per tick.
 //!
-//! A constraint stands at each display vertex near the tool, and where triangles are large against the tool, at the
-//! triangle's point nearest to the tool's axis as well, so that a thin tip does not slip between vertices. Normals
-//! run from the tool's axis to the point, at the tool's place in the middle of the tick.
+//! A constraint stands at each display vertex near the tool and at each near triangle's point nearest to the tool's axis,
+//! so that nothing slips between vertices. Normals run from the tool's axis to the point, at the tool's place in the
+//! middle of the tick.
 
 use super::tool::{MOST_POINTS, Shape, ToolState};
 use super::wrench::middle_pose;

@@ -1,0 +1,359 @@
+//! The keys of a scene, each with its range and default, and what follows from them.
+
+use crate::contact::safety::ForceLimits;
+use crate::contact::tool::{Following, MOST_TOOLS, Shape as ToolShape, Tool};
+use crate::geometry::locate::{Host, Locator};
+use crate::geometry::mesh_io::LengthUnit;
+use crate::math::{Real, Vec3};
+use crate::model::{Body, Material};
+use crate::prepare::Region;
+use crate::simulation::{Inputs, Settings, Simulation, Snapshot, TICK};
+use garde::Validate;
+use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// A scene as written, every key with its default.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Validate)]
+#[serde(deny_unknown_fields)]
+#[garde(allow_unvalidated)]
+pub struct Scene {
+    /// Name of the body, for people.
+    #[garde(length(min = 1, max = 64))]
+    pub name: String,
+    /// Its shape and levels.
+    #[garde(dive)]
+    pub body: BodyKeys,
+    /// Its material.
+    #[serde(default)]
+    #[garde(dive)]
+    pub material: MaterialKeys,
+    /// Regions held in space.
+    #[serde(default)]
+    #[garde(dive, length(max = 64))]
+    pub hold: Vec<HoldKeys>,
+    /// Tools that clients may take; one ball when the list is empty.
+    #[serde(default = "one_ball")]
+    #[garde(dive, length(min = 1, max = MOST_TOOLS))]
+    pub tool: Vec<ToolKeys>,
+    /// Gravity and settling.
+    #[serde(default)]
+    #[garde(dive)]
+    pub world: WorldKeys,
+    /// Limits on poses and forces.
+    #[serde(default)]
+    #[garde(dive)]
+    pub safety: SafetyKeys,
+    /// Points whose motion `simulate` writes down.
+    #[serde(default)]
+    #[garde(dive, length(max = 64))]
+    pub probe: Vec<ProbeKeys>,
+}
+
+/// Where a body's shape comes from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Source {
+    /// The bundled organ, about 0.2 m wide.
+    Liver,
+    /// The bundled toy with limbs that swing.
+    Toy,
+    /// A box from the origin to `size`, of structured conforming meshes.
+    Box,
+    /// A closed surface from `file`.
+    Surface,
+    /// Tetrahedral meshes from `files`, one per level.
+    Volumes,
+}
+
+/// `[body]`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Validate)]
+#[serde(deny_unknown_fields)]
+#[garde(allow_unvalidated)]
+pub struct BodyKeys {
+    /// Where the shape comes from.
+    pub source: Source,
+    /// `surface`: OBJ or STL file, relative to the scene's.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub file: Option<PathBuf>,
+    /// `volumes`: MSH files, coarse to fine, relative to the scene's.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub files: Vec<PathBuf>,
+    /// Unit of the files' coordinates.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub unit: Option<LengthUnit>,
+    /// Further factor on the files' coordinates.
+    #[serde(default = "one")]
+    #[garde(range(min = 1e-6, max = 1e6))]
+    pub scale: Real,
+    /// `box`: edge lengths [m].
+    #[serde(default = "decimetre")]
+    #[garde(inner(range(min = 1e-3, max = 10.0)))]
+    pub size: [Real; 3],
+    /// `box`: cells per axis, one triple per level, coarse to fine.
+    #[serde(default = "two_levels")]
+    #[garde(length(min = 1, max = 8), inner(inner(range(min = 1, max = 128))))]
+    pub cells: Vec<[u32; 3]>,
+    /// Lattice constants of the levels [m], coarse to fine; empty: three chosen by volume.
+    #[serde(default)]
+    #[garde(length(max = 8), inner(range(min = 1e-4, max = 1.0)), custom(falling))]
+    pub spacings: Vec<Real>,
+    /// Vertices of the display surface, about.
+    #[serde(default = "display_vertices")]
+    #[garde(range(min = 50, max = 5_000))]
+    pub display_vertices: usize,
+    /// Level that moves; left out: the finest that the tick covers.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub active_level: Option<u32>,
+}
+
+/// `[material]`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Validate)]
+#[serde(deny_unknown_fields, default)]
+#[garde(allow_unvalidated)]
+pub struct MaterialKeys {
+    /// Young's modulus [Pa].
+    #[garde(range(min = 10.0, max = 1e9))]
+    pub youngs_modulus: Real,
+    /// Poisson's ratio.
+    #[garde(range(min = 0.0, max = 0.49))]
+    pub poisson_ratio: Real,
+    /// Density [kg/m³].
+    #[garde(range(min = 1.0, max = 2e4))]
+    pub density: Real,
+    /// Relaxation time τ [s]: φ = λτ, ψ = μτ.
+    #[garde(range(min = 0.0, max = 1.0))]
+    pub damping_time: Real,
+    /// Viscosity φ [Pa·s], instead of λτ.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[garde(inner(range(min = 0.0, max = 1e9)))]
+    pub phi: Option<Real>,
+    /// Shear viscosity ψ [Pa·s], instead of μτ.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[garde(inner(range(min = 0.0, max = 1e9)))]
+    pub psi: Option<Real>,
+}
+
+impl Default for MaterialKeys {
+    fn default() -> Self {
+        Self { youngs_modulus: 5e3, poisson_ratio: 0.45, density: 1050.0, damping_time: 1e-3, phi: None, psi: None }
+    }
+}
+
+/// `[[hold]]`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Validate)]
+#[serde(deny_unknown_fields)]
+#[garde(allow_unvalidated)]
+pub struct HoldKeys {
+    /// Least corner of the region at rest [m].
+    #[garde(inner(range(min = -1e3, max = 1e3)))]
+    pub min: [Real; 3],
+    /// Greatest corner [m].
+    #[garde(inner(range(min = -1e3, max = 1e3)))]
+    pub max: [Real; 3],
+    /// Corners are fractions of the body's own box instead of metres.
+    #[serde(default)]
+    pub relative: bool,
+    /// Stiffness per area [N/m³]; left out: 10 E over the finest spacing.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[garde(inner(range(min = 0.0, max = 1e12)))]
+    pub stiffness: Option<Real>,
+    /// Do not move the region's nodes at all (boxes and given meshes only).
+    #[serde(default)]
+    pub exact: bool,
+}
+
+/// `[[tool]]`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Validate)]
+#[serde(deny_unknown_fields)]
+#[garde(allow_unvalidated)]
+pub struct ToolKeys {
+    /// Name that clients ask for.
+    #[garde(length(min = 1, max = 32))]
+    pub name: String,
+    /// Radius [m].
+    #[serde(default = "centimetre")]
+    #[garde(range(min = 5e-4, max = 0.1))]
+    pub radius: Real,
+    /// Length of the capsule's axis along the tool's own +z [m]; 0 is a ball.
+    #[serde(default)]
+    #[garde(range(min = 0.0, max = 1.0))]
+    pub length: Real,
+}
+
+/// `[world]`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Validate)]
+#[serde(deny_unknown_fields, default)]
+#[garde(allow_unvalidated)]
+pub struct WorldKeys {
+    /// Gravity [m/s²].
+    #[garde(inner(range(min = -100.0, max = 100.0)))]
+    pub gravity: [Real; 3],
+    /// How long the body comes to rest under its load before it is served [s].
+    #[garde(range(min = 0.0, max = 60.0))]
+    pub settle: Real,
+}
+
+impl Default for WorldKeys {
+    fn default() -> Self {
+        Self { gravity: [0.0, 0.0, -9.81], settle: 2.0 }
+    }
+}
+
+/// `[safety]`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Validate)]
+#[serde(deny_unknown_fields, default)]
+#[garde(allow_unvalidated)]
+pub struct SafetyKeys {
+    /// Largest rendered force [N].
+    #[garde(range(min = 0.01, max = 100.0))]
+    pub force_limit: Real,
+    /// Largest rendered torque [N·m].
+    #[garde(range(min = 1e-4, max = 10.0))]
+    pub torque_limit: Real,
+    /// Fastest change of the rendered force [N/s].
+    #[garde(range(min = 1.0, max = 1e5))]
+    pub slew_limit: Real,
+    /// Fastest that a touching tool moves [m/s].
+    #[garde(range(min = 0.01, max = 1.5))]
+    pub tool_speed: Real,
+    /// Rise of the force from zero at engage [s].
+    #[garde(range(min = 0.001, max = 5.0))]
+    pub engage_time: Real,
+    /// How far poses may be outside the body's box [m]; those beyond are refused.
+    #[garde(range(min = 0.01, max = 10.0))]
+    pub workspace_margin: Real,
+}
+
+impl Default for SafetyKeys {
+    fn default() -> Self {
+        Self {
+            force_limit: 3.3,
+            torque_limit: 0.2,
+            slew_limit: 1000.0,
+            tool_speed: 1.0,
+            engage_time: 0.1,
+            workspace_margin: 0.5,
+        }
+    }
+}
+
+/// `[[probe]]`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Validate)]
+#[serde(deny_unknown_fields)]
+#[garde(allow_unvalidated)]
+pub struct ProbeKeys {
+    /// Column name.
+    #[garde(length(min = 1, max = 32))]
+    pub name: String,
+    /// Place at rest [m].
+    #[garde(inner(range(min = -1e3, max = 1e3)))]
+    pub position: [Real; 3],
+}
+
+fn one() -> Real {
+    1.0
+}
+fn centimetre() -> Real {
+    0.01
+}
+fn decimetre() -> [Real; 3] {
+    [0.1; 3]
+}
+fn two_levels() -> Vec<[u32; 3]> {
+    vec![[2; 3], [4; 3]]
+}
+fn display_vertices() -> usize {
+    2_500
+}
+fn one_ball() -> Vec<ToolKeys> {
+    vec![ToolKeys { name: "ball".into(), radius: centimetre(), length: 0.0 }]
+}
+fn falling(spacings: &[Real], _: &()) -> garde::Result {
+    let ordered = spacings.windows(2).all(|pair| pair[1] <= 0.8 * pair[0]);
+    if ordered { Ok(()) } else { Err(garde::Error::new("each spacing must be at most 0.8 of the one before it")) }
+}
+
+impl HoldKeys {
+    /// The region, for a body of this box.
+    pub(super) fn region(&self, (low, high): (Vec3, Vec3)) -> Region {
+        let place = |corner: [Real; 3]| {
+            let corner = Vec3::from(corner);
+            if self.relative { low + (high - low).component_mul(&corner) } else { corner }
+        };
+        Region { bounds: (place(self.min), place(self.max)), stiffness: self.stiffness, exact: self.exact }
+    }
+}
+
+impl Scene {
+    /// The material's constants.
+    pub fn material(&self) -> Material {
+        let keys = &self.material;
+        let elastic = Material::from_young(keys.youngs_modulus, keys.poisson_ratio, keys.density);
+        Material {
+            phi: keys.phi.unwrap_or(elastic.lambda * keys.damping_time),
+            psi: keys.psi.unwrap_or(elastic.mu * keys.damping_time),
+            ..elastic
+        }
+    }
+
+    /// The simulation's settings.
+    pub fn settings(&self) -> Settings {
+        let tool = |keys: &ToolKeys| Tool {
+            name: keys.name.clone(),
+            shape: ToolShape { radius: keys.radius, length: keys.length },
+        };
+        Settings {
+            gravity: Vec3::from(self.world.gravity),
+            tools: self.tool.iter().map(tool).collect(),
+            following: Following {
+                speed: self.safety.tool_speed,
+                engage_ticks: (self.safety.engage_time / TICK).ceil() as u32,
+            },
+            limits: ForceLimits {
+                force: self.safety.force_limit,
+                torque: self.safety.torque_limit,
+                slew: self.safety.slew_limit,
+            },
+        }
+    }
+
+    /// The box that poses must lie in [m].
+    pub fn workspace(&self, body: &Body) -> (Vec3, Vec3) {
+        let (low, high) = body.surface().bounds();
+        (low.add_scalar(-self.safety.workspace_margin), high.add_scalar(self.safety.workspace_margin))
+    }
+
+    /// Where each probe hangs on the level that moves.
+    pub fn probes(&self, body: &Body) -> Vec<Host> {
+        let locator = Locator::new(&body.level().mesh, body.level().spacing);
+        self.probe.iter().map(|p| locator.host(Vec3::from(p.position))).collect()
+    }
+
+    /// The state in which `body` has come to rest under its load: `world.settle` seconds of ticks in which its
+    /// velocities fade, so that it does not swing when it is first touched.
+    pub fn settled(&self, body: &Arc<Body>, progress: &mut dyn FnMut(&str, usize, usize)) -> Snapshot {
+        let tools = self.tool.len();
+        let rest = Snapshot::at_rest(body, tools);
+        let ticks = (self.world.settle / TICK) as usize;
+        let Ok(mut simulation) = Simulation::new(body.clone(), self.settings(), rest.clone()) else { return rest };
+        for tick in 0..ticks {
+            if tick % 100 == 0 {
+                progress("settling under gravity", tick, ticks);
+            }
+            simulation.advance(&Inputs::default());
+            simulation.state_mut().velocity.iter_mut().for_each(|v| *v *= 0.98);
+        }
+        progress("settling under gravity", ticks, ticks);
+        let mut settled = Snapshot::at_rest(body, tools);
+        settled.body.copy_from(&simulation.snapshot().body);
+        settled.body.velocity.fill(Vec3::zeros());
+        settled
+    }
+
+    /// The scene with every default written out.
+    pub fn to_toml(&self) -> String {
+        // Scenes hold nothing that TOML cannot say.
+        toml::to_string(self).unwrap_or_default()
+    }
+}
