@@ -147,6 +147,7 @@ async fn carry_out(shared: &Arc<Shared>, request: proto::ControlRequest) -> Resu
             reply.recording = shared.recorder.status();
         }
         Request::StopRecording(_) => {
+            recorder::expect_end(shared);
             shared.command(Command::StopRecording)?;
             reply.recording = Some(recorder::finish(shared).await.ok_or("no recording is running")?);
         }

@@ -209,6 +209,7 @@ impl Server {
     /// # Errors
     /// When the simulation thread died, which it must not.
     pub async fn stop(self) -> Result<proto::Status, ServerError> {
+        recorder::expect_end(&self.shared);
         self.stop.store(true, Ordering::Relaxed);
         let died = || ServerError::System(std::io::Error::other("the simulation thread panicked"));
         let thread = tokio::task::spawn_blocking(move || self.simulation.join())

@@ -6,6 +6,7 @@ use crate::recording::RecordingWriter;
 use crate::simulation::{Snapshot, TICKS_PER_FRAME};
 use palpate_proto as proto;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
@@ -20,6 +21,8 @@ pub(super) struct Recorder {
 }
 
 struct Running {
+    /// Somebody wants it to end: otherwise its end is a fault.
+    wanted_to_end: Arc<AtomicBool>,
     thread: std::thread::JoinHandle<proto::RecordingStatus>,
     status: Arc<Mutex<proto::RecordingStatus>>,
 }
@@ -74,11 +77,13 @@ fn start_now(shared: &Shared, path: &Path) -> Result<(), String> {
     };
     let status = Arc::new(Mutex::new(writer.status()));
     let (tools, told) = (shared.scene.tool.len(), status.clone());
+    let wanted_to_end = Arc::new(AtomicBool::new(false));
+    let wanted = wanted_to_end.clone();
     let thread = std::thread::Builder::new()
         .name("recorder".into())
-        .spawn(move || write(writer, ends, tools, &told))
+        .spawn(move || write(writer, ends, tools, &told, &wanted))
         .map_err(|e| e.to_string())?;
-    *running = Some(Running { thread, status });
+    *running = Some(Running { wanted_to_end, thread, status });
     Ok(())
 }
 
@@ -105,6 +110,7 @@ fn write(
     mut ends: Ends,
     tools: usize,
     status: &Mutex<proto::RecordingStatus>,
+    wanted_to_end: &AtomicBool,
 ) -> proto::RecordingStatus {
     let mut fault = String::new();
     let mut last_status = Instant::now();
@@ -139,6 +145,9 @@ fn write(
             std::thread::sleep(Duration::from_millis(5));
         }
     }
+    if fault.is_empty() && !wanted_to_end.load(Ordering::Relaxed) {
+        fault = "the disk was too slow: ticks were lost, and the recording ends before them".into();
+    }
     let before = writer.status();
     let done = match writer.finish() {
         Ok(done) => proto::RecordingStatus { fault, ..done },
@@ -146,6 +155,13 @@ fn write(
     };
     *lock(status) = done.clone();
     done
+}
+
+/// Says that the running recording, if there is one, is wanted to end: to be called before its tap is told.
+pub(super) fn expect_end(shared: &Shared) {
+    if let Some(running) = lock(&shared.recorder.running).as_ref() {
+        running.wanted_to_end.store(true, Ordering::Relaxed);
+    }
 }
 
 /// Waits until the running recording, whose tap has been told to stop, is on disk.
