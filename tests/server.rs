@@ -283,26 +283,43 @@ fn a_silent_client_feels_its_force_fade_and_loses_contact() {
     running.stop();
 }
 
+/// Set for the process that the next test kills: the endpoints of that test's server.
 const VICTIM: &str = "PALPATE_TEST_VICTIM";
 
-/// Not a claim of its own: the process that the next test kills. It presses until it dies.
 #[test]
-fn victim_process() {
-    let Ok(endpoints) = std::env::var(VICTIM) else { return };
-    let (force, surface) = endpoints.split_once(' ').unwrap();
-    let endpoints = Endpoints { force: force.into(), surface: surface.into(), session: "test".into() };
+fn a_press_that_is_held_keeps_its_force() {
+    let (running, endpoints, hold) = match std::env::var(VICTIM) {
+        Ok(endpoints) => {
+            let (force, surface) = endpoints.split_once(' ').unwrap();
+            let endpoints = Endpoints { force: force.into(), surface: surface.into(), session: "test".into() };
+            (None, endpoints, 20_000)
+        }
+        Err(_) => {
+            let running = serve();
+            let endpoints = running.endpoints.clone();
+            (Some(running), endpoints, 1_000)
+        }
+    };
     let connection = Connection::open(&endpoints).unwrap();
     let mut tool = connection.attach("victim", "left", 1000.0).unwrap();
     move_tool(&mut tool, 0.02, 0.02, 50);
     move_tool(&mut tool, 0.02, -0.008, 300);
-    move_tool(&mut tool, -0.008, -0.008, 20_000);
+    move_tool(&mut tool, -0.008, -0.008, 300);
+    let early = tool.latest_wrench().unwrap().wrench.force[2];
+    move_tool(&mut tool, -0.008, -0.008, hold);
+    let late = tool.latest_wrench().unwrap().wrench.force[2];
+    println!("{early} N, then {late} N");
+    assert!(early > 0.1 && (late / early - 1.0).abs() < 0.1);
+    if let Some(running) = running {
+        running.stop();
+    }
 }
 
 #[test]
 fn a_client_killed_mid_press_frees_its_tool() {
     let running = serve();
     let mut victim = std::process::Command::new(std::env::current_exe().unwrap())
-        .args(["victim_process", "--exact"])
+        .args(["a_press_that_is_held_keeps_its_force", "--exact"])
         .env(VICTIM, format!("{} {}", running.endpoints.force, running.endpoints.surface))
         .stdout(std::process::Stdio::null())
         .spawn()
