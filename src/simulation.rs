@@ -100,8 +100,7 @@ impl Snapshot {
             tool.hash_into(&mut hash);
             for p in points {
                 hash.update(&p.point.to_le_bytes());
-                let (n, at) = (p.normal, p.place);
-                for x in [p.multiplier, p.slack, n.x, n.y, n.z, at.x, at.y, at.z] {
+                for x in [p.multiplier, p.slack, p.normal.x, p.normal.y, p.normal.z] {
                     hash.update(&x.to_le_bytes());
                 }
             }
@@ -357,6 +356,8 @@ impl Simulation {
         self.outputs.restored = true;
         self.now.body.copy_from(&self.last_good);
         self.now.body.velocity.fill(Vec3::zeros());
+        // At rest from now on, so that a recording which begins here knows it too.
+        self.last_good.copy_from(&self.now.body);
         self.now.points.iter_mut().for_each(Vec::clear);
         self.constraints.clear();
         for tool in &mut self.now.tools {
@@ -378,7 +379,7 @@ impl Simulation {
             if stood_still && tool.touches() {
                 // No step, no new force: the last one stands.
                 physical = Wrench { force: tool.physical_force, torque: tool.physical_torque };
-                contact_points = self.outputs.tools[i].contact_points;
+                contact_points = self.now.points[i].iter().filter(|p| p.multiplier > 0.0).count() as u32;
             }
             let limited = safety::render(tool, &physical, &self.settings.limits, TICK);
             self.outputs.tools[i] = ToolOutput { state: *tool, contact_points, limited };

@@ -82,7 +82,7 @@ pub fn detect(
     let candidates = &mut work.candidates;
     candidates.clear();
     let axis = Axis::new(&middle_pose(tool), shape);
-    let touch = Touch { axis: &axis, radius: shape.radius, reach: shape.radius + MARGIN, memory };
+    let touch = Touch { axis: &axis, radius: shape.radius, memory };
     near_vertices(on, &touch, candidates);
     near_triangles(on, &touch, candidates);
 
@@ -93,16 +93,12 @@ pub fn detect(
 
     let (start, end) = (Axis::new(&tool.previous, shape), Axis::new(&tool.pose, shape));
     work.memory.clear();
-    let mut claimed = [false; MOST_POINTS];
     for candidate in candidates.iter() {
         let (n, along) = (candidate.normal, candidate.along);
         let compliance = subgrid_compliance(on.body, candidate.area);
         let moved = n.dot(&(end.at(along) - start.at(along)));
         let known = remembered(memory, candidate.point);
-        let multiplier = match known {
-            Some(m) => m.multiplier,
-            None => inherited(candidate, candidates, memory, &mut claimed, on.body.longest_display_edge()),
-        };
+        let multiplier = known.map_or(0.0, |m| m.multiplier);
         // Overlap at the start of the tick that neither the last multiplier nor the last slack explains: a tool that
         // came too fast, a body that stood still meanwhile, a point just found. It is closed gradually.
         let shown = dent(compliance, multiplier, MOST_DENT * shape.radius);
@@ -131,7 +127,6 @@ pub fn detect(
             multiplier: 0.0, // written back after the solve
             slack: slack_end,
             normal: n,
-            place: candidate.place,
         });
     }
     std::mem::swap(memory, &mut work.memory);
@@ -143,29 +138,6 @@ const UNNOTICED: Real = 5e-5;
 /// Part of the tool's radius that the dent below the mesh's size may take: beyond it the displayed surface would swallow
 /// a thin tip and lose it at the next triangle.
 const MOST_DENT: Real = 0.3;
-
-/// The multiplier [N] that a point just found takes over from the nearest touched point that is gone, within `edge`
-/// [m]: a tip that slides from one triangle to the next keeps its force. Each is taken over once.
-fn inherited(
-    found: &Candidate,
-    candidates: &[Candidate],
-    memory: &[PointMemory],
-    claimed: &mut [bool; MOST_POINTS],
-    edge: Real,
-) -> Real {
-    let gone = |m: &PointMemory| candidates.binary_search_by_key(&m.point, |c| c.point).is_err();
-    let mut best: Option<(Real, usize)> = None;
-    for (i, m) in memory.iter().enumerate().take(MOST_POINTS) {
-        let distance = (m.place - found.place).norm();
-        if !claimed[i] && m.multiplier > 0.0 && distance < edge && best.is_none_or(|b| distance < b.0) && gone(m) {
-            best = Some((distance, i));
-        }
-    }
-    best.map_or(0.0, |(_, i)| {
-        claimed[i] = true;
-        memory[i].multiplier
-    })
-}
 
 /// The dent that the mesh is too coarse to show: compliance [m/N] of an elastic half-space under a disc of `area`,
 /// without the part that a mesh of the level's spacing resolves. Half-space displacement
@@ -216,12 +188,15 @@ struct Touch<'a> {
     axis: &'a Axis,
     /// Of the tool [m].
     radius: Real,
-    /// Points farther from the axis are left out [m].
-    reach: Real,
     memory: &'a [PointMemory],
 }
 
 impl Touch<'_> {
+    /// Box around everything that the tool may touch.
+    fn window(&self) -> (Vec3, Vec3) {
+        self.axis.window(self.radius + MARGIN)
+    }
+
     /// Normal from the axis at `part` to `place` and the gap [m], or `None` where the place is out of reach or its sheet
     /// of the surface, which faces `outward`, is not one that the tool pushes.
     ///
@@ -230,7 +205,7 @@ impl Touch<'_> {
     fn side(&self, part: Real, place: Vec3, outward: Vec3, point: u32) -> Option<(Vec3, Real)> {
         let away = place - self.axis.at(part);
         let distance = away.norm();
-        if distance > self.reach {
+        if distance > self.radius + MARGIN {
             return None;
         }
         let normal = if distance > 1e-9 { away / distance } else { -outward.normalize() };
@@ -256,7 +231,7 @@ fn area_vector(on: &Touchable, t: u32) -> Vec3 {
 }
 
 fn near_vertices(on: &Touchable, touch: &Touch, out: &mut Vec<Candidate>) {
-    let (low, high) = touch.axis.window(touch.reach);
+    let (low, high) = touch.window();
     for (v, place) in on.vertices.iter().enumerate() {
         let apart = (0..3).any(|c| place[c] < low[c] || place[c] > high[c]);
         if apart {
@@ -274,7 +249,7 @@ fn near_vertices(on: &Touchable, touch: &Touch, out: &mut Vec<Candidate>) {
 
 /// Points inside triangles: between three vertices the surface could otherwise pass through the tool unfelt.
 fn near_triangles(on: &Touchable, touch: &Touch, out: &mut Vec<Candidate>) {
-    let (low, high) = touch.axis.window(touch.reach);
+    let (low, high) = touch.window();
     let first = on.vertices.len() as u32;
     let segment = Segment::new(to_parry(touch.axis.from), to_parry(touch.axis.at(1.0)));
     for (t, triangle) in on.body.surface().triangles.iter().enumerate() {

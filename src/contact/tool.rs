@@ -99,7 +99,7 @@ impl Watchdog {
 pub struct ToolState {
     /// Where it stands in its life.
     pub phase: Phase,
-    /// Of the client that holds it; 0 when none ever did.
+    /// Of the client that holds it; 0 when none does.
     pub epoch: u32,
     /// Ticks between two poses.
     pub period_ticks: u32,
@@ -160,7 +160,10 @@ impl ToolState {
                 (self.epoch, self.period_ticks) = (*epoch, (*period_ticks).max(1));
                 (self.sequence, self.time_ns, self.buttons) = (0, 0, 0);
             }
-            Some(ToolEvent::Detach) => self.let_go(),
+            Some(ToolEvent::Detach) => {
+                self.let_go();
+                self.epoch = 0;
+            }
             Some(ToolEvent::Pose(sample)) => self.take(sample),
             None => {}
         }

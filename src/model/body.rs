@@ -47,7 +47,6 @@ pub struct Body {
     inverse_mass: Vec<Real>,
     hold_rows: Vec<[(u32, Real); 4]>,
     vertex_area: Vec<Real>,
-    longest_display_edge: Real,
     adjacency_start: Vec<u32>,
     adjacency: Vec<u32>,
     bytes: Vec<u8>,
@@ -104,7 +103,6 @@ impl Body {
         let undamped_step = undamped_step(level, &parts, &hold_rows, &inverse_mass);
         Ok(Body {
             vertex_area: parts.surface.vertex_areas(),
-            longest_display_edge: longest_edge(&parts.surface),
             elements,
             inverse_mass,
             hold_rows,
@@ -196,11 +194,6 @@ impl Body {
         &self.vertex_area
     }
 
-    /// Longest edge of a display triangle at rest [m].
-    pub fn longest_display_edge(&self) -> Real {
-        self.longest_display_edge
-    }
-
     /// Display triangles around display vertex `v`.
     pub fn triangles_around(&self, v: usize) -> &[u32] {
         &self.adjacency[self.adjacency_start[v] as usize..self.adjacency_start[v + 1] as usize]
@@ -285,15 +278,6 @@ fn check(parts: &BodyParts) -> Result<(), String> {
         }
     }
     Ok(())
-}
-
-fn longest_edge(surface: &Surface) -> Real {
-    (0..surface.triangles.len())
-        .flat_map(|t| {
-            let [a, b, c] = surface.corners(t);
-            [(a - b).norm(), (b - c).norm(), (c - a).norm()]
-        })
-        .fold(0.0, Real::max)
 }
 
 /// Triangles around each vertex, as starts (n_vertices + 1) into one list.

@@ -90,6 +90,4 @@ pub struct PointMemory {
     pub slack: Real,
     /// Last normal, from the tool towards the surface.
     pub normal: Vec3,
-    /// Where the point was [m].
-    pub place: Vec3,
 }

@@ -64,7 +64,10 @@ fn start_now(shared: &Shared, path: &Path) -> Result<(), String> {
     let start = loop {
         match ends.start.pop() {
             Ok(start) => break start,
-            Err(_) if asked.elapsed() > Duration::from_secs(2) => return Err("the simulation does not answer".into()),
+            Err(_) if asked.elapsed() > Duration::from_secs(2) => {
+                let _ = shared.command(Command::StopRecording);
+                return Err("the simulation does not answer".into());
+            }
             Err(_) => std::thread::sleep(Duration::from_millis(1)),
         }
     };

@@ -6,7 +6,12 @@ use palpate_proto::{
     ControlReply, ControlRequest, Message, Session, VERSION_MAJOR,
     keys::{self, DEFAULT_FORCE_ENDPOINT, DEFAULT_SESSION, DEFAULT_SURFACE_ENDPOINT},
 };
-use zenoh::{Wait, bytes::ZBytes};
+use zenoh::{
+    Wait,
+    bytes::ZBytes,
+    pubsub::Publisher,
+    qos::{CongestionControl, Priority},
+};
 
 use crate::{SdkError, error::reason};
 
@@ -144,6 +149,17 @@ impl Connection {
 /// Nanoseconds from `instant` until now; 584 years fit.
 pub(crate) fn nanoseconds_since(instant: Instant) -> u64 {
     instant.elapsed().as_nanos() as u64
+}
+
+/// A publisher on the force channel whose messages go out at once or not at all.
+pub(crate) fn realtime_publisher(force: &zenoh::Session, key: String) -> Result<Publisher<'static>, SdkError> {
+    force
+        .declare_publisher(key.clone())
+        .priority(Priority::RealTime)
+        .express(true)
+        .congestion_control(CongestionControl::Drop)
+        .wait()
+        .map_err(|error| SdkError::Zenoh { operation: "publish on", key, reason: reason(error) })
 }
 
 fn check_session_name(endpoints: &Endpoints) -> Result<(), SdkError> {

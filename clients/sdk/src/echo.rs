@@ -9,10 +9,9 @@ use palpate_proto::keys;
 use zenoh::{
     Wait,
     pubsub::{Publisher, Subscriber},
-    qos::{CongestionControl, Priority},
 };
 
-use crate::{Connection, SdkError, error::reason};
+use crate::{Connection, SdkError, connection::realtime_publisher, error::reason};
 
 /// Bytes at the start of a payload that tell whose it is and which.
 const TAG_BYTES: usize = 8;
@@ -49,13 +48,7 @@ impl Connection {
             .wait()
             .map_err(|error| SdkError::Zenoh { operation: "subscribe to", key, reason: reason(error) })?;
         let key = keys::echo_request(session);
-        let requests = force
-            .declare_publisher(key.clone())
-            .priority(Priority::RealTime)
-            .express(true)
-            .congestion_control(CongestionControl::Drop)
-            .wait()
-            .map_err(|error| SdkError::Zenoh { operation: "publish on", key, reason: reason(error) })?;
+        let requests = realtime_publisher(force, key)?;
         // Replies reach every client: four random bytes of the session's id tell ours apart.
         let mut payload = vec![0; bytes.max(TAG_BYTES)];
         payload[4..TAG_BYTES].copy_from_slice(&force.zid().to_le_bytes()[..4]);

@@ -11,10 +11,14 @@ use zenoh::{
     Wait,
     liveliness::LivelinessToken,
     pubsub::{Publisher, Subscriber},
-    qos::{CongestionControl, Priority},
 };
 
-use crate::{Connection, SdkError, Wrench, connection::nanoseconds_since, error::reason, wrench::watchdog_scale};
+use crate::{
+    Connection, SdkError, Wrench,
+    connection::{nanoseconds_since, realtime_publisher},
+    error::reason,
+    wrench::watchdog_scale,
+};
 
 /// Where the tool is held, as the device measures it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -179,13 +183,7 @@ impl Connection {
             .map_err(|error| SdkError::Zenoh { operation: "declare presence on", key, reason: reason(error) })?;
 
         let key = keys::tool_pose(session, id);
-        let poses = force
-            .declare_publisher(key.clone())
-            .priority(Priority::RealTime)
-            .express(true)
-            .congestion_control(CongestionControl::Drop)
-            .wait()
-            .map_err(|error| SdkError::Zenoh { operation: "publish on", key, reason: reason(error) })?;
+        let poses = realtime_publisher(force, key)?;
 
         Ok(Tool {
             id,
