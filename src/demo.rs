@@ -228,7 +228,7 @@ pub fn summary(s: &proto::Status) -> String {
         String::new(),
         format!(
             "{} ticks at {:.1} Hz; {} late by a tick, {} missed deadlines, {} stalls lost {} ticks, {} sub-steps dropped",
-            s.tick, s.tick_rate_hz, s.late_ticks, s.missed_deadlines, s.stalls, s.lapsed_ticks, s.dropped_substeps
+            s.tick, s.tick_rate_hz, s.late_ticks, s.missed_deadlines, s.stalls, s.lapsed_ticks, s.unmoved_ticks
         ),
         format!(
             "{} nodes, {} elements, {} element evaluations per tick (budget {})",
@@ -303,7 +303,7 @@ fn draw(view: &View, frame: &mut ratatui::Frame) {
 
     let missed = format!(
         "deadlines missed {}   late ticks {}   stalls {} ({} ticks lost)   sub-steps dropped {}",
-        s.missed_deadlines, s.late_ticks, s.stalls, s.lapsed_ticks, s.dropped_substeps
+        s.missed_deadlines, s.late_ticks, s.stalls, s.lapsed_ticks, s.unmoved_ticks
     );
     let touch = view.phantom.map_or("waiting for the Phantom".to_owned(), |p| {
         format!(

@@ -13,6 +13,7 @@
 //! | [`hierarchy`] | levels of resolution and what ties them together | motion, tools |
 //! | [`model`] | a body (fixed), its state (moving), the material law and its kernel | steps, tools, messages |
 //! | [`stepping`] | how a tick moves the body, and the contact solve | tools, clocks |
+//! | [`adaptation`] | when and where to refine and coarsen, within the work budget | tools, clocks, how constraints are solved |
 //! | [`contact`] | tools, where they touch, the wrench, the limits of what a hand feels | how constraints are solved |
 //! | [`simulation`] | `advance(&Inputs) -> &Outputs`: the core ends here | clocks, files, networks, threads, logs |
 //! | [`prepare`] | shapes to a body | scenes |
@@ -43,6 +44,7 @@
 
 #![allow(rustdoc::broken_intra_doc_links, reason = "units stand in square brackets, as in `[m]`")]
 
+pub mod adaptation;
 pub mod contact;
 pub mod geometry;
 pub mod hierarchy;

@@ -192,15 +192,14 @@ fn build(scene: &SceneArgs) -> anyhow::Result<(LoadedScene, Arc<palpate::model::
     let mut progress = progress::Progress::new();
     let body = Arc::new(loaded.build(&mut |what, done, of| progress.show(what, done, of))?);
     let start = loaded.scene.settled(&body, &mut |what, done, of| progress.show(what, done, of));
-    let level = body.level();
+    let levels: Vec<String> = body.levels().iter().map(|l| format!("{}", l.mesh.nodes.len())).collect();
     progress.finish(&format!(
-        "{}: {:.2} kg, {} levels, level {} moves with {} nodes and {} elements",
+        "{}: {:.2} kg, {} levels of {} nodes; starts with {} active",
         body.name(),
         body.mass(),
         body.levels().len(),
-        body.active_level(),
-        level.mesh.nodes.len(),
-        level.mesh.elements.len()
+        levels.join(", "),
+        start.body.nodes.len(),
     ));
     Ok((loaded, body, start))
 }

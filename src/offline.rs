@@ -187,7 +187,7 @@ pub struct Summary {
 /// Writes `samples.csv`: one row per `every` ticks.
 pub struct SampleWriter {
     out: BufWriter<File>,
-    probes: Vec<Host>,
+    probes: Vec<Vec<Host>>,
     every: u64,
 }
 
@@ -226,7 +226,6 @@ impl SampleWriter {
             return Ok(());
         }
         let body = simulation.body();
-        let state = &simulation.snapshot().body;
         let out = &mut self.out;
         write!(out, "{:.3}", outputs.tick as Real * TICK)?;
         for tool in &outputs.tools {
@@ -236,13 +235,13 @@ impl SampleWriter {
             }
             write!(out, ",{}", tool.contact_points)?;
         }
-        let e = energy(body, state, simulation.settings().gravity);
+        let e = energy(body, simulation.mesh(), simulation.settings().gravity);
         write!(out, ",{:e},{:e},{:e},{:e}", e.kinetic, e.elastic, e.gravity, e.total())?;
         for v in [e.linear_momentum, e.angular_momentum] {
             write!(out, ",{:e},{:e},{:e}", v.x, v.y, v.z)?;
         }
-        for level in 0..body.levels().len() {
-            write!(out, ",{}", if level == body.active_level() { state.position.len() } else { 0 })?;
+        for count in &outputs.active[..body.levels().len()] {
+            write!(out, ",{count}")?;
         }
         write!(out, ",{},{},{}", outputs.element_evaluations, outputs.plan.taken, outputs.extremes.det_f)?;
         for host in &self.probes {
@@ -261,12 +260,13 @@ impl SampleWriter {
     }
 }
 
-/// Displacement [m] of a point of the level that moves.
-pub fn displacement(simulation: &Simulation, host: &Host) -> Vec3 {
-    let level = simulation.body().level();
-    let nodes = level.mesh.elements[host.element as usize];
-    let state = &simulation.snapshot().body;
-    (0..4).map(|i| (state.position[nodes[i] as usize] - level.mesh.nodes[nodes[i] as usize]) * host.weights[i]).sum()
+/// Displacement [m] of a point, from where it lies on each level: on the one whose nodes around it are active.
+pub fn displacement(simulation: &Simulation, hosts: &[Host]) -> Vec3 {
+    let (body, mesh) = (simulation.body(), simulation.mesh());
+    let active = |h: &&Host| mesh.active_vertices(h.element);
+    let Some(host) = hosts.iter().max_by_key(active) else { return Vec3::zeros() };
+    let moved = |n: u32| mesh.position_of(n).map_or(Vec3::zeros(), |x| x - body.rest(n));
+    body.element(host.element).into_iter().zip(host.weights).map(|(n, w)| moved(n) * w).sum()
 }
 
 /// Runs `simulation` for `ticks` under `trajectory`; `each` sees every tick.
@@ -296,21 +296,21 @@ pub fn run<E>(
         each(simulation, &outputs)?;
     }
     let body = simulation.body();
-    let e = energy(body, &simulation.snapshot().body, simulation.settings().gravity);
+    let e = energy(body, simulation.mesh(), simulation.settings().gravity);
     Ok(Summary {
         scene: body.name().to_owned(),
         body_checksum: format!("{:016x}", body.checksum()),
         ticks,
         seconds: ticks as Real * TICK,
-        nodes: body.level().mesh.nodes.len(),
-        elements: body.level().mesh.elements.len(),
+        nodes: simulation.mesh().active().len(),
+        elements: simulation.mesh().pool().len(),
         element_evaluations,
         peak_physical_force,
         peak_force,
         smallest_det_f,
         final_energy: [e.kinetic, e.elastic, e.gravity],
         restored_states,
-        state_hash: format!("{:016x}", simulation.snapshot().hash()),
+        state_hash: format!("{:016x}", simulation.hash()),
         wall_seconds: started.elapsed().as_secs_f64(),
     })
 }

@@ -5,14 +5,8 @@ use crate::hierarchy::cover::{CoverError, cover};
 use crate::hierarchy::level::{Level, mean_edge};
 use crate::hierarchy::{embedding, parentage};
 use crate::math::{Real, Vec3};
-use crate::model::body::{Body, BodyError, BodyParts, Hold, vertices_in};
+use crate::model::body::{Body, BodyError, BodyParts, Hold, MaxwellBranch, vertices_in};
 use crate::model::material::Material;
-use crate::simulation::TICK;
-use crate::stepping::time_step::stable_step;
-
-/// Element evaluations per tick that a body is given unless its recipe picks a level itself: about 0.35 ms on a
-/// common machine, which leaves the tick room to spare.
-pub const EVALUATIONS_PER_TICK: Real = 25_000.0;
 
 /// Where the levels come from.
 #[derive(Clone, Debug)]
@@ -45,8 +39,8 @@ pub struct Recipe {
     pub material: Material,
     /// Regions held in space.
     pub holds: Vec<Region>,
-    /// The level that moves; `None` takes the finest that [`EVALUATIONS_PER_TICK`] covers.
-    pub active_level: Option<u32>,
+    /// Maxwell branches of the material, at most two.
+    pub maxwell: Vec<MaxwellBranch>,
 }
 
 /// Why a recipe makes no body.
@@ -82,14 +76,6 @@ pub enum PrepareError {
         "hold {0} is exact, which only boxes and given meshes can be: leave `exact` out to hold the region by springs"
     )]
     ExactOnCover(usize),
-    /// No such level.
-    #[error("active_level is {active}, but the body has the levels 0 to {last}", last = count - 1)]
-    NoSuchLevel {
-        /// Level asked for.
-        active: u32,
-        /// Levels there are.
-        count: usize,
-    },
     /// Parts that do not fit.
     #[error(transparent)]
     Body(#[from] BodyError),
@@ -136,23 +122,15 @@ pub fn prepare(recipe: &Recipe, progress: &mut dyn FnMut(&str, usize, usize)) ->
     let holds = hold_regions(recipe, &surface, &mut levels, conforming)?;
 
     let count = levels.len();
-    let mut parts = BodyParts {
+    let body = Body::new(BodyParts {
         name: recipe.name.clone(),
         surface,
         material_of: vec![Vec::new(); count],
         levels,
         materials: vec![material],
         holds,
-        active_level: 0,
-    };
-    let body = match recipe.active_level {
-        Some(active) if active as usize >= count => return Err(PrepareError::NoSuchLevel { active, count }),
-        Some(active) => {
-            parts.active_level = active;
-            Body::new(parts)?
-        }
-        None => finest_affordable(parts)?,
-    };
+        maxwell: recipe.maxwell.clone(),
+    })?;
     progress("done", steps, steps);
     Ok(body)
 }
@@ -161,17 +139,6 @@ pub fn prepare(recipe: &Recipe, progress: &mut dyn FnMut(&str, usize, usize)) ->
 fn automatic_spacings(volume: Real) -> [Real; 3] {
     let coarsest = (volume / 100.0).cbrt();
     [coarsest, coarsest / 1.7, coarsest / (1.7 * 1.7)]
-}
-
-fn finest_affordable(parts: BodyParts) -> Result<Body, BodyError> {
-    for active in (1..parts.levels.len()).rev() {
-        let body = Body::new(BodyParts { active_level: active as u32, ..parts.clone() })?;
-        let substeps = (TICK / stable_step(&body, 1.0, 1.0)).ceil();
-        if substeps * body.level().mesh.elements.len() as Real <= EVALUATIONS_PER_TICK {
-            return Ok(body);
-        }
-    }
-    Body::new(parts)
 }
 
 fn hold_regions(

@@ -5,6 +5,7 @@
 //! the simulation is built. Nothing but [`Inputs`] enters a tick, nothing but [`Outputs`] leaves it, and a
 //! [`Snapshot`] is all that it carries over: restored, the same inputs give the same bits.
 
+use crate::adaptation::{self, Adaptivity, Focus};
 use crate::contact::detection::{self, Touchable};
 use crate::contact::safety::{self, ForceLimits, Limited};
 use crate::contact::tool::{Following, MOST_POINTS, MOST_TOOLS, Phase, Tool, ToolEvent, ToolState};
@@ -12,14 +13,12 @@ use crate::contact::wrench::{self, Wrench};
 use crate::math::{Real, Vec3};
 use crate::model::constraint::PointMemory;
 use crate::model::element_kernel::{Extremes, Path};
-use crate::model::{Body, Constraint, State, skin};
-use crate::stepping::step;
-use crate::stepping::time_step;
+pub use crate::model::step_class::TICK;
+use crate::model::{ActiveMesh, Body, Constraint, State};
+use crate::stepping::{step, work};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
-/// Length of a tick [s].
-pub const TICK: Real = 1e-3;
 /// Ticks of a frame: the surface is published once per frame (31.25 Hz).
 pub const TICKS_PER_FRAME: u64 = 32;
 
@@ -34,6 +33,10 @@ pub struct Settings {
     pub following: Following,
     /// Bounds on rendered forces.
     pub limits: ForceLimits,
+    /// When to refine and coarsen; `None` keeps the active nodes that the start has.
+    pub adaptivity: Option<Adaptivity>,
+    /// Most elements in use at once: what memory is made for.
+    pub most_elements: usize,
 }
 
 /// Everything that one tick consumes.
@@ -41,7 +44,7 @@ pub struct Settings {
 pub struct Inputs {
     /// Ticks that the machine lost just before this one: time passes, the body stands still.
     pub lapsed: u32,
-    /// Element evaluations that this tick may spend.
+    /// Work that this tick may spend, in units of [`crate::stepping::work`].
     pub budget: u32,
     /// Back to the starting state first.
     pub reset: bool,
@@ -61,6 +64,8 @@ impl Default for Inputs {
 pub struct Snapshot {
     /// Ticks since the start of the session.
     pub tick: u64,
+    /// Ticks that the body has moved through: all but those that lapsed or that the budget did not cover.
+    pub moved: u64,
     /// Motion of the body.
     pub body: State,
     /// Each tool, by id.
@@ -70,42 +75,26 @@ pub struct Snapshot {
 }
 
 impl Snapshot {
-    /// The body at rest, no tool held.
-    pub fn at_rest(body: &Body, tools: usize) -> Self {
+    /// The body at rest with every node of level `level` active, no tool held.
+    pub fn at_rest(body: &Body, level: usize, tools: usize) -> Self {
+        Self::with_state(State::at_rest(body, level), tools)
+    }
+
+    /// The body in `state`, no tool held.
+    pub fn with_state(state: State, tools: usize) -> Self {
         Self {
             tick: 0,
-            body: State::at_rest(body),
+            moved: 0,
+            body: state,
             tools: vec![ToolState::default(); tools],
             points: (0..tools).map(|_| Vec::with_capacity(MOST_POINTS)).collect(),
         }
     }
 
-    /// Takes over `other`, of the same body and tools, without allocating.
-    pub fn copy_from(&mut self, other: &Snapshot) {
-        self.tick = other.tick;
-        self.body.copy_from(&other.body);
-        self.tools.copy_from_slice(&other.tools);
-        for (mine, theirs) in self.points.iter_mut().zip(&other.points) {
-            mine.clear();
-            mine.extend_from_slice(theirs);
-        }
-    }
-
-    /// xxh3-64 of every bit of it.
-    pub fn hash(&self) -> u64 {
-        let mut hash = xxhash_rust::xxh3::Xxh3::new();
-        hash.update(&self.tick.to_le_bytes());
-        self.body.hash_into(&mut hash);
-        for (tool, points) in self.tools.iter().zip(&self.points) {
-            tool.hash_into(&mut hash);
-            for p in points {
-                hash.update(&p.point.to_le_bytes());
-                for x in [p.multiplier, p.slack, p.normal.x, p.normal.y, p.normal.z] {
-                    hash.update(&x.to_le_bytes());
-                }
-            }
-        }
-        hash.digest()
+    /// Room for any snapshot of a session of `body` with `settings`, so that saving into it allocates nothing.
+    pub fn with_room(body: &Body, settings: &Settings) -> Self {
+        let elements = settings.most_elements.min(body.element_count());
+        Self::with_state(State::with_room(body, elements, body.node_count().min(elements + 64)), settings.tools.len())
     }
 }
 
@@ -129,6 +118,18 @@ pub struct TickFlags {
     pub substeps_dropped: bool,
 }
 
+/// Most levels of a body.
+pub const MOST_LEVELS: usize = 16;
+
+/// Work of one tick [units], counted before it runs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Plan {
+    /// What the step needs.
+    pub needed: u32,
+    /// What is spent on it: all of it, or nothing.
+    pub taken: u32,
+}
+
 /// Everything that leaves a tick.
 #[derive(Clone, Debug)]
 pub struct Outputs {
@@ -142,10 +143,16 @@ pub struct Outputs {
     pub skin: Vec<Vec3>,
     /// [`Snapshot::hash`] as of the last frame.
     pub hash: u64,
-    /// Sub-steps needed and taken.
-    pub plan: time_step::Plan,
+    /// Units of work that the step needed and took: all, or none when the budget did not cover it.
+    pub plan: Plan,
     /// Element evaluations spent.
     pub element_evaluations: u32,
+    /// Active nodes per level.
+    pub active: [u32; MOST_LEVELS],
+    /// Elements in use.
+    pub elements: u32,
+    /// Changes of resolution.
+    pub adapted: adaptation::Adapted,
     /// How far the elements are from rest.
     pub extremes: Extremes,
     /// A state that was not finite has been replaced by the last good one, at rest.
@@ -165,12 +172,17 @@ pub struct Simulation {
     body: Arc<Body>,
     settings: Settings,
     path: Path,
-    now: Snapshot,
+    tick: u64,
+    moved: u64,
+    mesh: ActiveMesh,
+    tools: Vec<ToolState>,
+    points: Vec<Vec<PointMemory>>,
     start: State,
-    last_good: State,
     vertices: Vec<Vec3>,
     constraints: Vec<Constraint>,
     points_of_action: Vec<Vec3>,
+    focus: Vec<Focus>,
+    adaptation: adaptation::Workspace,
     stepping: step::Workspace,
     detection: detection::Workspace,
     outputs: Outputs,
@@ -182,40 +194,45 @@ impl Simulation {
     /// # Errors
     /// When `start` does not fit the body or the tools, or more than [`MOST_TOOLS`] are given.
     pub fn new(body: Arc<Body>, settings: Settings, start: Snapshot) -> Result<Self, String> {
-        let nodes = body.level().mesh.nodes.len();
-        if start.body.position.len() != nodes || start.body.velocity.len() != nodes {
-            return Err(format!("the state has {} nodes, the body {nodes}", start.body.position.len()));
-        }
         let tools = settings.tools.len();
         let most_points = start.points.iter().map(Vec::len).max().unwrap_or(0);
         if tools > MOST_TOOLS || start.tools.len() != tools || start.points.len() != tools || most_points > MOST_POINTS
         {
             return Err(format!("{tools} tools: a session has at most {MOST_TOOLS}, and its state as many"));
         }
-        let mut now = Snapshot::at_rest(&body, tools);
-        now.copy_from(&start);
+        let mesh = ActiveMesh::new(&body, &start.body, settings.most_elements)?;
         let vertices = body.surface().vertices.len();
+        let mut points: Vec<Vec<PointMemory>> = (0..tools).map(|_| Vec::with_capacity(MOST_POINTS)).collect();
+        points.iter_mut().zip(&start.points).for_each(|(to, from)| to.extend_from_slice(from));
         Ok(Self {
             path: Path::best(),
-            start: start.body.clone(),
-            last_good: start.body,
+            tick: start.tick,
+            moved: start.moved,
+            tools: start.tools,
+            points,
             vertices: vec![Vec3::zeros(); vertices],
             constraints: Vec::with_capacity(MOST_POINTS * tools),
             points_of_action: Vec::with_capacity(MOST_POINTS * tools),
-            stepping: step::Workspace::new(&body, MOST_POINTS * tools),
+            focus: Vec::with_capacity(MOST_TOOLS * LOOKS_AHEAD),
+            adaptation: adaptation::Workspace::new(&body, &settings.adaptivity.clone().unwrap_or_default()),
+            stepping: step::Workspace::new(&mesh, MOST_POINTS * tools),
             detection: detection::Workspace::new(&body),
             outputs: Outputs {
-                tick: now.tick,
+                tick: start.tick,
                 tools: vec![ToolOutput::default(); tools],
                 frame: false,
                 skin: body.surface().vertices.clone(),
                 hash: 0,
-                plan: time_step::Plan { needed: 0, taken: 0 },
+                plan: Plan::default(),
                 element_evaluations: 0,
+                active: [0; MOST_LEVELS],
+                elements: 0,
+                adapted: adaptation::Adapted::default(),
                 extremes: Extremes::REST,
                 restored: false,
             },
-            now,
+            start: start.body,
+            mesh,
             body,
             settings,
         })
@@ -226,10 +243,14 @@ impl Simulation {
         &self.start
     }
 
-    /// Makes a reset return to `state`, which must be of the same body.
-    pub fn with_reset_state(mut self, state: &State) -> Self {
-        self.start.copy_from(state);
-        self
+    /// Makes a reset return to `state`.
+    ///
+    /// # Errors
+    /// When it is of another body.
+    pub fn with_reset_state(mut self, state: &State) -> Result<Self, String> {
+        ActiveMesh::new(&self.body, state, self.settings.most_elements)?;
+        self.start = state.clone();
+        Ok(self)
     }
 
     /// Runs the kernel on `path` from now on; it must be available on this CPU. The results do not depend on it.
@@ -249,23 +270,69 @@ impl Simulation {
         &self.settings
     }
 
-    /// Everything that the next tick depends on beside its inputs.
-    pub fn snapshot(&self) -> &Snapshot {
-        &self.now
+    /// Ticks since the start of the session.
+    pub fn tick(&self) -> u64 {
+        self.tick
     }
 
-    /// Changes the state between ticks: for tests and for settling a body before it is served.
-    pub fn state_mut(&mut self) -> &mut State {
-        &mut self.now.body
+    /// The body as it moves.
+    pub fn mesh(&self) -> &ActiveMesh {
+        &self.mesh
+    }
+
+    /// Each tool, by id.
+    pub fn tools(&self) -> &[ToolState] {
+        &self.tools
+    }
+
+    /// Everything that the next tick depends on beside its inputs.
+    pub fn snapshot(&self) -> Snapshot {
+        let mut snapshot = Snapshot::with_room(&self.body, &self.settings);
+        self.save_into(&mut snapshot);
+        snapshot
+    }
+
+    /// Saves what [`Simulation::snapshot`] gives without allocating; `snapshot` was made by [`Snapshot::with_room`].
+    pub fn save_into(&self, snapshot: &mut Snapshot) {
+        (snapshot.tick, snapshot.moved) = (self.tick, self.moved);
+        self.mesh.save_into(&mut snapshot.body);
+        snapshot.tools.copy_from_slice(&self.tools);
+        for (to, from) in snapshot.points.iter_mut().zip(&self.points) {
+            to.clear();
+            to.extend_from_slice(from);
+        }
+    }
+
+    /// xxh3-64 of what moves: the same for the same history, whatever the machine.
+    pub fn hash(&self) -> u64 {
+        let mut hash = xxhash_rust::xxh3::Xxh3::new();
+        hash.update(&self.tick.to_le_bytes());
+        hash.update(&self.moved.to_le_bytes());
+        self.mesh.hash_into(&mut hash);
+        for (tool, points) in self.tools.iter().zip(&self.points) {
+            tool.hash_into(&mut hash);
+            for p in points {
+                hash.update(&p.point.to_le_bytes());
+                for x in [p.multiplier, p.slack, p.normal.x, p.normal.y, p.normal.z] {
+                    hash.update(&x.to_le_bytes());
+                }
+            }
+        }
+        hash.digest()
+    }
+
+    /// Changes the body between ticks: for tests, studies and for settling a body before it is served.
+    pub fn mesh_mut(&mut self) -> &mut ActiveMesh {
+        &mut self.mesh
     }
 
     /// One tick.
     pub fn advance(&mut self, inputs: &Inputs) -> &Outputs {
         self.begin(inputs);
         self.move_tools(inputs);
+        self.adapt(inputs.budget);
         self.find_contacts();
-        let plan = time_step::plan(&self.body, &self.now.body, TICK, inputs.budget);
-        self.step(plan);
+        self.step(inputs.budget);
         self.contain();
         self.render_forces();
         self.end_frame();
@@ -273,40 +340,71 @@ impl Simulation {
     }
 
     fn begin(&mut self, inputs: &Inputs) {
-        self.now.tick += 1 + u64::from(inputs.lapsed);
-        self.outputs.tick = self.now.tick;
+        self.tick += 1 + u64::from(inputs.lapsed);
+        self.outputs.tick = self.tick;
         self.outputs.restored = false;
         if inputs.reset {
-            self.now.body.copy_from(&self.start);
-            self.last_good.copy_from(&self.start);
-            self.now.points.iter_mut().for_each(Vec::clear);
-            // The shape jumps back under the tools: they have to come from outside again.
-            for tool in &mut self.now.tools {
-                if tool.touches() {
-                    tool.phase = Phase::Waiting;
-                    tool.ramp = 0.0;
-                }
+            self.back_to_start();
+        }
+    }
+
+    fn back_to_start(&mut self) {
+        // The starting state has been restored before, so it fits.
+        let fits = self.mesh.restore(&self.body, &self.start);
+        debug_assert!(fits.is_ok());
+        self.points.iter_mut().for_each(Vec::clear);
+        self.constraints.clear();
+        // The shape jumps back under the tools: they have to come from outside again.
+        for tool in &mut self.tools {
+            if tool.touches() {
+                tool.phase = Phase::Waiting;
+                tool.ramp = 0.0;
             }
         }
     }
 
     fn move_tools(&mut self, inputs: &Inputs) {
-        for (tool, event) in self.now.tools.iter_mut().zip(&inputs.tools) {
+        for (tool, event) in self.tools.iter_mut().zip(&inputs.tools) {
             tool.follow(event.as_ref(), TICK, &self.settings.following);
         }
+    }
+
+    /// Refines and coarsens, and gives elements the steps that their strain asks for.
+    fn adapt(&mut self, budget: u32) {
+        let ticks = self.moved;
+        self.outputs.adapted = adaptation::Adapted::default();
+        if let Some(adaptivity) = &self.settings.adaptivity {
+            self.focus.clear();
+            for (tool, held) in self.tools.iter().zip(&self.settings.tools) {
+                if tool.phase == Phase::Detached {
+                    continue;
+                }
+                let velocity = (tool.pose.position - tool.previous.position) / TICK;
+                for k in 0..LOOKS_AHEAD {
+                    let from = tool.pose.position + velocity * (k as Real * LOOK_AHEAD);
+                    let to = from + tool.pose.rotate(Vec3::z() * held.shape.length);
+                    self.focus.push(Focus { from, to, radius: held.shape.radius });
+                }
+            }
+            let (body, mesh) = (&self.body, &mut self.mesh);
+            self.outputs.adapted =
+                adaptation::adapt(body, mesh, adaptivity, &self.focus, budget, ticks, &mut self.adaptation);
+        }
+        self.mesh.fade_out();
+        self.mesh.reclass_part(&self.body, ticks % RECLASS_TICKS, RECLASS_TICKS, ticks);
     }
 
     /// Fills the constraint list, tool by tool, and lets waiting tools engage where they are outside.
     fn find_contacts(&mut self) {
         self.constraints.clear();
         self.points_of_action.clear();
-        if self.now.tools.iter().all(|t| t.phase == Phase::Detached) {
-            self.now.points.iter_mut().for_each(Vec::clear);
+        if self.tools.iter().all(|t| t.phase == Phase::Detached) {
+            self.points.iter_mut().for_each(Vec::clear);
             return;
         }
-        skin::skin(self.body.level(), &self.now.body.position, &mut self.vertices);
-        let on = Touchable { body: &self.body, vertices: &self.vertices, tick: TICK };
-        for (i, (tool, points)) in self.now.tools.iter_mut().zip(&mut self.now.points).enumerate() {
+        self.mesh.skin(&mut self.vertices);
+        let on = Touchable { body: &self.body, mesh: &self.mesh, vertices: &self.vertices, tick: TICK };
+        for (i, (tool, points)) in self.tools.iter_mut().zip(&mut self.points).enumerate() {
             let shape = &self.settings.tools[i].shape;
             if tool.phase == Phase::Waiting && detection::is_outside(&on, shape, &tool.pose) {
                 tool.phase = Phase::Engaged;
@@ -319,25 +417,41 @@ impl Simulation {
             let out = (&mut self.constraints, &mut self.points_of_action);
             detection::detect(&on, i as u32, shape, tool, points, out, &mut self.detection);
         }
+        // What is being pressed strains fastest: its steps are looked at every tick.
+        let ticks = self.moved;
+        for i in 0..self.constraints.len() {
+            for k in 0..self.constraints[i].row.entries().len() {
+                let slot = self.constraints[i].row.entries()[k].0;
+                for &e in self.body.elements_around(self.mesh.node(slot)) {
+                    self.mesh.reclass(&self.body, e, ticks);
+                }
+            }
+        }
     }
 
-    fn step(&mut self, plan: time_step::Plan) {
-        self.outputs.plan = plan;
-        self.outputs.element_evaluations = plan.taken * self.body.level().mesh.elements.len() as u32;
-        if plan.taken > 0 {
-            self.outputs.extremes = step::substeps(
+    fn step(&mut self, budget: u32) {
+        let ticks = self.moved;
+        let needed = work::of_tick(&self.mesh, ticks);
+        let left = budget.saturating_sub(self.outputs.adapted.work);
+        let taken = if needed <= left { needed } else { 0 };
+        self.outputs.plan = Plan { needed, taken };
+        self.outputs.element_evaluations = 0;
+        if taken > 0 {
+            self.outputs.element_evaluations = work::evaluations(&self.mesh, ticks);
+            self.outputs.extremes = step::tick(
                 self.path,
                 &self.body,
-                &mut self.now.body,
+                &mut self.mesh,
                 &mut self.constraints,
                 self.settings.gravity,
-                (plan.taken, TICK / Real::from(plan.needed)),
+                ticks,
                 &mut self.stepping,
             );
+            self.moved += 1;
         }
         // The solver's multipliers are where the next tick starts.
         let mut constraints = self.constraints.iter();
-        for point in self.now.points.iter_mut().flatten() {
+        for point in self.points.iter_mut().flatten() {
             if let Some(c) = constraints.next() {
                 debug_assert_eq!(c.point, point.point);
                 point.multiplier = c.multiplier;
@@ -345,41 +459,29 @@ impl Simulation {
         }
     }
 
-    /// Our last line: a state that is not finite is replaced by the last good one, at rest, and the hand feels nothing.
+    /// Our last line: a state that is not finite is replaced by the one a reset returns to, and the hand feels nothing.
     fn contain(&mut self) {
-        if self.now.body.is_finite() {
-            if self.now.tick.is_multiple_of(TICKS_PER_FRAME) {
-                self.last_good.copy_from(&self.now.body);
-            }
+        if self.mesh.is_finite() {
             return;
         }
         self.outputs.restored = true;
-        self.now.body.copy_from(&self.last_good);
-        self.now.body.velocity.fill(Vec3::zeros());
-        // At rest from now on, so that a recording which begins here knows it too.
-        self.last_good.copy_from(&self.now.body);
-        self.now.points.iter_mut().for_each(Vec::clear);
-        self.constraints.clear();
-        for tool in &mut self.now.tools {
+        self.back_to_start();
+        for tool in &mut self.tools {
             tool.force.fill(0.0);
             tool.torque.fill(0.0);
-            if tool.touches() {
-                tool.phase = Phase::Waiting;
-                tool.ramp = 0.0;
-            }
         }
     }
 
     fn render_forces(&mut self) {
         let stood_still = self.outputs.plan.taken == 0;
-        for (i, tool) in self.now.tools.iter_mut().enumerate() {
+        for (i, tool) in self.tools.iter_mut().enumerate() {
             let middle = wrench::middle_pose(tool);
             let (mut physical, mut contact_points) =
                 wrench::wrench_on(i as u32, &middle, &self.constraints, &self.points_of_action);
             if stood_still && tool.touches() {
                 // No step, no new force: the last one stands.
                 physical = Wrench { force: tool.physical_force, torque: tool.physical_torque };
-                contact_points = self.now.points[i].iter().filter(|p| p.multiplier > 0.0).count() as u32;
+                contact_points = self.points[i].iter().filter(|p| p.multiplier > 0.0).count() as u32;
             }
             let limited = safety::render(tool, &physical, &self.settings.limits, TICK);
             self.outputs.tools[i] = ToolOutput { state: *tool, contact_points, limited };
@@ -387,11 +489,22 @@ impl Simulation {
     }
 
     fn end_frame(&mut self) {
-        let frame = self.now.tick.is_multiple_of(TICKS_PER_FRAME);
+        let frame = self.tick.is_multiple_of(TICKS_PER_FRAME);
         self.outputs.frame = frame;
+        self.outputs.elements = self.mesh.pool().len() as u32;
+        for (to, from) in self.outputs.active.iter_mut().zip(self.mesh.set().count()) {
+            *to = *from;
+        }
         if frame {
-            skin::skin(self.body.level(), &self.now.body.position, &mut self.outputs.skin);
-            self.outputs.hash = self.now.hash();
+            self.mesh.skin(&mut self.outputs.skin);
+            self.outputs.hash = self.hash();
         }
     }
 }
+
+/// Places along a tool's way that are refined for it, [`LOOK_AHEAD`] apart.
+const LOOKS_AHEAD: usize = 3;
+/// [s].
+const LOOK_AHEAD: Real = 0.025;
+/// A full look at how all elements should step takes this many ticks.
+const RECLASS_TICKS: u64 = 16;

@@ -5,20 +5,21 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Module, and what it may use beside `math`.
-const MAY_USE: [(&str, &[&str]); 14] = [
+const MAY_USE: [(&str, &[&str]); 15] = [
     ("math", &[]),
     ("geometry", &[]),
     ("hierarchy", &["geometry"]),
     ("model", &["geometry", "hierarchy"]),
     ("stepping", &["model"]),
+    ("adaptation", &["model", "stepping"]),
     ("contact", &["model"]),
-    ("simulation", &["model", "stepping", "contact"]),
+    ("simulation", &["model", "stepping", "adaptation", "contact"]),
     ("prepare", &["geometry", "hierarchy", "model", "stepping", "simulation"]),
-    ("scene", &["geometry", "model", "contact", "simulation", "prepare"]),
+    ("scene", &["geometry", "model", "adaptation", "contact", "simulation", "prepare"]),
     ("offline", &["geometry", "model", "contact", "simulation", "scene"]),
     ("wire", &["model", "contact", "simulation"]),
     ("recording", &["model", "contact", "simulation", "scene", "wire"]),
-    ("realtime", &["model", "stepping", "contact", "simulation"]),
+    ("realtime", &["model", "adaptation", "contact", "simulation"]),
     ("server", &["model", "contact", "simulation", "scene", "wire", "recording", "realtime"]),
 ];
 

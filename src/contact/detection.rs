@@ -8,7 +8,7 @@ use super::tool::{MOST_POINTS, Shape, ToolState};
 use super::wrench::middle_pose;
 use crate::math::{Pose, Real, Vec3, from_parry, to_parry};
 use crate::model::constraint::{Constraint, PointMemory, dent};
-use crate::model::{Body, skin};
+use crate::model::{ActiveMesh, Body, skin};
 use parry3d_f64::query::PointQuery;
 use parry3d_f64::query::details::closest_points_segment_segment_with_locations_nD as segment_segment;
 use parry3d_f64::shape::{Segment, Triangle};
@@ -62,6 +62,8 @@ impl Workspace {
 pub struct Touchable<'a> {
     /// The body.
     pub body: &'a Body,
+    /// The body as it moves.
+    pub mesh: &'a ActiveMesh,
     /// Display vertices at the start of the tick [m], (n_vertices).
     pub vertices: &'a [Vec3],
     /// Length of the tick [s].
@@ -95,7 +97,9 @@ pub fn detect(
     work.memory.clear();
     for candidate in candidates.iter() {
         let (n, along) = (candidate.normal, candidate.along);
-        let compliance = subgrid_compliance(on.body, candidate.area);
+        let stencil = if candidate.stencil[0].1 == 1.0 { &candidate.stencil[..1] } else { &candidate.stencil[..] };
+        let (row, fade) = skin::row(on.mesh, stencil);
+        let compliance = subgrid_compliance(on, stencil, candidate.area);
         let moved = n.dot(&(end.at(along) - start.at(along)));
         let known = remembered(memory, candidate.point);
         let multiplier = known.map_or(0.0, |m| m.multiplier);
@@ -108,11 +112,11 @@ pub fn detect(
             _ => overlap.max(0.0),
         };
         let slack_end = if slack > 1e-7 { slack * SLACK_KEPT } else { 0.0 };
-        let stencil = if candidate.stencil[0].1 == 1.0 { &candidate.stencil[..1] } else { &candidate.stencil[..] };
         constraints.push(Constraint {
-            row: skin::row(on.body.level(), stencil),
+            row,
             normal: n,
-            offset: n.dot(&start.at(along)) + shape.radius - slack,
+            // What is displayed, and touched, is the row's point and its fade.
+            offset: n.dot(&(start.at(along) - fade)) + shape.radius - slack,
             rate: (moved + slack - slack_end) / on.tick,
             compliance,
             most_dent: MOST_DENT * shape.radius,
@@ -142,10 +146,12 @@ const MOST_DENT: Real = 0.3;
 /// The dent that the mesh is too coarse to show: compliance [m/N] of an elastic half-space under a disc of `area`,
 /// without the part that a mesh of the level's spacing resolves. Half-space displacement
 /// `(1−ν²)/(πE) · 1/r`, cut off at `κ·spacing`, averaged over the disc.
-fn subgrid_compliance(body: &Body, area: Real) -> Real {
-    let material = body.material();
+fn subgrid_compliance(on: &Touchable, stencil: &[(u32, Real)], area: Real) -> Real {
+    let material = on.body.material();
     let nu = material.poisson_ratio();
-    let cut = KAPPA * body.level().spacing;
+    // Each vertex hangs on a level of its own; after a change of resolution its spacing, too, fades over.
+    let spacing: Real = stencil.iter().map(|(v, w)| w * (on.mesh.attachment(*v).spacing + on.mesh.fade[*v as usize][3])).sum();
+    let cut = KAPPA * spacing;
     let s = (area / std::f64::consts::PI).sqrt();
     let mean = if s < cut { 2.0 / s - 1.0 / cut } else { cut / (s * s) };
     (1.0 - nu * nu) / (std::f64::consts::PI * material.youngs_modulus()) * mean

@@ -19,6 +19,12 @@ pub struct Level {
     pub node_mass: Vec<Real>,
     /// Smallest altitude of any element [m]: the Courant length.
     pub altitude: Real,
+    /// Density [kg/m³] with which the node masses sum to the body's mass: that of the material on a mesh that fills the
+    /// body, a little more where elements were dropped.
+    pub density: Real,
+    /// Factor on the stiffness of every element, which makes the level answer to smooth loads as the finest one does:
+    /// coarse linear tetrahedra are too stiff.
+    pub stiffness_factor: Real,
     /// Nearest node of the next coarser level (n_nodes); empty on level 0.
     pub parent: Vec<u32>,
     /// Where each node lies in the next coarser level (n_nodes); empty on level 0.
@@ -43,8 +49,9 @@ impl Level {
                 node_mass[n as usize] += quarter;
             }
         }
+        let mut factor = 1.0;
         if let Some(mass) = mass {
-            let factor = mass / node_mass.iter().sum::<Real>();
+            factor = mass / node_mass.iter().sum::<Real>();
             node_mass.iter_mut().for_each(|m| *m *= factor);
         }
         Self {
@@ -53,6 +60,8 @@ impl Level {
             fraction,
             node_mass,
             altitude,
+            density: density * factor,
+            stiffness_factor: 1.0,
             parent: Vec::new(),
             coarser_host: Vec::new(),
             finer_host: Vec::new(),

@@ -1,15 +1,21 @@
 //! A body: everything about it that does not move. Built once, then only read.
+//!
+//! Nodes and elements of all levels are numbered through, coarsest level first: a node's number says its level.
 
-use super::element_kernel::Elements;
+use super::csr::Csr;
 use super::material::Material;
 use crate::geometry::Surface;
+use crate::geometry::locate::Host;
 use crate::hierarchy::Level;
 use crate::math::{Real, Vec3};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 
 /// First bytes of a body file: name and format version.
-const MAGIC: &[u8; 12] = b"palpate-bdy\x01";
+const MAGIC: &[u8; 12] = b"palpate-bdy\x02";
+
+/// Stands for "no node", "no element".
+pub const NONE: u32 = u32::MAX;
 
 /// A display vertex held in space by a spring.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -18,6 +24,15 @@ pub struct Hold {
     pub vertex: u32,
     /// Stiffness [N/m]: the region's stiffness per area times the vertex's area.
     pub stiffness: Real,
+}
+
+/// A Maxwell branch of the deviatoric stress: part of a Prony series.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct MaxwellBranch {
+    /// Shear modulus of the branch over μ.
+    pub modulus: Real,
+    /// Relaxation time [s].
+    pub time: Real,
 }
 
 /// What is saved of a body: its file.
@@ -35,23 +50,30 @@ pub struct BodyParts {
     pub material_of: Vec<Vec<u8>>,
     /// Springs that hold regions in space, the same on every level.
     pub holds: Vec<Hold>,
-    /// Index of the level that moves.
-    pub active_level: u32,
+    /// Maxwell branches of every material, at most two.
+    pub maxwell: Vec<MaxwellBranch>,
 }
 
 /// A body ready to be stepped: its parts, and what follows from them.
 #[derive(Debug)]
 pub struct Body {
     parts: BodyParts,
-    elements: Elements,
-    inverse_mass: Vec<Real>,
-    hold_rows: Vec<[(u32, Real); 4]>,
+    /// First node and first element of each level, and their totals.
+    first_node: Vec<u32>,
+    first_element: Vec<u32>,
+    level_of_node: Vec<u8>,
+    rest: Vec<Vec3>,
+    elements: Vec<[u32; 4]>,
+    around: Csr,
+    children: Csr,
+    hosted: Csr,
+    fixed: Vec<bool>,
+    mass: Real,
+    centre: Vec3,
     vertex_area: Vec<Real>,
-    adjacency_start: Vec<u32>,
-    adjacency: Vec<u32>,
+    adjacency: Csr,
     bytes: Vec<u8>,
     checksum: u64,
-    undamped_step: Real,
 }
 
 /// Why bytes are not a body.
@@ -82,35 +104,51 @@ impl Body {
         bytes.extend_from_slice(&checksum.to_le_bytes());
         bytes.extend_from_slice(&payload);
 
-        let level = &parts.levels[parts.active_level as usize];
-        let material_of = &parts.material_of[parts.active_level as usize];
-        let material = |e: usize| parts.materials[material_of.get(e).copied().unwrap_or_default() as usize];
-        let elements = Elements::new(level, material);
-        let mut inverse_mass: Vec<Real> = level.node_mass.iter().map(|m| 1.0 / m).collect();
-        for &n in &level.fixed {
-            inverse_mass[n as usize] = 0.0;
+        let sums = |count: &dyn Fn(&Level) -> usize| {
+            let mut sum = 0;
+            std::iter::once(0).chain(parts.levels.iter().map(|l| { sum += count(l) as u32; sum })).collect::<Vec<u32>>()
+        };
+        let first_node = sums(&|l| l.mesh.nodes.len());
+        let first_element = sums(&|l| l.mesh.elements.len());
+        let levels = || parts.levels.iter().enumerate();
+        let nodes = first_node[parts.levels.len()] as usize;
+        let elements: Vec<[u32; 4]> = levels()
+            .flat_map(|(r, l)| l.mesh.elements.iter().map(move |e| (r, e)))
+            .map(|(r, e)| e.map(|n| n + first_node[r]))
+            .collect();
+        let mut fixed = vec![false; nodes];
+        let mut parents = Vec::with_capacity(nodes);
+        for (r, level) in levels() {
+            level.fixed.iter().for_each(|n| fixed[(first_node[r] + n) as usize] = true);
+            let own = first_node[r]..;
+            parents.extend(level.parent.iter().zip(own).map(|(p, n)| (first_node[r.max(1) - 1] + p, n)));
         }
-        let hold_rows = parts
-            .holds
-            .iter()
-            .map(|hold| {
-                let host = &level.embedding[hold.vertex as usize];
-                let nodes = level.mesh.elements[host.element as usize];
-                std::array::from_fn(|i| (nodes[i], host.weights[i]))
-            })
-            .collect::<Vec<[(u32, Real); 4]>>();
-        let (adjacency_start, adjacency) = vertex_triangles(&parts.surface);
-        let undamped_step = undamped_step(level, &parts, &hold_rows, &inverse_mass);
+        let hosts: Vec<(u32, u32)> = levels()
+            .flat_map(|(r, l)| l.embedding.iter().enumerate().map(move |(v, h)| (r, v as u32, h.element)))
+            .map(|(r, v, e)| (first_element[r] + e, v))
+            .collect();
+        let corners = elements.iter().enumerate().flat_map(|(e, nodes)| nodes.map(|n| (n, e as u32)));
+        let triangles = parts.surface.triangles.iter().enumerate();
+        let finest = &parts.levels[parts.levels.len() - 1];
         Ok(Body {
+            level_of_node: levels().flat_map(|(r, l)| vec![r as u8; l.mesh.nodes.len()]).collect(),
+            rest: levels().flat_map(|(_, l)| l.mesh.nodes.iter().copied()).collect(),
+            around: Csr::new(nodes, corners),
+            children: Csr::new(nodes, parents.iter().copied()),
+            hosted: Csr::new(elements.len(), hosts.iter().copied()),
+            fixed,
+            mass: finest.node_mass.iter().sum(),
+            centre: finest.centre_of_mass(),
             vertex_area: parts.surface.vertex_areas(),
+            adjacency: Csr::new(
+                parts.surface.vertices.len(),
+                triangles.flat_map(|(t, triangle)| triangle.map(|v| (v, t as u32))),
+            ),
             elements,
-            inverse_mass,
-            hold_rows,
-            adjacency_start,
-            adjacency,
+            first_node,
+            first_element,
             bytes,
             checksum,
-            undamped_step,
             parts,
         })
     }
@@ -153,40 +191,138 @@ impl Body {
         &self.parts.levels
     }
 
-    /// Index of the level that moves.
-    pub fn active_level(&self) -> usize {
-        self.parts.active_level as usize
-    }
-
-    /// The level that moves.
-    pub fn level(&self) -> &Level {
-        &self.parts.levels[self.active_level()]
-    }
-
     /// Material 0.
     pub fn material(&self) -> &Material {
         &self.parts.materials[0]
     }
 
-    /// Material of element `e` of the level that moves.
-    pub fn material_of(&self, e: usize) -> &Material {
-        let index = self.parts.material_of[self.active_level()].get(e).copied().unwrap_or_default();
-        &self.parts.materials[index as usize]
+    /// Maxwell branches, at most two.
+    pub fn maxwell(&self) -> &[MaxwellBranch] {
+        &self.parts.maxwell
     }
 
-    /// Elements of the level that moves, for the kernel.
-    pub fn elements(&self) -> &Elements {
-        &self.elements
+    /// Nodes of all levels.
+    pub fn node_count(&self) -> usize {
+        self.rest.len()
     }
 
-    /// 1/kg per node of the level that moves; 0 for nodes held fast.
-    pub fn inverse_mass(&self) -> &[Real] {
-        &self.inverse_mass
+    /// Elements of all levels.
+    pub fn element_count(&self) -> usize {
+        self.elements.len()
     }
 
-    /// Springs and the rows of the points they hold.
-    pub fn holds(&self) -> impl Iterator<Item = (&Hold, &[(u32, Real); 4])> {
-        self.parts.holds.iter().zip(&self.hold_rows)
+    /// Numbers of the nodes of level `r`.
+    pub fn nodes_of(&self, r: usize) -> std::ops::Range<u32> {
+        self.first_node[r]..self.first_node[r + 1]
+    }
+
+    /// Numbers of the elements of level `r`.
+    pub fn elements_of(&self, r: usize) -> std::ops::Range<u32> {
+        self.first_element[r]..self.first_element[r + 1]
+    }
+
+    /// Level of node `n`.
+    pub fn level_of(&self, n: u32) -> usize {
+        usize::from(self.level_of_node[n as usize])
+    }
+
+    /// Level of element `e`.
+    pub fn level_of_element(&self, e: u32) -> usize {
+        self.level_of(self.elements[e as usize][0])
+    }
+
+    /// Rest position of node `n` [m].
+    pub fn rest(&self, n: u32) -> Vec3 {
+        self.rest[n as usize]
+    }
+
+    /// The four nodes of element `e`.
+    pub fn element(&self, e: u32) -> [u32; 4] {
+        self.elements[e as usize]
+    }
+
+    /// Rest positions of the nodes of element `e` [m].
+    pub fn corners(&self, e: u32) -> [Vec3; 4] {
+        self.element(e).map(|n| self.rest(n))
+    }
+
+    /// Elements around node `n`.
+    pub fn elements_around(&self, n: u32) -> &[u32] {
+        self.around.of(n)
+    }
+
+    /// Nodes of the next finer level that stand for node `n` together.
+    pub fn children(&self, n: u32) -> &[u32] {
+        self.children.of(n)
+    }
+
+    /// Node of the next coarser level that stands for `n` and its siblings; [`NONE`] on level 0.
+    pub fn parent(&self, n: u32) -> u32 {
+        match self.level_of(n) {
+            0 => NONE,
+            r => self.first_node[r - 1] + self.level(r).parent[(n - self.first_node[r]) as usize],
+        }
+    }
+
+    /// Where node `n` lies in the next coarser level; `element` is numbered through. `None` on level 0.
+    pub fn coarser_host(&self, n: u32) -> Option<Host> {
+        let r = self.level_of(n).checked_sub(1)?;
+        self.host_on(r, self.level(r + 1).coarser_host[(n - self.first_node[r + 1]) as usize])
+    }
+
+    /// Where node `n` lies in the next finer level; `element` is numbered through. `None` on the finest.
+    pub fn finer_host(&self, n: u32) -> Option<Host> {
+        let r = self.level_of(n);
+        let host = self.level(r).finer_host.get((n - self.first_node[r]) as usize)?;
+        self.host_on(r + 1, *host)
+    }
+
+    /// Where display vertex `v` lies on level `r`; `element` is numbered through.
+    pub fn embedding(&self, r: usize, v: u32) -> Host {
+        let host = self.level(r).embedding[v as usize];
+        Host { element: host.element + self.first_element[r], ..host }
+    }
+
+    fn host_on(&self, r: usize, host: Host) -> Option<Host> {
+        Some(Host { element: host.element + self.first_element[r], ..host })
+    }
+
+    /// Display vertices that lie in element `e` on its level.
+    pub fn hosted(&self, e: u32) -> &[u32] {
+        self.hosted.of(e)
+    }
+
+    /// Level `r`.
+    pub fn level(&self, r: usize) -> &Level {
+        &self.parts.levels[r]
+    }
+
+    /// Index of the finest level.
+    pub fn finest(&self) -> usize {
+        self.parts.levels.len() - 1
+    }
+
+    /// Material of element `e`.
+    pub fn material_of(&self, e: u32) -> &Material {
+        let r = self.level_of_element(e);
+        let index = self.parts.material_of[r].get((e - self.first_element[r]) as usize).copied().unwrap_or_default();
+        &self.parts.materials[usize::from(index)]
+    }
+
+    /// Volume of element `e` inside the body [m³].
+    pub fn volume(&self, e: u32) -> Real {
+        let r = self.level_of_element(e);
+        self.level(r).fraction[(e - self.first_element[r]) as usize] * crate::geometry::tet_mesh::volume(&self.corners(e))
+    }
+
+    /// True for nodes that do not move at all.
+    pub fn is_fixed(&self, n: u32) -> bool {
+        self.fixed[n as usize]
+    }
+
+    /// Springs that hold regions in space.
+    pub fn holds(&self) -> &[Hold] {
+        &self.parts.holds
     }
 
     /// A third of the triangles around each display vertex [m²].
@@ -196,29 +332,32 @@ impl Body {
 
     /// Display triangles around display vertex `v`.
     pub fn triangles_around(&self, v: usize) -> &[u32] {
-        &self.adjacency[self.adjacency_start[v] as usize..self.adjacency_start[v + 1] as usize]
+        self.adjacency.of(v as u32)
     }
 
-    /// Mass at rest [kg].
+    /// Mass [kg], the same for every set of active nodes.
     pub fn mass(&self) -> Real {
-        self.level().node_mass.iter().sum()
+        self.mass
+    }
+
+    /// Centre of mass at rest [m], the same for every set of active nodes.
+    pub fn centre_of_mass(&self) -> Vec3 {
+        self.centre
     }
 
     /// Longest viscous relaxation time of any material [s].
     pub fn damping_time(&self) -> Real {
         self.parts.materials.iter().map(Material::damping_time).fold(0.0, Real::max)
     }
-
-    /// Longest stable step [s] of the level that moves, undamped and at rest, with its safety factor.
-    pub fn undamped_step(&self) -> Real {
-        self.undamped_step
-    }
 }
 
 fn check(parts: &BodyParts) -> Result<(), String> {
     let vertices = parts.surface.vertices.len();
-    if parts.levels.is_empty() || parts.active_level as usize >= parts.levels.len() {
-        return Err(format!("active level {} of {} levels", parts.active_level, parts.levels.len()));
+    if parts.levels.is_empty() || parts.levels.len() > 16 {
+        return Err(format!("{} levels: a body has 1 to 16", parts.levels.len()));
+    }
+    if parts.maxwell.len() > 2 || parts.maxwell.iter().any(|b| !(b.modulus >= 0.0 && b.time > 0.0)) {
+        return Err(format!("Maxwell branches {:?}: at most two, each of positive time", parts.maxwell));
     }
     if parts.materials.is_empty() || parts.material_of.len() != parts.levels.len() {
         return Err("every level needs its materials".into());
@@ -253,6 +392,8 @@ fn check(parts: &BodyParts) -> Result<(), String> {
         }
         let positive = level.altitude > 0.0
             && level.spacing > 0.0
+            && level.density > 0.0
+            && level.stiffness_factor > 0.0
             && level.node_mass.iter().all(|m| *m > 0.0 && m.is_finite())
             && (0..elements).all(|e| level.mesh.volume(e) > 0.0);
         if !positive {
@@ -278,62 +419,6 @@ fn check(parts: &BodyParts) -> Result<(), String> {
         }
     }
     Ok(())
-}
-
-/// Triangles around each vertex, as starts (n_vertices + 1) into one list.
-fn vertex_triangles(surface: &Surface) -> (Vec<u32>, Vec<u32>) {
-    let mut start = vec![0u32; surface.vertices.len() + 1];
-    for &v in surface.triangles.iter().flatten() {
-        start[v as usize + 1] += 1;
-    }
-    for v in 1..start.len() {
-        start[v] += start[v - 1];
-    }
-    let mut next = start.clone();
-    let mut list = vec![0; surface.triangles.len() * 3];
-    for (t, triangle) in surface.triangles.iter().enumerate() {
-        for &v in triangle {
-            list[next[v as usize] as usize] = t as u32;
-            next[v as usize] += 1;
-        }
-    }
-    (start, list)
-}
-
-/// Part of the explicit limit that is used. Meshes of regular elements become unstable at 0.9 altitudes per wave
-/// travel time (the factor below them is the margin for cut elements and for the sub-step in which a strain grows).
-const SAFETY: Real = 0.75;
-
-/// `Δt = SAFETY · altitude / c`, shortened where springs add stiffness: `ω² ≤ ω_elements² + ω_springs²`.
-fn undamped_step(level: &Level, parts: &BodyParts, rows: &[[(u32, Real); 4]], inverse_mass: &[Real]) -> Real {
-    let speed = parts.materials.iter().map(Material::wave_speed).fold(0.0, Real::max);
-    let elements = 2.0 * speed / (SAFETY * level.altitude);
-    let springs = fastest_spring(&parts.holds, rows, inverse_mass);
-    2.0 / (elements * elements + springs).sqrt()
-}
-
-/// Largest eigenvalue [1/s²] of `M⁻¹K`, K the springs' stiffness: what they add to `ω²` at most.
-///
-/// K is the same along every axis, so one is enough. Power iteration from below converges to it; the last factor
-/// covers what is missing after this many rounds.
-fn fastest_spring(holds: &[Hold], rows: &[[(u32, Real); 4]], inverse_mass: &[Real]) -> Real {
-    let mut shape = vec![1.0; inverse_mass.len()];
-    let mut eigenvalue = 0.0;
-    for _ in 0..100 {
-        let mut next = vec![0.0; shape.len()];
-        for (hold, row) in holds.iter().zip(rows) {
-            let stretch: Real = row.iter().map(|(n, w)| w * shape[*n as usize]).sum();
-            for (n, w) in row {
-                next[*n as usize] += hold.stiffness * stretch * w * inverse_mass[*n as usize];
-            }
-        }
-        eigenvalue = next.iter().fold(0.0, |most: Real, x| most.max(x.abs()));
-        if eigenvalue == 0.0 {
-            return 0.0;
-        }
-        shape = next.into_iter().map(|x| x / eigenvalue).collect();
-    }
-    1.05 * eigenvalue
 }
 
 /// Display vertices within a region, for [`Hold`]s and probes: those that `inside` accepts.

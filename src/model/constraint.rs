@@ -1,15 +1,17 @@
 //! A point of the surface that a tool pushes: what contact hands to the solver, and nothing else passes between them.
 
+use super::element_kernel::Padded;
 use crate::math::{Real, Vec3};
 use serde::{Deserialize, Serialize};
 
-/// Nodes that a surface point can hang on: three display vertices with four nodes each.
-pub const MOST_ROW_NODES: usize = 12;
+/// Active nodes that a surface point can hang on. Three display vertices with four nodes each make twelve; where some of
+/// these are interface nodes, their masters take their places.
+pub const MOST_ROW_NODES: usize = 40;
 
-/// A surface point as an affine combination of nodes.
+/// A surface point as an affine combination of active nodes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Row {
-    /// Node and weight; only the first `len` count, nodes distinct.
+    /// Slot and weight; only the first `len` count, slots distinct.
     entries: [(u32, Real); MOST_ROW_NODES],
     len: u32,
 }
@@ -18,27 +20,32 @@ impl Row {
     /// No nodes yet.
     pub const EMPTY: Row = Row { entries: [(0, 0.0); MOST_ROW_NODES], len: 0 };
 
-    /// Adds `weight` on `node`.
-    pub fn add(&mut self, node: u32, weight: Real) {
+    /// Adds `weight` on the node in `slot`. Beyond the last place it goes to the heaviest entry, so that the sum stays.
+    pub fn add(&mut self, slot: u32, weight: Real) {
         let len = self.len as usize;
-        if let Some(entry) = self.entries[..len].iter_mut().find(|e| e.0 == node) {
+        if let Some(entry) = self.entries[..len].iter_mut().find(|e| e.0 == slot) {
             entry.1 += weight;
         } else if len < MOST_ROW_NODES {
-            self.entries[len] = (node, weight);
+            self.entries[len] = (slot, weight);
             self.len += 1;
-        } else {
-            debug_assert!(false, "a row hangs on at most {MOST_ROW_NODES} nodes");
+        } else if let Some(entry) = self.entries.iter_mut().max_by(|a, b| a.1.total_cmp(&b.1)) {
+            entry.1 += weight;
         }
     }
 
-    /// Nodes and weights.
+    /// Slots and weights.
     pub fn entries(&self) -> &[(u32, Real)] {
         &self.entries[..self.len as usize]
     }
 
     /// `Σ b_i field_i`.
-    pub fn interpolate(&self, field: &[Vec3]) -> Vec3 {
-        self.entries().iter().map(|&(n, b)| field[n as usize] * b).sum()
+    pub fn interpolate(&self, field: &[Padded]) -> Vec3 {
+        let mut sum = Vec3::zeros();
+        for &(n, b) in self.entries() {
+            let x = &field[n as usize];
+            sum += Vec3::new(x[0], x[1], x[2]) * b;
+        }
+        sum
     }
 }
 

@@ -1,7 +1,7 @@
-//! Energies and momenta of a state: plain sums for samples and tests, off the hot path.
+//! Energies of a body: plain sums for samples and tests, off the hot path.
 
+use super::active_mesh::ActiveMesh;
 use super::body::Body;
-use super::state::State;
 use crate::math::{Mat3, Real, Vec3};
 
 /// Energies [J] and momenta of the body about the origin.
@@ -9,7 +9,7 @@ use crate::math::{Mat3, Real, Vec3};
 pub struct Energy {
     /// Σ ½ m v² [J].
     pub kinetic: Real,
-    /// Strain energy of the elements and of the springs that hold the body [J].
+    /// Strain energy of the elements and of the springs that hold the body [J]; not what Maxwell branches store.
     pub elastic: Real,
     /// −Σ m g·(x − u) [J]: zero at rest.
     pub gravity: Real,
@@ -26,34 +26,39 @@ impl Energy {
     }
 }
 
-/// Deformation gradient of element `e` of the level that moves.
-pub fn deformation_gradient(body: &Body, position: &[Vec3], e: usize) -> Mat3 {
-    let level = body.level();
-    let u = level.mesh.corners(e);
-    let x = level.mesh.elements[e].map(|n| position[n as usize]);
+/// Deformation gradient of element `e`, which is in use.
+pub fn deformation_gradient(body: &Body, mesh: &ActiveMesh, e: u32) -> Mat3 {
+    let u = body.corners(e);
+    let x = body.element(e).map(|n| mesh.position_of(n).unwrap_or_else(|| body.rest(n)));
     let columns = |p: &[Vec3; 4]| Mat3::from_columns(&[p[1] - p[0], p[2] - p[0], p[3] - p[0]]);
     // Elements have volume (checked when the body is made), so the inverse exists.
     columns(&x) * columns(&u).try_inverse().unwrap_or_else(Mat3::identity)
 }
 
-/// Energies and momenta of `state` in the field `gravity` [m/s²].
-pub fn energy(body: &Body, state: &State, gravity: Vec3) -> Energy {
-    let level = body.level();
+/// Energies and momenta of `mesh` in the field `gravity` [m/s²].
+pub fn energy(body: &Body, mesh: &ActiveMesh, gravity: Vec3) -> Energy {
     let mut sum = Energy::default();
-    for (n, mass) in level.node_mass.iter().enumerate() {
-        let (x, v) = (state.position[n], state.velocity[n]);
+    for &slot in mesh.active() {
+        let (s, mass) = (slot as usize, mesh.motion.mass[slot as usize]);
+        let vec3 = |p: &[Real; 4]| Vec3::new(p[0], p[1], p[2]);
+        let (x, v) = (vec3(&mesh.motion.position[s]), vec3(&mesh.motion.velocity[s]));
         sum.kinetic += 0.5 * mass * v.norm_squared();
-        sum.gravity -= mass * gravity.dot(&(x - level.mesh.nodes[n]));
-        sum.linear_momentum += v * *mass;
-        sum.angular_momentum += x.cross(&v) * *mass;
+        sum.gravity -= mass * gravity.dot(&(x - body.rest(mesh.node(slot))));
+        sum.linear_momentum += v * mass;
+        sum.angular_momentum += x.cross(&v) * mass;
     }
-    for e in 0..level.mesh.elements.len() {
-        let f = deformation_gradient(body, &state.position, e);
-        sum.elastic += level.fraction[e] * level.mesh.volume(e) * body.material_of(e).energy_density(&f);
+    for e in 0..body.element_count() as u32 {
+        let active = mesh.active_vertices(e);
+        if active > 0 {
+            let f = deformation_gradient(body, mesh, e);
+            let factor = body.level(body.level_of_element(e)).stiffness_factor;
+            let weight = factor * body.volume(e) * Real::from(active) / 4.0;
+            sum.elastic += weight * body.material_of(e).energy_density(&f);
+        }
     }
-    for (hold, row) in body.holds() {
-        let q: Vec3 = row.iter().map(|(n, w)| state.position[*n as usize] * *w).sum();
-        sum.elastic += 0.5 * hold.stiffness * (q - body.surface().vertices[hold.vertex as usize]).norm_squared();
+    for hold in body.holds() {
+        let stretch = mesh.vertex(hold.vertex) - body.surface().vertices[hold.vertex as usize];
+        sum.elastic += 0.5 * hold.stiffness * stretch.norm_squared();
     }
     sum
 }

@@ -1,16 +1,23 @@
-//! Physics: what a body is made of and how its elements answer to deformation.
+//! Physics: what a body is made of, which of its nodes are active, and how its elements answer to deformation.
 //!
-//! Knows levels and shapes; knows nothing of steps, tools or messages.
+//! Knows levels and shapes; knows nothing of tools, messages, or of why a resolution is chosen.
 
+pub mod active_mesh;
+pub mod active_set;
 pub mod body;
 pub mod constraint;
+pub mod csr;
 pub mod element_kernel;
+pub mod element_pool;
 pub mod energy;
+pub mod interface;
 pub mod lanes;
 pub mod material;
 pub mod skin;
 pub mod state;
+pub mod step_class;
 
+pub use active_mesh::ActiveMesh;
 pub use body::Body;
 pub use constraint::{Constraint, Row};
 pub use material::Material;

@@ -1,29 +1,25 @@
-//! The display surface as the body moves: every vertex follows the element it lies in.
+//! Points of the display surface as rows of active nodes.
 
-use crate::hierarchy::Level;
+use super::active_mesh::ActiveMesh;
+use super::constraint::Row;
 use crate::math::{Real, Vec3};
-use crate::model::constraint::Row;
 
-/// Positions of the display vertices [m] for the node positions of `level`; both slices have their full length.
-pub fn skin(level: &Level, position: &[Vec3], vertices: &mut [Vec3]) {
-    for (vertex, host) in vertices.iter_mut().zip(&level.embedding) {
-        let nodes = &level.mesh.elements[host.element as usize];
-        let mut sum = position[nodes[0] as usize] * host.weights[0];
-        for i in 1..4 {
-            sum += position[nodes[i] as usize] * host.weights[i];
-        }
-        *vertex = sum;
-    }
-}
-
-/// The surface point `Σ weights·vertices` as a row of node weights.
-pub fn row(level: &Level, point: &[(u32, Real)]) -> Row {
+/// The surface point `Σ weights·vertices` as a row of node weights, and its fade [m]: the displayed point is the row's
+/// plus the fade.
+pub fn row(mesh: &ActiveMesh, point: &[(u32, Real)]) -> (Row, Vec3) {
     let mut row = Row::EMPTY;
+    let mut fade = Vec3::zeros();
     for &(vertex, weight) in point {
-        let host = &level.embedding[vertex as usize];
-        for (node, w) in level.mesh.elements[host.element as usize].iter().zip(host.weights) {
-            row.add(*node, weight * w);
+        let attachment = mesh.attachment(vertex);
+        for (slot, w) in attachment.slots.iter().zip(attachment.weights) {
+            if mesh.is_master(*slot) {
+                row.add(*slot, weight * w);
+            } else {
+                mesh.row(*slot).entries().for_each(|(master, p)| row.add(master, weight * w * p));
+            }
         }
+        let f = &mesh.fade[vertex as usize];
+        fade += Vec3::new(f[0], f[1], f[2]) * weight;
     }
-    row
+    (row, fade)
 }

@@ -1,52 +1,112 @@
-//! Everything about a body that moves.
+//! Everything about a body that moves, as it is saved, sent and restored.
 
+use super::active_set::ActiveSet;
 use super::body::Body;
-use super::element_kernel::Extremes;
+use super::element_pool::{CLASSES, History};
+use super::step_class::{self, Strained};
 use crate::math::{Real, Vec3, is_finite};
 use serde::{Deserialize, Serialize};
 
-/// Motion of the nodes of the level that moves: what is hashed, saved and restored.
+/// The active nodes and what they do. Order counts: forces are summed in it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct State {
-    /// World positions [m], (n_nodes).
+    /// Active nodes, numbered through all levels.
+    pub nodes: Vec<u32>,
+    /// Their world positions [m], (n_active).
     pub position: Vec<Vec3>,
-    /// Velocities [m/s], (n_nodes).
+    /// Their velocities [m/s], (n_active).
     pub velocity: Vec<Vec3>,
-    /// Bound on the elements' present stiffness over the one at rest, from the last sub-step: shortens the next ones.
-    pub stiffening: Real,
-    /// Bound on their present squared stretch, likewise.
-    pub stretching: Real,
+    /// Interface nodes; where they are follows from the active ones.
+    pub interface: Vec<u32>,
+    /// Elements in use by step class.
+    pub classes: Vec<Vec<u32>>,
+    /// What each of them remembers, class by class.
+    pub history: Vec<History>,
+    /// By display vertex: what changes of resolution have left to fade, see
+    /// [`super::active_mesh::ActiveMesh::fade`].
+    pub fade: Vec<[Real; 4]>,
 }
 
 impl State {
-    /// At rest in the rest shape.
-    pub fn at_rest(body: &Body) -> Self {
-        let position = body.level().mesh.nodes.clone();
-        let velocity = vec![Vec3::zeros(); position.len()];
-        Self { position, velocity, stiffening: Extremes::REST.stiffening(), stretching: Extremes::REST.stretching() }
+    /// At rest in the rest shape, every node of level `level` active.
+    pub fn at_rest(body: &Body, level: usize) -> Self {
+        let nodes: Vec<u32> = body.nodes_of(level).collect();
+        let positions = nodes.iter().map(|n| body.rest(*n)).collect();
+        Self::resting(body, nodes, positions)
     }
 
-    /// Takes over `other` without allocating; both belong to the same body.
+    /// At rest in the rest shape, with these active nodes; `None` unless they cover the body once.
+    pub fn at_rest_on(body: &Body, nodes: Vec<u32>) -> Option<Self> {
+        ActiveSet::from_nodes(body, &nodes)?;
+        let positions = nodes.iter().map(|n| body.rest(*n)).collect();
+        Some(Self::resting(body, nodes, positions))
+    }
+
+    fn resting(body: &Body, nodes: Vec<u32>, position: Vec<Vec3>) -> Self {
+        let mut active = vec![false; body.node_count()];
+        nodes.iter().for_each(|n| active[*n as usize] = true);
+        let mut classes = vec![Vec::new(); CLASSES];
+        let mut interface = Vec::new();
+        let mut listed = vec![false; body.node_count()];
+        for e in 0..body.element_count() as u32 {
+            let corners = body.element(e);
+            if !corners.iter().any(|n| active[*n as usize]) {
+                continue;
+            }
+            let omega_squared = step_class::omega_squared(body, e) * step_class::instantaneous(body, e);
+            let step = step_class::stable_step(omega_squared, Strained::REST, body.damping_time(), 0.0);
+            classes[step_class::class_for(step)].push(e);
+            for n in corners {
+                if !active[n as usize] && !std::mem::replace(&mut listed[n as usize], true) {
+                    interface.push(n);
+                }
+            }
+        }
+        Self {
+            velocity: vec![Vec3::zeros(); position.len()],
+            history: vec![History::REST; classes.iter().map(Vec::len).sum()],
+            fade: vec![[0.0; 4]; body.surface().vertices.len()],
+            nodes,
+            position,
+            interface,
+            classes,
+        }
+    }
+
+    /// An empty state with room for any state of a mesh of `elements` elements and `slots` nodes, so that saving into
+    /// it allocates nothing.
+    pub fn with_room(body: &Body, elements: usize, slots: usize) -> Self {
+        Self {
+            nodes: Vec::with_capacity(slots),
+            position: Vec::with_capacity(slots),
+            velocity: Vec::with_capacity(slots),
+            interface: Vec::with_capacity(slots),
+            classes: (0..CLASSES).map(|_| Vec::with_capacity(elements)).collect(),
+            history: Vec::with_capacity(elements),
+            fade: Vec::with_capacity(body.surface().vertices.len()),
+        }
+    }
+
+    /// Takes over `other`; allocates nothing when there is room.
     pub fn copy_from(&mut self, other: &State) {
-        self.position.copy_from_slice(&other.position);
-        self.velocity.copy_from_slice(&other.velocity);
-        self.stiffening = other.stiffening;
-        self.stretching = other.stretching;
+        fn copy<T: Clone>(to: &mut Vec<T>, from: &[T]) {
+            to.clear();
+            to.extend_from_slice(from);
+        }
+        copy(&mut self.nodes, &other.nodes);
+        copy(&mut self.position, &other.position);
+        copy(&mut self.velocity, &other.velocity);
+        copy(&mut self.interface, &other.interface);
+        self.classes.iter_mut().zip(&other.classes).for_each(|(to, from)| copy(to, from));
+        copy(&mut self.history, &other.history);
+        copy(&mut self.fade, &other.fade);
     }
 
     /// True when no number is infinite or not a number.
     pub fn is_finite(&self) -> bool {
-        self.stiffening.is_finite()
-            && self.stretching.is_finite()
-            && self.position.iter().all(is_finite)
+        self.position.iter().all(is_finite)
             && self.velocity.iter().all(is_finite)
-    }
-
-    /// Feeds every bit to `hash`.
-    pub fn hash_into(&self, hash: &mut xxhash_rust::xxh3::Xxh3) {
-        hash.update(bytemuck::cast_slice(&self.position));
-        hash.update(bytemuck::cast_slice(&self.velocity));
-        hash.update(&self.stiffening.to_le_bytes());
-        hash.update(&self.stretching.to_le_bytes());
+            && self.history.iter().all(History::is_finite)
+            && self.fade.iter().flatten().all(|x| x.is_finite())
     }
 }

@@ -4,8 +4,8 @@
 
 use crate::contact::tool::{MOST_TOOLS, PoseSample, ToolState};
 use crate::math::Vec3;
-use crate::simulation::{Inputs, Snapshot, TickFlags, ToolOutput};
-use crate::stepping::time_step::Plan;
+use crate::adaptation::Adapted;
+use crate::simulation::{MOST_LEVELS, Plan, Inputs, Snapshot, TickFlags, ToolOutput};
 use rustix::event::{EventfdFlags, eventfd};
 use rustix::fd::OwnedFd;
 use std::sync::Arc;
@@ -98,12 +98,18 @@ pub struct TickTiming {
     pub missed: bool,
     /// Ticks lost before it.
     pub lapsed: u32,
-    /// Sub-steps needed and taken.
+    /// Units of work that the step needed and took.
     pub plan: Plan,
     /// Element evaluations spent.
     pub element_evaluations: u32,
-    /// Element evaluations allowed.
+    /// Units of work allowed.
     pub budget: u32,
+    /// Active nodes per level.
+    pub active: [u32; MOST_LEVELS],
+    /// Elements in use.
+    pub elements: u32,
+    /// Changes of resolution.
+    pub adapted: Adapted,
     /// A non-finite state was contained.
     pub restored: bool,
 }

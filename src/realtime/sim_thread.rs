@@ -22,9 +22,9 @@ pub struct SimThread {
 impl SimThread {
     /// `simulation`, ready to run.
     pub fn new(simulation: Simulation, ends: SimulationEnds) -> Self {
-        let elements = simulation.body().level().mesh.elements.len() as u32;
+        let elements = simulation.body().elements_of(0).len() as u32;
         let mut epochs = [0; MOST_TOOLS];
-        for (epoch, tool) in epochs.iter_mut().zip(&simulation.snapshot().tools) {
+        for (epoch, tool) in epochs.iter_mut().zip(simulation.tools()) {
             *epoch = tool.epoch;
         }
         Self { simulation, ends, governor: Governor::new(elements), tap: None, awaited: None, epochs }
@@ -39,24 +39,26 @@ impl SimThread {
             let outputs = self.simulation.advance(&inputs);
             hand_out(&mut self.ends, outputs);
             let overflowed = record(&mut self.tap, &self.ends, &inputs, outputs);
-            let (plan, spent, restored, tick) =
-                (outputs.plan, outputs.element_evaluations, outputs.restored, outputs.tick);
+            let spent = outputs.plan.taken + outputs.adapted.work;
+            let mut timing = TickTiming {
+                tick: outputs.tick,
+                lateness: begin.lateness,
+                compute: 0,
+                missed: false,
+                lapsed: begin.lapsed,
+                plan: outputs.plan,
+                element_evaluations: outputs.element_evaluations,
+                budget: inputs.budget,
+                active: outputs.active,
+                elements: outputs.elements,
+                adapted: outputs.adapted,
+                restored: outputs.restored,
+            };
             if overflowed {
                 self.retire();
             }
-            let (compute, missed) = pacer.end();
-            self.governor.measure(spent, compute);
-            let timing = TickTiming {
-                tick,
-                lateness: begin.lateness,
-                compute,
-                missed,
-                lapsed: begin.lapsed,
-                plan,
-                element_evaluations: spent,
-                budget: inputs.budget,
-                restored,
-            };
+            (timing.compute, timing.missed) = pacer.end();
+            self.governor.measure(spent, timing.compute);
             if self.ends.timings.push(timing).is_err() {
                 self.ends.dropped.timings.fetch_add(1, Ordering::Relaxed);
             }
@@ -113,13 +115,12 @@ impl SimThread {
 
     /// Recordings begin where a frame ended: there the last good state, which is not recorded, is the state itself.
     fn begin_recording(&mut self) {
-        let now = self.simulation.snapshot();
-        if !now.tick.is_multiple_of(TICKS_PER_FRAME) {
+        if !self.simulation.tick().is_multiple_of(TICKS_PER_FRAME) {
             return;
         }
         let Some(mut tap) = self.awaited.take() else { return };
         if let Some(mut room) = tap.room.take() {
-            room.copy_from(now);
+            self.simulation.save_into(&mut room);
             // The ring has room for the one start of this recording.
             if let Err(rtrb::PushError::Full(room)) = tap.start.push(room) {
                 tap.room = Some(room);

@@ -1,5 +1,6 @@
 //! The keys of a scene, each with its range and default, and what follows from them.
 
+use crate::adaptation::Adaptivity;
 use crate::contact::safety::ForceLimits;
 use crate::contact::tool::{Following, MOST_TOOLS, Shape as ToolShape, Tool};
 use crate::geometry::locate::{Host, Locator};
@@ -28,6 +29,10 @@ pub struct Scene {
     #[serde(default)]
     #[garde(dive)]
     pub material: MaterialKeys,
+    /// When to refine and coarsen.
+    #[serde(default)]
+    #[garde(dive)]
+    pub resolution: ResolutionKeys,
     /// Regions held in space.
     #[serde(default)]
     #[garde(dive, length(max = 64))]
@@ -102,9 +107,38 @@ pub struct BodyKeys {
     #[serde(default = "display_vertices")]
     #[garde(range(min = 50, max = 5_000))]
     pub display_vertices: usize,
-    /// Level that moves; left out: the finest that the tick covers.
+    /// Level whose nodes are all active, all the time; left out: the resolution adapts itself.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub active_level: Option<u32>,
+}
+
+/// `[resolution]`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Validate)]
+#[serde(deny_unknown_fields, default)]
+#[garde(allow_unvalidated)]
+pub struct ResolutionKeys {
+    /// Strain jump (mean deviation from the mean strain around a node) above which a node is split.
+    #[garde(range(min = 1e-4, max = 10.0))]
+    pub split: Real,
+    /// Part of `split` below which nodes are merged again.
+    #[garde(range(min = 0.0, max = 0.9))]
+    pub merge: Real,
+    /// Nodes closer to a tool than this many spacings of their level are split.
+    #[garde(range(min = 0.0, max = 10.0))]
+    pub reach: Real,
+    /// Finest level to be used; left out: the finest that can be stepped.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub finest_level: Option<u32>,
+    /// Most elements in use at once: what memory is made for.
+    #[garde(range(min = 100, max = 4_000_000))]
+    pub most_elements: usize,
+}
+
+impl Default for ResolutionKeys {
+    fn default() -> Self {
+        let Adaptivity { split, merge, reach, .. } = Adaptivity::default();
+        Self { split, merge, reach, finest_level: None, most_elements: 60_000 }
+    }
 }
 
 /// `[material]`.
@@ -315,6 +349,13 @@ impl Scene {
                 torque: self.safety.torque_limit,
                 slew: self.safety.slew_limit,
             },
+            adaptivity: self.body.active_level.is_none().then(|| Adaptivity {
+                split: self.resolution.split,
+                merge: self.resolution.merge,
+                reach: self.resolution.reach,
+                finest: self.resolution.finest_level.map_or(usize::MAX, |r| r as usize),
+            }),
+            most_elements: self.resolution.most_elements,
         }
     }
 
@@ -324,17 +365,25 @@ impl Scene {
         (low.add_scalar(-self.safety.workspace_margin), high.add_scalar(self.safety.workspace_margin))
     }
 
-    /// Where each probe hangs on the level that moves.
-    pub fn probes(&self, body: &Body) -> Vec<Host> {
-        let locator = Locator::new(&body.level().mesh, body.level().spacing);
-        self.probe.iter().map(|p| locator.host(Vec3::from(p.position))).collect()
+    /// Where each probe lies on each level, coarsest first; elements are numbered through.
+    pub fn probes(&self, body: &Body) -> Vec<Vec<Host>> {
+        let on = |r: usize, p: &ProbeKeys| {
+            let host = Locator::new(&body.level(r).mesh, body.level(r).spacing).host(Vec3::from(p.position));
+            Host { element: host.element + body.elements_of(r).start, ..host }
+        };
+        self.probe.iter().map(|p| (0..body.levels().len()).map(|r| on(r, p)).collect()).collect()
+    }
+
+    /// The body at rest, as it starts before it settles.
+    pub fn at_rest(&self, body: &Body) -> Snapshot {
+        let level = self.body.active_level.map_or(0, |r| r as usize);
+        Snapshot::at_rest(body, level.min(body.finest()), self.tool.len())
     }
 
     /// The state in which `body` has come to rest under its load: `world.settle` seconds of ticks in which its
     /// velocities fade, so that it does not swing when it is first touched.
     pub fn settled(&self, body: &Arc<Body>, progress: &mut dyn FnMut(&str, usize, usize)) -> Snapshot {
-        let tools = self.tool.len();
-        let rest = Snapshot::at_rest(body, tools);
+        let rest = self.at_rest(body);
         let ticks = (self.world.settle / TICK) as usize;
         let Ok(mut simulation) = Simulation::new(body.clone(), self.settings(), rest.clone()) else { return rest };
         for tick in 0..ticks {
@@ -342,13 +391,11 @@ impl Scene {
                 progress("settling under gravity", tick, ticks);
             }
             simulation.advance(&Inputs::default());
-            simulation.state_mut().velocity.iter_mut().for_each(|v| *v *= 0.98);
+            simulation.mesh_mut().change_motion(|_, _, v| *v *= 0.98);
         }
         progress("settling under gravity", ticks, ticks);
-        let mut settled = Snapshot::at_rest(body, tools);
-        settled.body.copy_from(&simulation.snapshot().body);
-        settled.body.velocity.fill(Vec3::zeros());
-        settled
+        simulation.mesh_mut().change_motion(|_, _, v| *v = Vec3::zeros());
+        Snapshot { tick: 0, moved: 0, ..simulation.snapshot() }
     }
 
     /// The scene with every default written out.

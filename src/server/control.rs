@@ -212,7 +212,6 @@ fn describe(shared: &Shared) -> proto::Session {
         body: Some(proto::BodyDescription {
             name: body.name().into(),
             levels: body.levels().len() as u32,
-            active_level: body.active_level() as u32,
             nodes: body.levels().iter().map(|l| l.mesh.nodes.len() as u32).collect(),
             elements: body.levels().iter().map(|l| l.mesh.elements.len() as u32).collect(),
             mass_kg: body.mass(),

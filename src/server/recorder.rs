@@ -99,7 +99,7 @@ fn tap(shared: &Shared) -> (Box<RecordTap>, Ends) {
     while empty_frames.push(Box::new(Frame::empty(vertices))).is_ok() {}
     let tap = RecordTap {
         start: start_in,
-        room: Some(Box::new(Snapshot::at_rest(&shared.body, shared.scene.tool.len()))),
+        room: Some(Box::new(Snapshot::with_room(&shared.body, &shared.scene.settings()))),
         ticks: ticks_in,
         frames: frames_in,
         empty_frames: empty_out,

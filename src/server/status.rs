@@ -37,7 +37,9 @@ struct Sums {
     missed: u64,
     lapsed: u64,
     stalls: u64,
-    dropped_substeps: u64,
+    unmoved_ticks: u64,
+    splits: u64,
+    merges: u64,
     restored: u64,
     last: Option<TickTiming>,
 }
@@ -55,7 +57,9 @@ impl Sums {
             missed: 0,
             lapsed: 0,
             stalls: 0,
-            dropped_substeps: 0,
+            unmoved_ticks: 0,
+            splits: 0,
+            merges: 0,
             restored: 0,
             last: None,
         }
@@ -71,7 +75,9 @@ impl Sums {
         }
         self.lapsed += u64::from(t.lapsed);
         self.stalls += u64::from(t.lapsed > 0);
-        self.dropped_substeps += u64::from(t.plan.needed - t.plan.taken);
+        self.unmoved_ticks += u64::from(t.plan.taken < t.plan.needed);
+        self.splits += u64::from(t.adapted.splits);
+        self.merges += u64::from(t.adapted.merges);
         self.restored += u64::from(t.restored);
         self.last = Some(t);
     }
@@ -159,7 +165,6 @@ impl Second {
 }
 
 fn compose(shared: &Shared, sums: &Sums, second: &Second, dropped: &Dropped) -> proto::Status {
-    let level = shared.body.level();
     let last = sums.last;
     let load = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
     proto::Status {
@@ -171,10 +176,10 @@ fn compose(shared: &Shared, sums: &Sums, second: &Second, dropped: &Dropped) -> 
         missed_deadlines: sums.missed,
         lapsed_ticks: sums.lapsed,
         stalls: sums.stalls,
-        dropped_substeps: sums.dropped_substeps,
+        unmoved_ticks: sums.unmoved_ticks,
         restored_states: sums.restored,
-        nodes: level.mesh.nodes.len() as u64,
-        elements: level.mesh.elements.len() as u64,
+        nodes: last.map_or(0, |t| t.active.iter().map(|n| u64::from(*n)).sum()),
+        elements: last.map_or(0, |t| u64::from(t.elements)),
         element_evaluations: last.map_or(0, |t| u64::from(t.element_evaluations)),
         budget: last.map_or(0, |t| u64::from(t.budget)),
         surface_frames_hz: second.frame_rate,
@@ -188,6 +193,10 @@ fn compose(shared: &Shared, sums: &Sums, second: &Second, dropped: &Dropped) -> 
             .collect(),
         recording: shared.recorder.status(),
         scheduling: shared.scheduling.clone(),
+        active_nodes: last.map_or(vec![], |t| t.active[..shared.body.levels().len()].iter().map(|n| u64::from(*n)).collect()),
+        splits: sums.splits,
+        merges: sums.merges,
+        work: last.map_or(0, |t| u64::from(t.plan.taken + t.adapted.work)),
         clients: shared.holders.clients(|tool| shared.scene.tool[tool].name.clone()),
     }
 }

@@ -4,9 +4,10 @@
 //! `λ ← max(0, λ − r / (Δt² Σ b_i²/m_i + G))`, and the change of λ at once acts on the velocities. The gap is closed
 //! as a whole: scaling it (Baumgarte) would make the force too small, because G turns gap into force.
 
-use crate::math::{Real, Vec3};
+use crate::math::Real;
 use crate::model::constraint::FIRMER;
-use crate::model::{Body, Constraint, State};
+use crate::model::element_kernel::Padded;
+use crate::model::{ActiveMesh, Constraint};
 
 /// Sweeps over all points in one sub-step; the multipliers of the last sub-step are the start.
 const SWEEPS: usize = 3;
@@ -22,27 +23,27 @@ pub struct Prepared {
     target: Real,
 }
 
-/// Changes `state.velocity` so that no surface point ends the sub-step inside a tool, and leaves each point's
+/// Changes the velocities so that no surface point ends the sub-step inside a tool, and leaves each point's
 /// multiplier [N] in `constraint.multiplier`. `end` [s]: end of the sub-step, from the start of the tick.
 pub fn solve(
-    body: &Body,
-    state: &mut State,
+    mesh: &mut ActiveMesh,
     constraints: &mut [Constraint],
     prepared: &mut [Prepared],
     step: Real,
     end: Real,
 ) {
-    let inverse_mass = body.inverse_mass();
+    let motion = &mut mesh.motion;
+    let inverse_mass = &motion.inverse_mass;
     for (c, p) in constraints.iter_mut().zip(prepared.iter_mut()) {
         let mobility: Real = c.row.entries().iter().map(|&(n, b)| b * b * inverse_mass[n as usize]).sum();
         p.response = step * step * mobility + c.compliance;
-        p.position = c.normal.dot(&c.row.interpolate(&state.position));
+        p.position = c.normal.dot(&c.row.interpolate(&motion.position));
         p.target = c.offset + c.rate * end;
-        push(&mut state.velocity, inverse_mass, c, step * c.multiplier);
+        push(&mut motion.velocity, inverse_mass, c, step * c.multiplier);
     }
     for _ in 0..SWEEPS {
         for (c, p) in constraints.iter_mut().zip(prepared.iter()) {
-            let moved = step * c.normal.dot(&c.row.interpolate(&state.velocity));
+            let moved = step * c.normal.dot(&c.row.interpolate(&motion.velocity));
             let residual = p.position + moved + c.compliance * c.multiplier - p.target;
             let compliant = c.multiplier - residual / p.response;
             // Beyond the largest dent only a part of the compliance is left; the larger multiplier is the right one.
@@ -54,15 +55,18 @@ pub fn solve(
             let change = multiplier - c.multiplier;
             if change != 0.0 {
                 c.multiplier = multiplier;
-                push(&mut state.velocity, inverse_mass, c, step * change);
+                push(&mut motion.velocity, inverse_mass, c, step * change);
             }
         }
     }
 }
 
 /// Gives the point's nodes the impulse `impulse`·n [N·s] through its row.
-fn push(velocity: &mut [Vec3], inverse_mass: &[Real], c: &Constraint, impulse: Real) {
+fn push(velocity: &mut [Padded], inverse_mass: &[Real], c: &Constraint, impulse: Real) {
     for &(n, b) in c.row.entries() {
-        velocity[n as usize] += c.normal * (impulse * b * inverse_mass[n as usize]);
+        let change = c.normal * (impulse * b * inverse_mass[n as usize]);
+        for (v, d) in velocity[n as usize].iter_mut().zip(change.iter()) {
+            *v += d;
+        }
     }
 }

@@ -1,68 +1,279 @@
-//! The step: drift, kick, drift (position Verlet).
+//! The step: asynchronous variational integration [Lew, Marsden, Ortiz & West 2003].
 //!
-//! Half a drift, forces at the middle, a kick, half a drift: one force evaluation per step, second order and
-//! symplectic without damping; damping reads the velocity before the kick and is first order. Contact is held at the
-//! next middle, where forces will be evaluated again.
+//! Nodes drift freely; in the middle of each of its steps an element brings its nodes to the present, evaluates its
+//! force once and gives each node its impulse. No two classes of steps have a middle in common, and the events of a tick
+//! lie symmetrically about its middle: the scheme is symplectic and of second order without damping. Contact is held at
+//! the next event of its own class.
 
 use super::constraint_solve::{self, Prepared};
-use super::internal_force::internal_force;
 use crate::math::{Real, Vec3};
-use crate::model::element_kernel::{Extremes, PaddedForce, Path};
-use crate::model::{Body, Constraint, State};
+use crate::model::element_kernel::{Extremes, Padded, Path, Rates};
+use crate::model::element_pool::CLASSES;
+use crate::model::step_class::{self, LONGEST_CLASS, STEP_VISCOSITY, TICK, TICK_CLASS};
+use crate::model::{ActiveMesh, Body, Constraint};
+
+/// Contact is held at least this often.
+const LONGEST_CONTACT_CLASS: usize = TICK_CLASS + 1;
+/// Contact need not be held more often than this: the dent below the mesh's size is softer than the step's inertia.
+const SHORTEST_CONTACT_CLASS: usize = TICK_CLASS + 2;
+
+/// Nodes that the elements of one class concern.
+#[derive(Debug, Default)]
+struct Concerned {
+    active: Vec<u32>,
+    interface: Vec<u32>,
+    revision: Option<u32>,
+}
 
 /// Memory that the step needs and no one keeps.
 #[derive(Debug)]
 pub struct Workspace {
-    force: Vec<PaddedForce>,
+    /// Time of each slot's position [s] since the start of the tick.
+    time: Vec<Real>,
     prepared: Vec<Prepared>,
+    concerned: Vec<Concerned>,
+    stamp: Vec<u32>,
+    turn: u32,
+    contact_nodes: Vec<u32>,
 }
 
 impl Workspace {
-    /// For `body` and at most `constraints` points at a time.
-    pub fn new(body: &Body, constraints: usize) -> Self {
-        Self { force: vec![[0.0; 4]; body.level().mesh.nodes.len()], prepared: vec![Prepared::default(); constraints] }
+    /// For `mesh` and at most `constraints` points at a time.
+    pub fn new(mesh: &ActiveMesh, constraints: usize) -> Self {
+        let slots = mesh.motion.mass.len();
+        let list = || Vec::with_capacity(slots);
+        Self {
+            time: vec![0.0; slots],
+            prepared: vec![Prepared::default(); constraints],
+            concerned: (0..CLASSES)
+                .map(|_| Concerned { active: list(), interface: list(), revision: None })
+                .collect(),
+            stamp: vec![0; slots],
+            turn: 0,
+            contact_nodes: list(),
+        }
     }
 }
 
-/// Moves `state` by `count` sub-steps of `step` [s] in the field `gravity` [m/s²], and leaves the mean multiplier of
-/// each constraint over them.
-pub fn substeps(
+/// Moves `mesh` by one tick, after `ticks` completed ones, in the field `gravity` [m/s²], and leaves the mean
+/// multiplier of each constraint over the tick.
+pub fn tick(
     path: Path,
     body: &Body,
-    state: &mut State,
+    mesh: &mut ActiveMesh,
     constraints: &mut [Constraint],
     gravity: Vec3,
-    (count, step): (u32, Real),
+    ticks: u64,
     work: &mut Workspace,
 ) -> Extremes {
     let mut extremes = Extremes::REST;
-    constraints.iter_mut().for_each(|c| c.mean_multiplier = 0.0);
-    for i in 0..count {
-        drift(state, 0.5 * step);
-        extremes = internal_force(path, body, state, &mut work.force);
-        kick(body, state, &work.force, gravity, step);
-        let next_middle = (Real::from(i) + 1.5) * step;
-        constraint_solve::solve(body, state, constraints, &mut work.prepared, step, next_middle);
-        constraints.iter_mut().for_each(|c| c.mean_multiplier += c.multiplier);
-        drift(state, 0.5 * step);
-        state.stiffening = extremes.stiffening();
-        state.stretching = extremes.stretching();
+    let finest = (0..CLASSES).rev().find(|c| mesh.pool().count(*c) > 0).unwrap_or(TICK_CLASS);
+    let contact = finest.clamp(LONGEST_CONTACT_CLASS, SHORTEST_CONTACT_CLASS);
+    let holds = step_class::class_for(1.0 / mesh.stiffest_spring().max(1.0).sqrt()).max(TICK_CLASS);
+    let mut deepest = finest.max(TICK_CLASS);
+    if !constraints.is_empty() {
+        deepest = deepest.max(contact);
+        collect_contact_nodes(constraints, work);
     }
-    constraints.iter_mut().for_each(|c| c.mean_multiplier /= Real::from(count.max(1)));
+    if !body.holds().is_empty() {
+        deepest = deepest.max(holds);
+    }
+    constraints.iter_mut().for_each(|c| c.mean_multiplier = 0.0);
+    let halves = 2u32 << (deepest - TICK_CLASS);
+    for i in 1..=halves {
+        let now = TICK * Real::from(i) / Real::from(halves);
+        let class = if i < halves {
+            deepest - i.trailing_zeros() as usize
+        } else {
+            // The end of a tick is the middle of one long step at most.
+            match (ticks + 1).trailing_zeros() as usize {
+                zeros if zeros + LONGEST_CLASS < TICK_CLASS => TICK_CLASS - 1 - zeros,
+                _ => break,
+            }
+        };
+        let held = class == holds && !body.holds().is_empty();
+        let touched = class == contact && !constraints.is_empty();
+        if mesh.pool().count(class) > 0 || held {
+            let elements = event(path, body, mesh, class, held, gravity, now, work);
+            extremes = extremes.join(&elements);
+        }
+        if touched {
+            let step = step_class::step_of(class);
+            drift(&work.contact_nodes, &mut work.time, mesh, gravity, now);
+            constraint_solve::solve(mesh, constraints, &mut work.prepared, step, now + step);
+            constraints.iter_mut().for_each(|c| c.mean_multiplier += c.multiplier);
+        }
+    }
+    drift_all(&mut work.time, mesh, gravity, TICK);
+    work.time.fill(0.0);
+    mesh.place_interface();
+    let solves = Real::from(1u32 << (contact - TICK_CLASS));
+    constraints.iter_mut().for_each(|c| c.mean_multiplier /= solves);
     extremes
 }
 
-fn drift(state: &mut State, step: Real) {
-    for (x, v) in state.position.iter_mut().zip(&state.velocity) {
-        *x += v * step;
+/// The elements of `class` are due at `now` [s], and the springs when `held`.
+#[expect(clippy::too_many_arguments, reason = "one place")]
+fn event(
+    path: Path,
+    body: &Body,
+    mesh: &mut ActiveMesh,
+    class: usize,
+    held: bool,
+    gravity: Vec3,
+    now: Real,
+    work: &mut Workspace,
+) -> Extremes {
+    let step = step_class::step_of(class);
+    let rates = rates(body, step);
+    // Where most elements are due most nodes are concerned: finding out which costs more than moving the others.
+    if 4 * mesh.pool().count(class) > mesh.pool().len() {
+        drift_all(&mut work.time, mesh, gravity, now);
+        mesh.place_interface();
+        let extremes = mesh.add_forces(path, class, &rates);
+        if held {
+            pull_back(body, mesh);
+        }
+        mesh.hand_back_all();
+        let (active, motion) = mesh.active_motion();
+        kick(active, motion, step);
+        return extremes;
+    }
+    find_concerned(body, mesh, class, held, work);
+    let concerned = &work.concerned[class];
+    drift(&concerned.active, &mut work.time, mesh, gravity, now);
+    mesh.place_these(&concerned.interface);
+    let extremes = mesh.add_forces(path, class, &rates);
+    if held {
+        pull_back(body, mesh);
+    }
+    mesh.hand_back(&concerned.interface);
+    kick(&concerned.active, &mut mesh.motion, step);
+    extremes
+}
+
+/// Damping of one class: viscosity and Maxwell branches over its step.
+fn rates(body: &Body, step: Real) -> Rates {
+    let material = body.material();
+    let numerical = if body.maxwell().is_empty() { 0.0 } else { STEP_VISCOSITY };
+    let over = |viscosity: Real, modulus: Real| if modulus > 0.0 { viscosity / (modulus * step) } else { 0.0 };
+    let mut rates = Rates {
+        volume: numerical + over(material.phi, material.lambda),
+        shear: numerical + over(material.psi, material.mu),
+        ..Rates::ELASTIC
+    };
+    for (b, branch) in body.maxwell().iter().enumerate() {
+        rates.decay[b] = 1.0 / (1.0 + step / branch.time);
+        rates.share[b] = branch.modulus;
+    }
+    rates
+}
+
+/// Nodes of the elements of `class`, of the holds when `held`, and the masters they hang on.
+fn find_concerned(body: &Body, mesh: &ActiveMesh, class: usize, held: bool, work: &mut Workspace) {
+    if work.concerned[class].revision == Some(mesh.revision(class)) {
+        return;
+    }
+    work.turn = work.turn.wrapping_add(1);
+    if work.turn == 0 {
+        work.stamp.fill(0);
+        work.turn = 1;
+    }
+    let turn = work.turn;
+    let Concerned { active, interface, revision } = &mut work.concerned[class];
+    let stamp = &mut work.stamp;
+    active.clear();
+    interface.clear();
+    let mut note = |slot: u32| {
+        if std::mem::replace(&mut stamp[slot as usize], turn) == turn {
+            return;
+        }
+        if mesh.is_master(slot) {
+            active.push(slot);
+            return;
+        }
+        interface.push(slot);
+        for (master, _) in mesh.row(slot).entries() {
+            if std::mem::replace(&mut stamp[master as usize], turn) != turn {
+                active.push(master);
+            }
+        }
+    };
+    for e in mesh.pool().ids(class) {
+        if let Some(slots) = mesh.pool().nodes_of(e) {
+            slots.into_iter().for_each(&mut note);
+        }
+    }
+    if held {
+        for hold in body.holds() {
+            mesh.attachment(hold.vertex).slots.into_iter().for_each(&mut note);
+        }
+    }
+    *revision = Some(mesh.revision(class));
+}
+
+fn collect_contact_nodes(constraints: &[Constraint], work: &mut Workspace) {
+    work.turn = work.turn.wrapping_add(1);
+    if work.turn == 0 {
+        work.stamp.fill(0);
+        work.turn = 1;
+    }
+    work.contact_nodes.clear();
+    for &(slot, _) in constraints.iter().flat_map(|c| c.row.entries()) {
+        if std::mem::replace(&mut work.stamp[slot as usize], work.turn) != work.turn {
+            work.contact_nodes.push(slot);
+        }
     }
 }
 
-fn kick(body: &Body, state: &mut State, force: &[PaddedForce], gravity: Vec3, step: Real) {
-    for ((v, f), &inverse_mass) in state.velocity.iter_mut().zip(force).zip(body.inverse_mass()) {
-        // Nodes held fast have no inverse mass and never had a velocity.
-        if inverse_mass > 0.0 {
-            *v += (Vec3::new(f[0], f[1], f[2]) * inverse_mass + gravity) * step;
+/// Springs that hold display vertices where they were at rest.
+fn pull_back(body: &Body, mesh: &mut ActiveMesh) {
+    for hold in body.holds() {
+        let stretch = body.surface().vertices[hold.vertex as usize] - mesh.vertex(hold.vertex);
+        let pull = stretch * hold.stiffness;
+        let attachment = *mesh.attachment(hold.vertex);
+        for (slot, w) in attachment.slots.iter().zip(attachment.weights) {
+            let force = &mut mesh.motion.force[*slot as usize];
+            for c in 0..3 {
+                force[c] += pull[c] * w;
+            }
+        }
+    }
+}
+
+/// Free fall of the nodes in `slots` up to `now` [s].
+fn drift(slots: &[u32], time: &mut [Real], mesh: &mut ActiveMesh, gravity: Vec3, now: Real) {
+    fall(slots, time, &mut mesh.motion, [gravity.x, gravity.y, gravity.z, 0.0], now);
+}
+
+fn drift_all(time: &mut [Real], mesh: &mut ActiveMesh, gravity: Vec3, now: Real) {
+    let (active, motion) = mesh.active_motion();
+    fall(active, time, motion, [gravity.x, gravity.y, gravity.z, 0.0], now);
+}
+
+fn fall(slots: &[u32], time: &mut [Real], motion: &mut crate::model::active_mesh::Motion, gravity: Padded, now: Real) {
+    for &slot in slots {
+        let s = slot as usize;
+        let step = now - std::mem::replace(&mut time[s], now);
+        // Nodes held fast never had a velocity, and do not fall.
+        if motion.inverse_mass[s] > 0.0 {
+            let (x, v) = (&mut motion.position[s], &mut motion.velocity[s]);
+            for c in 0..4 {
+                x[c] += step * (v[c] + 0.5 * step * gravity[c]);
+                v[c] += step * gravity[c];
+            }
+        }
+    }
+}
+
+fn kick(slots: &[u32], motion: &mut crate::model::active_mesh::Motion, step: Real) {
+    for &slot in slots {
+        let s = slot as usize;
+        let f = std::mem::replace(&mut motion.force[s], [0.0; 4]);
+        let impulse = step * motion.inverse_mass[s];
+        let v = &mut motion.velocity[s];
+        for c in 0..4 {
+            v[c] += impulse * f[c];
         }
     }
 }

@@ -1,0 +1,324 @@
+//! When and where to refine and coarsen [DDCB01 3.3], within the work budget.
+//!
+//! Knows the body, its motion and where tools are or will be; decides changes of resolution and has them made. It keeps
+//! nothing from tick to tick: what it decides follows from the state, the budget and the tick.
+
+pub mod indicator;
+
+use crate::math::{Real, Vec3};
+use crate::model::active_mesh::Upkeep;
+use crate::model::active_set::Change;
+use crate::model::element_pool::CLASSES;
+use crate::model::step_class::{self, Strained, TICK_CLASS};
+use crate::model::{ActiveMesh, Body};
+use crate::stepping::work;
+
+/// When to refine and to coarsen.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Adaptivity {
+    /// Nodes whose [`indicator::strain_jump`] is above it are split.
+    pub split: Real,
+    /// Families whose children are all below this part of `split` are merged.
+    pub merge: Real,
+    /// Nodes closer to a tool than this many spacings of their level are split.
+    pub reach: Real,
+    /// Finest level that is used.
+    pub finest: usize,
+}
+
+impl Default for Adaptivity {
+    fn default() -> Self {
+        Self { split: 0.04, merge: 0.3, reach: 1.2, finest: usize::MAX }
+    }
+}
+
+/// Where resolution is wanted: around a tool, where it is or where its velocity takes it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Focus {
+    /// Start of the tool's axis [m].
+    pub from: Vec3,
+    /// End of its axis [m].
+    pub to: Vec3,
+    /// Its radius [m].
+    pub radius: Real,
+}
+
+impl Focus {
+    /// Distance of `p` from the tool's surface [m], negative inside.
+    fn distance(&self, p: Vec3) -> Real {
+        let along = self.to - self.from;
+        let squared = along.norm_squared();
+        let t = if squared > 0.0 { ((p - self.from).dot(&along) / squared).clamp(0.0, 1.0) } else { 0.0 };
+        (p - (self.from + along * t)).norm() - self.radius
+    }
+}
+
+/// Most changes of one tick.
+const MOST_CHANGES: usize = 32;
+/// A full look at the indicator takes this many ticks.
+const INDICATOR_TICKS: u64 = 32;
+/// A full look at what is near tools takes this many.
+const FOCUS_TICKS: u64 = 4;
+/// A family near a tool stays refined up to this much farther away than it was refined at.
+const STAY: Real = 1.3;
+/// Values from here on are those of nodes that a tool is close to.
+const TOUCHED: Real = 2.0;
+/// Units of work per element put in or taken out, and per interface row made.
+const ELEMENT_UPKEEP: u32 = 10;
+const ROW_UPKEEP: u32 = 40;
+/// Units of a change with all that belongs to it, for the plan.
+const CHANGE_UPKEEP: u32 = 3_000;
+/// Part of the budget that changes of resolution may take in one tick: one in this many.
+const UPKEEP_PART: u32 = 8;
+/// The same when the budget has shrunk and load has to go.
+const SHEDDING_PART: u32 = 2;
+/// Part of the budget, in 1/16, up to which refinement fills it: the rest is for strains that shorten steps.
+const FILLED: u32 = 13;
+
+/// What was done in one tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Adapted {
+    /// Nodes split.
+    pub splits: u32,
+    /// Families merged.
+    pub merges: u32,
+    /// Units of work it took.
+    pub work: u32,
+}
+
+/// Memory that decisions need and no one keeps.
+#[derive(Debug)]
+pub struct Workspace {
+    /// Value and node, best first.
+    wanted: Vec<(Real, u32)>,
+    /// Value and parent, least first.
+    spare: Vec<(Real, u32)>,
+    changes: Vec<Change>,
+    /// Finest level that can be stepped and is allowed.
+    finest: usize,
+}
+
+impl Workspace {
+    /// For `body`.
+    pub fn new(body: &Body, adaptivity: &Adaptivity) -> Self {
+        let list = || Vec::with_capacity(MOST_CHANGES + 1);
+        Self {
+            wanted: list(),
+            spare: list(),
+            changes: Vec::with_capacity(MOST_CHANGES),
+            finest: adaptivity.finest.min(finest_steppable(body)),
+        }
+    }
+
+    /// Finest level that can be stepped and is allowed.
+    pub fn finest(&self) -> usize {
+        self.finest
+    }
+}
+
+/// Class of the longest stable step of level `r` at rest, or `None` when even the shortest class is too long.
+pub fn class_at_rest(body: &Body, r: usize) -> Option<usize> {
+    let stiffest = body
+        .elements_of(r)
+        .map(|e| step_class::omega_squared(body, e) * step_class::instantaneous(body, e))
+        .fold(0.0, Real::max);
+    let step = step_class::stable_step(stiffest, Strained::REST, body.damping_time(), 0.0);
+    (step >= step_class::step_of(CLASSES - 1)).then(|| step_class::class_for(step))
+}
+
+/// The finest level that can be stepped: the core does not use finer ones.
+pub fn finest_steppable(body: &Body) -> usize {
+    (0..body.levels().len()).take_while(|r| *r == 0 || class_at_rest(body, *r).is_some()).last().unwrap_or(0)
+}
+
+/// Decides what to change after `ticks` completed ticks and has it done.
+pub fn adapt(
+    body: &Body,
+    mesh: &mut ActiveMesh,
+    adaptivity: &Adaptivity,
+    focus: &[Focus],
+    budget: u32,
+    ticks: u64,
+    work: &mut Workspace,
+) -> Adapted {
+    // Elements come and go only where the longest steps end.
+    if work.finest == 0 || !step_class::is_boundary(step_class::LONGEST_CLASS, ticks) {
+        return Adapted::default();
+    }
+    work.wanted.clear();
+    work.spare.clear();
+    work.changes.clear();
+    let load = work::worst_tick(mesh);
+    let full = (u64::from(budget) * u64::from(FILLED) / 16) as u32;
+    let look = Look { body, adaptivity, focus };
+    let shedding = load > budget;
+    if shedding {
+        look.spare_families(mesh, 0, 1, Real::INFINITY, &mut work.spare);
+    } else {
+        look.wanted_nodes(mesh, ticks, work.finest, &mut work.wanted);
+        plan_splits(&look, mesh, full, load, work);
+        if work.changes.is_empty() {
+            // What is wanted and does not fit may take the place of what is worth less.
+            let pressed = work.wanted.first().map_or(1.0, |w| w.0.max(1.0));
+            let limit = (0.5 * pressed).max(adaptivity.merge);
+            let limit = if work.wanted.is_empty() { adaptivity.merge } else { limit };
+            look.spare_families(mesh, ticks / 2 % INDICATOR_TICKS, INDICATOR_TICKS, limit, &mut work.spare);
+        }
+    }
+    if work.changes.is_empty() {
+        let part = if shedding { SHEDDING_PART } else { UPKEEP_PART };
+        plan_merges(body, mesh, budget / part, if shedding { load - full } else { u32::MAX }, work);
+    }
+    let Upkeep { elements, rows } = mesh.apply(body, &work.changes, ticks);
+    let splits = work.changes.iter().filter(|c| matches!(c, Change::Split(_))).count() as u32;
+    Adapted {
+        splits,
+        merges: work.changes.len() as u32 - splits,
+        work: elements * ELEMENT_UPKEEP + rows * ROW_UPKEEP,
+    }
+}
+
+fn plan_splits(look: &Look, mesh: &mut ActiveMesh, full: u32, load: u32, work: &mut Workspace) {
+    let allowed = (full / UPKEEP_PART / CHANGE_UPKEEP).max(1) as usize;
+    let mut room = full.saturating_sub(load);
+    let mut elements = 0;
+    for &(_, wanted) in &work.wanted {
+        if work.changes.len() >= allowed.min(MOST_CHANGES) {
+            break;
+        }
+        // Neighbours stay within one level: first what has to be split before.
+        let mut n = wanted;
+        while let Some(before) = mesh.set().first_needed(look.body, n) {
+            n = before;
+        }
+        if work.changes.contains(&Change::Split(n)) {
+            continue;
+        }
+        let added = mesh.added_by_split(look.body, n);
+        let class = class_of_level(look.body, mesh, n);
+        let cost = (added << class.saturating_sub(TICK_CLASS)) * 5 / 4;
+        if cost <= room && mesh.has_room(elements + added) {
+            room -= cost;
+            elements += added;
+            work.changes.push(Change::Split(n));
+        }
+    }
+}
+
+/// Class at rest of the level that the children of `n` are on, from any of their elements.
+fn class_of_level(body: &Body, mesh: &ActiveMesh, n: u32) -> usize {
+    let _ = mesh;
+    let element = body.children(n).first().and_then(|c| body.elements_around(*c).first());
+    element.map_or(TICK_CLASS, |e| {
+        let omega_squared = step_class::omega_squared(body, *e) * step_class::instantaneous(body, *e);
+        step_class::class_for(step_class::stable_step(omega_squared, Strained::REST, body.damping_time(), 0.0))
+    })
+}
+
+fn plan_merges(body: &Body, mesh: &ActiveMesh, upkeep: u32, excess: u32, work: &mut Workspace) {
+    let allowed = (upkeep / CHANGE_UPKEEP).max(1) as usize;
+    let mut saved = 0;
+    for &(_, parent) in &work.spare {
+        if work.changes.len() >= allowed.min(MOST_CHANGES) || saved >= excess {
+            break;
+        }
+        if mesh.set().may_merge(body, parent) && mesh.has_room(body.elements_around(parent).len() as u32) {
+            work.changes.push(Change::Merge(parent));
+            let elements = 20 * body.children(parent).len() as u32;
+            saved += elements << class_of_level(body, mesh, parent).saturating_sub(TICK_CLASS);
+        }
+    }
+}
+
+/// What decisions look at.
+struct Look<'a> {
+    body: &'a Body,
+    adaptivity: &'a Adaptivity,
+    focus: &'a [Focus],
+}
+
+impl Look<'_> {
+    /// Distance of `p` from the nearest tool [m].
+    fn distance(&self, p: Vec3) -> Real {
+        self.focus.iter().map(|f| f.distance(p)).fold(Real::INFINITY, Real::min)
+    }
+
+    /// How much a place `distance` away from a tool is worth on a level of `spacing`: nothing out of reach, else
+    /// [`TOUCHED`] and more the closer it is.
+    fn worth(&self, distance: Real, spacing: Real, farther: Real) -> Real {
+        let reach = self.adaptivity.reach * spacing * farther;
+        if distance < reach { TOUCHED + (1.0 - distance / reach).min(2.0) } else { 0.0 }
+    }
+
+    /// Nodes worth splitting, of the slices of this tick.
+    fn wanted_nodes(&self, mesh: &ActiveMesh, ticks: u64, finest: usize, wanted: &mut Vec<(Real, u32)>) {
+        // Only every other tick comes here.
+        let turn = ticks / 2;
+        for slot in slice(mesh.active(), turn % INDICATOR_TICKS, INDICATOR_TICKS) {
+            let n = mesh.node(*slot);
+            if self.body.level_of(n) < finest {
+                let value = indicator::strain_jump(self.body, mesh, n) / self.adaptivity.split;
+                if value > 1.0 {
+                    keep(wanted, value.min(TOUCHED), n, |a, b| a > b);
+                }
+            }
+        }
+        if self.focus.is_empty() {
+            return;
+        }
+        for slot in slice(mesh.active(), turn % FOCUS_TICKS, FOCUS_TICKS) {
+            let n = mesh.node(*slot);
+            let level = self.body.level_of(n);
+            if level < finest {
+                let x = mesh.position(*slot);
+                let value = self.worth(self.distance(x), self.body.level(level).spacing, 1.0);
+                if value > 0.0 {
+                    keep(wanted, value, n, |a, b| a > b);
+                }
+            }
+        }
+    }
+
+    /// Families worth less than `limit`, of slice `part` of `parts`.
+    fn spare_families(&self, mesh: &ActiveMesh, part: u64, parts: u64, limit: Real, spare: &mut Vec<(Real, u32)>) {
+        for slot in slice(mesh.active(), part, parts) {
+            let n = mesh.node(*slot);
+            if self.body.level_of(n) == 0 {
+                continue;
+            }
+            let parent = self.body.parent(n);
+            let family = self.body.children(parent);
+            if family[0] != n || !family.iter().all(|c| mesh.set().is_active(*c)) {
+                continue;
+            }
+            let spacing = self.body.level(self.body.level_of(parent)).spacing;
+            let mut distance = Real::INFINITY;
+            let mut value: Real = 0.0;
+            for &c in family {
+                value = value.max(indicator::strain_jump(self.body, mesh, c) / self.adaptivity.split);
+                if !self.focus.is_empty() {
+                    distance = distance.min(mesh.position_of(c).map_or(Real::INFINITY, |x| self.distance(x)));
+                }
+            }
+            let value = value.min(TOUCHED).max(self.worth(distance, spacing, STAY));
+            if value < limit {
+                keep(spare, value, parent, |a, b| a < b);
+            }
+        }
+    }
+}
+
+/// Slice `part` of `parts` of `all`.
+fn slice<T>(all: &[T], part: u64, parts: u64) -> &[T] {
+    let at = |k: u64| (all.len() as u64 * k / parts) as usize;
+    &all[at(part)..at(part + 1)]
+}
+
+/// Puts `(value, n)` in its place in a list of the best [`MOST_CHANGES`], ties to the smaller number.
+fn keep(list: &mut Vec<(Real, u32)>, value: Real, n: u32, better: impl Fn(Real, Real) -> bool) {
+    let place = list.partition_point(|&(v, m)| better(v, value) || (v == value && m < n));
+    if place < MOST_CHANGES && list.get(place).is_none_or(|e| e.1 != n) {
+        list.truncate(MOST_CHANGES - 1);
+        list.insert(place, (value, n));
+    }
+}

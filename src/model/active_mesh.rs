@@ -1,0 +1,1124 @@
+//! The body as it moves: the active nodes, the elements that touch them, and what hangs on them.
+//!
+//! One energy for the whole body: `U = Σ w_t vol_t W(F_t)` over the elements of all levels with an active vertex,
+//! `w_t` the active part of their vertices. An element's other vertices are interface nodes, placed by their rows; the
+//! force on one goes back to its masters through the same weights. Forces are therefore the gradient of `U`, which the
+//! printed method's are not.
+//!
+//! Everything here is sized once. What changes with the resolution changes where it changes, and only there.
+
+use super::active_set::{ActiveSet, Change, Status};
+use super::body::{Body, NONE};
+use super::element_kernel::Padded;
+use super::element_pool::{CLASSES, ElementConstants, ElementPool, History};
+use super::interface::{InterfaceRow, Search};
+use super::state::State;
+use super::step_class::{self, Strained};
+use crate::math::{Mat3, Real, Vec3};
+
+/// Units of mass in the body's mass: sums of whole numbers do not depend on their order, so a node's mass does not
+/// depend on how the set of active nodes came about.
+const MASS_UNITS: Real = (1u64 << 50) as Real;
+
+/// Where a display vertex hangs.
+#[derive(Clone, Copy, Debug)]
+pub struct Attachment {
+    /// Its element.
+    pub element: u32,
+    /// Slots of the element's nodes.
+    pub slots: [u32; 4],
+    /// Barycentric weights.
+    pub weights: [Real; 4],
+    /// Spacing of the element's level [m].
+    pub spacing: Real,
+}
+
+/// Motion and mass by slot: active nodes and interface nodes alike.
+#[derive(Debug)]
+pub struct Motion {
+    /// World positions [m].
+    pub position: Vec<Padded>,
+    /// Velocities [m/s]; those of interface nodes are not kept.
+    pub velocity: Vec<Padded>,
+    /// Forces under way [N], zero between events.
+    pub force: Vec<Padded>,
+    /// [1/kg]; 0 for nodes that are held fast and for interface nodes.
+    pub inverse_mass: Vec<Real>,
+    /// [kg]; 0 for interface nodes.
+    pub mass: Vec<Real>,
+}
+
+/// The body as it moves.
+#[derive(Debug)]
+pub struct ActiveMesh {
+    set: ActiveSet,
+    pool: ElementPool,
+    /// Motion and mass by slot.
+    pub motion: Motion,
+    /// Slot of each node, or [`NONE`].
+    slot: Vec<u32>,
+    /// Active vertices of each element; 0 when it is not in use.
+    active_vertices: Vec<u8>,
+    /// `ω²` at rest [1/s²] of the elements in use, the Maxwell branches' share included.
+    omega_squared: Vec<Real>,
+    /// Node of each slot.
+    node: Vec<u32>,
+    /// In units, by slot: mass of the slot's own elements; what hangs on it; and what of its own it has handed on.
+    own_mass: Vec<i64>,
+    gathered_mass: Vec<i64>,
+    handed_mass: Vec<i64>,
+    /// Rows of the interface nodes' slots, masters as slots.
+    row: Vec<InterfaceRow>,
+    /// Springs' share of `ω²` [1/s²] by slot.
+    springs: Vec<Real>,
+    /// Place of each slot in `active` or `interface`.
+    place: Vec<u32>,
+    active: Vec<u32>,
+    interface: Vec<u32>,
+    free: Vec<u32>,
+    attachment: Vec<Attachment>,
+    /// By display vertex: offset [m] of the displayed from the embedded place, and of the displayed from the level's
+    /// spacing [m]; what a change of resolution leaves, faded to zero.
+    pub fade: Vec<Padded>,
+    /// Counts up with every change of a class's elements, and with every change of interface rows (all classes).
+    revision: [u32; CLASSES],
+    mass_unit: Real,
+    row_entries: u32,
+    stiffest_spring: Real,
+    work: Work,
+}
+
+/// Memory that a change of resolution needs and no one keeps.
+#[derive(Debug)]
+struct Work {
+    search: Search,
+    on: Vec<(u32, Vec3, Vec3)>,
+    off: Vec<u32>,
+    elements: Vec<u32>,
+    nodes: Vec<u32>,
+    entering: Vec<u32>,
+    leaving: Vec<u32>,
+    dirty: Vec<u32>,
+    node_stamp: Vec<u32>,
+    element_stamp: Vec<u32>,
+    turn: u32,
+    before: Vec<Vec3>,
+}
+
+/// What a change cost, for the governor: counts of the same things that the budget is made of.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Upkeep {
+    /// Elements put in or taken out.
+    pub elements: u32,
+    /// Interface rows made.
+    pub rows: u32,
+}
+
+/// Momenta about the origin.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Momenta {
+    /// Σ m v [kg·m/s].
+    pub linear: Vec3,
+    /// Σ m x × v [kg·m²/s].
+    pub angular: Vec3,
+}
+
+fn vec3(p: &Padded) -> Vec3 {
+    Vec3::new(p[0], p[1], p[2])
+}
+
+fn padded(v: Vec3) -> Padded {
+    [v.x, v.y, v.z, 0.0]
+}
+
+impl ActiveMesh {
+    /// `body` as `state` says; room for at most `most_elements` elements in use at once.
+    ///
+    /// # Errors
+    /// When the state does not fit the body.
+    pub fn new(body: &Body, state: &State, most_elements: usize) -> Result<Self, String> {
+        let capacity = most_elements.min(body.element_count()).max(body.elements_of(0).len());
+        // A connected mesh of tetrahedra has at most as many nodes as elements, and three more.
+        let slots = (capacity + 64).min(body.node_count());
+        let vertices = body.surface().vertices.len();
+        let nowhere = Attachment { element: NONE, slots: [0; 4], weights: [0.0; 4], spacing: 0.0 };
+        let list = || Vec::with_capacity(slots);
+        let mut mesh = Self {
+            set: ActiveSet::uniform(body, 0),
+            pool: ElementPool::new(body.element_count(), capacity, slots, body.maxwell().len()),
+            motion: Motion {
+                position: vec![[0.0; 4]; slots],
+                velocity: vec![[0.0; 4]; slots],
+                force: vec![[0.0; 4]; slots],
+                inverse_mass: vec![0.0; slots],
+                mass: vec![0.0; slots],
+            },
+            slot: vec![NONE; body.node_count()],
+            active_vertices: vec![0; body.element_count()],
+            omega_squared: vec![0.0; body.element_count()],
+            node: vec![NONE; slots],
+            own_mass: vec![0; slots],
+            gathered_mass: vec![0; slots],
+            handed_mass: vec![0; slots],
+            row: vec![InterfaceRow::EMPTY; slots],
+            springs: vec![0.0; slots],
+            place: vec![0; slots],
+            active: list(),
+            interface: list(),
+            free: list(),
+            attachment: vec![nowhere; vertices],
+            fade: vec![[0.0; 4]; vertices],
+            revision: [0; CLASSES],
+            mass_unit: body.mass() / MASS_UNITS,
+            row_entries: 0,
+            stiffest_spring: 0.0,
+            work: Work {
+                search: Search::new(body),
+                on: Vec::with_capacity(slots),
+                off: list(),
+                elements: Vec::with_capacity(body.element_count()),
+                nodes: Vec::with_capacity(body.node_count()),
+                entering: Vec::with_capacity(capacity),
+                leaving: Vec::with_capacity(capacity),
+                dirty: list(),
+                node_stamp: vec![0; body.node_count()],
+                element_stamp: vec![0; body.element_count()],
+                turn: 0,
+                before: vec![Vec3::zeros(); vertices],
+            },
+        };
+        mesh.restore(body, state)?;
+        Ok(mesh)
+    }
+
+    /// Takes over `state`, without allocating when it is of the same body. Everything that is not part of it follows
+    /// from it, bit for bit.
+    ///
+    /// # Errors
+    /// When the state does not fit the body; the mesh is then as it was.
+    pub fn restore(&mut self, body: &Body, state: &State) -> Result<(), String> {
+        let set = ActiveSet::from_nodes(body, &state.nodes)
+            .ok_or_else(|| format!("the {} active nodes of the state do not cover the body once", state.nodes.len()))?;
+        self.check(body, &set, state)?;
+        self.set = set;
+        self.pool.clear();
+        self.slot.fill(NONE);
+        self.active_vertices.fill(0);
+        self.node.fill(NONE);
+        self.own_mass.fill(0);
+        self.gathered_mass.fill(0);
+        self.handed_mass.fill(0);
+        self.motion.mass.fill(0.0);
+        self.motion.inverse_mass.fill(0.0);
+        self.motion.force.fill([0.0; 4]);
+        self.active.clear();
+        self.interface.clear();
+        self.free.clear();
+        self.free.extend((0..self.node.len() as u32).rev());
+        self.row_entries = 0;
+        for ((&n, x), v) in state.nodes.iter().zip(&state.position).zip(&state.velocity) {
+            let slot = self.take_slot(n);
+            self.enlist(slot, true);
+            self.motion.position[slot as usize] = padded(*x);
+            self.motion.velocity[slot as usize] = padded(*v);
+        }
+        for &n in &state.interface {
+            let slot = self.take_slot(n);
+            self.enlist(slot, false);
+        }
+        let mut next = 0;
+        for (class, ids) in state.classes.iter().enumerate() {
+            for &e in ids {
+                let nodes = body.element(e);
+                let k = nodes.iter().filter(|n| self.set.is_active(**n)).count() as u8;
+                self.active_vertices[e as usize] = k;
+                let constants = constants(body, e, k);
+                self.pool.insert(e, class, nodes.map(|n| self.slot[n as usize]), &constants, &state.history[next]);
+                self.weigh(body, e, i64::from(k));
+                self.omega_squared[e as usize] =
+                    step_class::omega_squared(body, e) * step_class::instantaneous(body, e);
+                next += 1;
+            }
+        }
+        for i in 0..self.interface.len() {
+            let slot = self.interface[i];
+            self.make_row(body, slot);
+        }
+        self.normalise(body);
+        self.place_interface();
+        self.fade.copy_from_slice(&state.fade);
+        for v in 0..self.attachment.len() as u32 {
+            self.attach(body, v);
+        }
+        self.weigh_springs(body);
+        self.revision.iter_mut().for_each(|r| *r = r.wrapping_add(1));
+        Ok(())
+    }
+
+    fn check(&self, body: &Body, set: &ActiveSet, state: &State) -> Result<(), String> {
+        let nodes = state.nodes.len();
+        if state.position.len() != nodes || state.velocity.len() != nodes || state.fade.len() != self.fade.len() {
+            return Err(format!("the state's arrays do not fit {nodes} active nodes and the body's surface"));
+        }
+        if state.classes.len() != CLASSES || state.history.len() != state.classes.iter().map(Vec::len).sum::<usize>() {
+            return Err("the state's elements do not fit its step classes".into());
+        }
+        let elements = state.history.len();
+        if elements > self.pool.capacity() || nodes + state.interface.len() > self.node.len() {
+            return Err(format!("{elements} elements: this session has room for {}", self.pool.capacity()));
+        }
+        let in_use = |e: u32| body.element(e).iter().any(|n| set.is_active(*n));
+        let mut seen = vec![false; body.element_count()];
+        for &e in state.classes.iter().flatten() {
+            if e as usize >= seen.len() || seen[e as usize] || !in_use(e) {
+                return Err(format!("element {e} of the state is not one that its active nodes need, once"));
+            }
+            seen[e as usize] = true;
+        }
+        let needed = (0..seen.len() as u32).filter(|e| in_use(*e)).count();
+        let mut interface: Vec<u32> = state.interface.clone();
+        interface.sort_unstable();
+        let mut expected: Vec<u32> = (0..seen.len() as u32)
+            .filter(|e| in_use(*e))
+            .flat_map(|e| body.element(e))
+            .filter(|n| !set.is_active(*n))
+            .collect();
+        expected.sort_unstable();
+        expected.dedup();
+        if needed != elements || interface != expected {
+            return Err("the state's elements and interface nodes are not those of its active nodes".into());
+        }
+        Ok(())
+    }
+
+    /// Writes the state into `state`, which was made for this body; allocates nothing once `state` has the room.
+    pub fn save_into(&self, state: &mut State) {
+        state.nodes.clear();
+        state.position.clear();
+        state.velocity.clear();
+        for &slot in &self.active {
+            state.nodes.push(self.node[slot as usize]);
+            state.position.push(vec3(&self.motion.position[slot as usize]));
+            state.velocity.push(vec3(&self.motion.velocity[slot as usize]));
+        }
+        state.interface.clear();
+        state.interface.extend(self.interface.iter().map(|s| self.node[*s as usize]));
+        state.history.clear();
+        for (class, ids) in state.classes.iter_mut().enumerate() {
+            ids.clear();
+            for e in self.pool.ids(class) {
+                ids.push(e);
+                state.history.push(self.pool.history(e).unwrap_or(History::REST));
+            }
+        }
+        state.fade.clear();
+        state.fade.extend_from_slice(&self.fade);
+    }
+
+    /// The active nodes, as a set.
+    pub fn set(&self) -> &ActiveSet {
+        &self.set
+    }
+
+    /// The elements in use.
+    pub fn pool(&self) -> &ElementPool {
+        &self.pool
+    }
+
+    /// Adds the elastic and viscous forces of one class's elements to [`Motion::force`].
+    pub fn add_forces(
+        &mut self,
+        path: super::element_kernel::Path,
+        class: usize,
+        rates: &super::element_kernel::Rates,
+    ) -> super::element_kernel::Extremes {
+        self.pool.add_forces(path, class, rates, &self.motion.position, &mut self.motion.force)
+    }
+
+    /// Slots of the active nodes.
+    pub fn active(&self) -> &[u32] {
+        &self.active
+    }
+
+    /// Slots of the interface nodes.
+    pub fn interface(&self) -> &[u32] {
+        &self.interface
+    }
+
+    /// Node in `slot`.
+    pub fn node(&self, slot: u32) -> u32 {
+        self.node[slot as usize]
+    }
+
+    /// Slot of node `n`, if it has one.
+    pub fn slot(&self, n: u32) -> Option<u32> {
+        Some(self.slot[n as usize]).filter(|s| *s != NONE)
+    }
+
+    /// True when `slot` holds an active node.
+    pub fn is_master(&self, slot: u32) -> bool {
+        self.set.is_active(self.node[slot as usize])
+    }
+
+    /// Row of the interface node in `slot`; masters are slots.
+    pub fn row(&self, slot: u32) -> &InterfaceRow {
+        &self.row[slot as usize]
+    }
+
+    /// Entries of all interface rows.
+    pub fn row_entries(&self) -> u32 {
+        self.row_entries
+    }
+
+    /// Active vertices of element `e`, 0 when it is not in use.
+    pub fn active_vertices(&self, e: u32) -> u8 {
+        self.active_vertices[e as usize]
+    }
+
+    /// Where display vertex `v` hangs.
+    pub fn attachment(&self, v: u32) -> &Attachment {
+        &self.attachment[v as usize]
+    }
+
+    /// Changes whenever the elements of `class`, or what they hang on, change.
+    pub fn revision(&self, class: usize) -> u32 {
+        self.revision[class]
+    }
+
+    /// Places the interface nodes of `slots` where their masters say.
+    pub fn place_these(&mut self, slots: &[u32]) {
+        for &slot in slots {
+            let mut sum = [0.0; 4];
+            for (master, weight) in self.row[slot as usize].entries() {
+                let x = &self.motion.position[master as usize];
+                for c in 0..4 {
+                    sum[c] += weight * x[c];
+                }
+            }
+            self.motion.position[slot as usize] = sum;
+        }
+    }
+
+    /// Places all interface nodes.
+    pub fn place_interface(&mut self) {
+        let slots = std::mem::take(&mut self.interface);
+        self.place_these(&slots);
+        self.interface = slots;
+    }
+
+    /// Hands the forces on the interface nodes of `slots` to their masters.
+    pub fn hand_back(&mut self, slots: &[u32]) {
+        for &slot in slots {
+            let f = std::mem::replace(&mut self.motion.force[slot as usize], [0.0; 4]);
+            for (master, weight) in self.row[slot as usize].entries() {
+                let to = &mut self.motion.force[master as usize];
+                for c in 0..4 {
+                    to[c] += weight * f[c];
+                }
+            }
+        }
+    }
+
+    /// Hands the forces on all interface nodes to their masters.
+    pub fn hand_back_all(&mut self) {
+        let slots = std::mem::take(&mut self.interface);
+        self.hand_back(&slots);
+        self.interface = slots;
+    }
+
+    /// Slots of the active nodes, and their motion to be changed.
+    pub fn active_motion(&mut self) -> (&[u32], &mut Motion) {
+        (&self.active, &mut self.motion)
+    }
+
+    /// World position of node `n` [m], if it has a slot.
+    pub fn position_of(&self, n: u32) -> Option<Vec3> {
+        self.slot(n).map(|s| vec3(&self.motion.position[s as usize]))
+    }
+
+    /// Position of display vertex `v` [m], fade included.
+    pub fn vertex(&self, v: u32) -> Vec3 {
+        vec3(&self.embedded(v)) + vec3(&self.fade[v as usize])
+    }
+
+    fn embedded(&self, v: u32) -> Padded {
+        let a = &self.attachment[v as usize];
+        let mut sum = [0.0; 4];
+        for (slot, w) in a.slots.iter().zip(a.weights) {
+            let x = &self.motion.position[*slot as usize];
+            for c in 0..4 {
+                sum[c] += w * x[c];
+            }
+        }
+        sum
+    }
+
+    /// Positions of all display vertices [m].
+    pub fn skin(&self, vertices: &mut [Vec3]) {
+        for (v, place) in vertices.iter_mut().enumerate() {
+            *place = self.vertex(v as u32);
+        }
+    }
+
+    /// World position of the node in `slot` [m].
+    pub fn position(&self, slot: u32) -> Vec3 {
+        vec3(&self.motion.position[slot as usize])
+    }
+
+    /// True when no number that moves is infinite or not a number.
+    pub fn is_finite(&self) -> bool {
+        let moves = |s: &u32| {
+            let s = *s as usize;
+            // A product with zero is zero for every finite number, and not a number for the others.
+            let sum = |p: &Padded| p[0] * 0.0 + p[1] * 0.0 + p[2] * 0.0;
+            sum(&self.motion.position[s]) + sum(&self.motion.velocity[s]) == 0.0
+        };
+        self.active.iter().all(moves)
+    }
+
+    /// Feeds every bit of the motion to `hash`, and which elements step how; what elements remember shows in the motion
+    /// of the next tick.
+    pub fn hash_into(&self, hash: &mut xxhash_rust::xxh3::Xxh3) {
+        for &slot in &self.active {
+            hash.update(&self.node[slot as usize].to_le_bytes());
+            hash.update(bytemuck::cast_slice(&self.motion.position[slot as usize][..3]));
+            hash.update(bytemuck::cast_slice(&self.motion.velocity[slot as usize][..3]));
+        }
+        for class in 0..CLASSES {
+            hash.update(&(self.pool.count(class) as u32).to_le_bytes());
+        }
+        hash.update(bytemuck::cast_slice(&self.fade));
+    }
+
+    /// Gives the active nodes other positions and velocities: `change(node, position, velocity)`. For tests, studies
+    /// and for settling a body before it is served.
+    pub fn change_motion(&mut self, mut change: impl FnMut(u32, &mut Vec3, &mut Vec3)) {
+        for i in 0..self.active.len() {
+            let s = self.active[i] as usize;
+            let (mut x, mut v) = (vec3(&self.motion.position[s]), vec3(&self.motion.velocity[s]));
+            change(self.node[s], &mut x, &mut v);
+            self.motion.position[s] = padded(x);
+            self.motion.velocity[s] = padded(v);
+        }
+        self.place_interface();
+    }
+
+    /// Momenta of the active nodes.
+    pub fn momenta(&self) -> Momenta {
+        let mut sum = Momenta::default();
+        for &slot in &self.active {
+            let (x, v) = (vec3(&self.motion.position[slot as usize]), vec3(&self.motion.velocity[slot as usize]));
+            let p = v * self.motion.mass[slot as usize];
+            sum.linear += p;
+            sum.angular += x.cross(&p);
+        }
+        sum
+    }
+
+    /// Elements that a split of `n` would add.
+    pub fn added_by_split(&mut self, body: &Body, n: u32) -> u32 {
+        self.next_turn();
+        let mut added = 0;
+        for &c in body.children(n) {
+            for &e in body.elements_around(c) {
+                if self.active_vertices[e as usize] == 0 && self.work.element_stamp[e as usize] != self.work.turn {
+                    self.work.element_stamp[e as usize] = self.work.turn;
+                    added += 1;
+                }
+            }
+        }
+        added
+    }
+
+    /// True when there is room for a change that adds `elements`.
+    pub fn has_room(&self, elements: u32) -> bool {
+        // Each new element brings at most four new nodes.
+        self.pool.len() + elements as usize <= self.pool.capacity() && self.free.len() >= 4 * elements as usize
+    }
+
+    /// Makes `changes`, each allowed after those before it, after `ticks` completed ticks.
+    ///
+    /// New nodes take over position and velocity from what stood for them, then the nodes concerned are given the one
+    /// rigid motion that leaves linear and angular momentum as they were. What the displayed surface would jump by goes
+    /// into the fade.
+    pub fn apply(&mut self, body: &Body, changes: &[Change], ticks: u64) -> Upkeep {
+        if changes.is_empty() {
+            return Upkeep::default();
+        }
+        let mut before = std::mem::take(&mut self.work.before);
+        self.skin(&mut before);
+        let momenta = self.momenta();
+        self.next_turn();
+        self.collect_arrivals(body, changes);
+        for &change in changes {
+            self.set.apply(body, change);
+        }
+        self.swap_nodes(body);
+        self.reweigh(body);
+        self.remake_rows(body);
+        self.normalise(body);
+        self.place_interface();
+        self.correct_momenta(body, &momenta);
+        self.swap_elements(body, ticks);
+        self.release_unused(body);
+        self.reattach(body, &before);
+        self.work.before = before;
+        self.revision.iter_mut().for_each(|r| *r = r.wrapping_add(1));
+        Upkeep {
+            elements: (self.work.entering.len() + self.work.leaving.len()) as u32,
+            rows: self.work.dirty.len() as u32,
+        }
+    }
+
+    fn next_turn(&mut self) {
+        self.work.turn = self.work.turn.wrapping_add(1);
+        if self.work.turn == 0 {
+            self.work.node_stamp.fill(0);
+            self.work.element_stamp.fill(0);
+            self.work.turn = 1;
+        }
+    }
+
+    /// What becomes active, with where and how fast it is, and what ceases to be.
+    fn collect_arrivals(&mut self, body: &Body, changes: &[Change]) {
+        self.work.on.clear();
+        self.work.off.clear();
+        for &change in changes {
+            match change {
+                Change::Split(n) => {
+                    for &c in body.children(n) {
+                        let (x, v) = self.interpolate(body, c, body.coarser_host(c));
+                        self.work.on.push((c, x, v));
+                    }
+                    self.work.off.push(n);
+                }
+                Change::Merge(n) => {
+                    let (x, _) = self.interpolate(body, n, body.finer_host(n));
+                    let (mut mass, mut momentum) = (0.0, Vec3::zeros());
+                    for &c in body.children(n) {
+                        let slot = self.slot[c as usize] as usize;
+                        mass += self.motion.mass[slot];
+                        momentum += vec3(&self.motion.velocity[slot]) * self.motion.mass[slot];
+                        self.work.off.push(c);
+                    }
+                    let v = if body.is_fixed(n) { Vec3::zeros() } else { momentum / mass };
+                    self.work.on.push((n, x, v));
+                }
+            }
+        }
+    }
+
+    /// Position and velocity of node `n`, which is not active: in its host where all of that is there, else by its row.
+    fn interpolate(&mut self, body: &Body, n: u32, host: Option<crate::geometry::locate::Host>) -> (Vec3, Vec3) {
+        if body.is_fixed(n) {
+            return (body.rest(n), Vec3::zeros());
+        }
+        let mut x = Vec3::zeros();
+        let mut v = Vec3::zeros();
+        let nodes = host.map(|h| (body.element(h.element), h.weights));
+        if let Some((nodes, weights)) = nodes.filter(|(nodes, _)| nodes.iter().all(|n| self.slot[*n as usize] != NONE)) {
+            for (node, w) in nodes.iter().zip(weights) {
+                let slot = self.slot[*node as usize];
+                x += vec3(&self.motion.position[slot as usize]) * w;
+                v += self.velocity_of(slot) * w;
+            }
+        } else {
+            let row = self.work.search.row(body, &self.set, n);
+            for (node, w) in row.entries() {
+                let slot = self.slot[node as usize];
+                x += vec3(&self.motion.position[slot as usize]) * w;
+                v += vec3(&self.motion.velocity[slot as usize]) * w;
+            }
+        }
+        (x, v)
+    }
+
+    fn velocity_of(&self, slot: u32) -> Vec3 {
+        if self.is_master(slot) {
+            return vec3(&self.motion.velocity[slot as usize]);
+        }
+        self.row[slot as usize].entries().map(|(m, w)| vec3(&self.motion.velocity[m as usize]) * w).sum()
+    }
+
+    /// Gives the nodes that become active their slots and motion, and takes the others off the list.
+    fn swap_nodes(&mut self, body: &Body) {
+        let off = std::mem::take(&mut self.work.off);
+        for &n in &off {
+            let slot = self.slot[n as usize];
+            self.delist(slot, true);
+            self.row[slot as usize] = InterfaceRow::EMPTY;
+            self.motion.velocity[slot as usize] = [0.0; 4];
+            self.enlist(slot, false);
+        }
+        let on = std::mem::take(&mut self.work.on);
+        for &(n, x, v) in &on {
+            let slot = match self.slot[n as usize] {
+                NONE => self.take_slot(n),
+                slot => {
+                    self.drop_row(slot);
+                    self.delist(slot, false);
+                    slot
+                }
+            };
+            self.enlist(slot, true);
+            self.motion.position[slot as usize] = padded(x);
+            self.motion.velocity[slot as usize] = if body.is_fixed(n) { [0.0; 4] } else { padded(v) };
+        }
+        self.work.off = off;
+        self.work.on = on;
+    }
+
+    /// New weights of the elements around changed nodes, and the masses that go with them.
+    fn reweigh(&mut self, body: &Body) {
+        self.work.elements.clear();
+        for n in self.work.on.iter().map(|o| o.0).chain(self.work.off.iter().copied()) {
+            for &e in body.elements_around(n) {
+                if self.work.element_stamp[e as usize] != self.work.turn {
+                    self.work.element_stamp[e as usize] = self.work.turn;
+                    self.work.elements.push(e);
+                }
+            }
+        }
+        self.work.entering.clear();
+        self.work.leaving.clear();
+        self.work.nodes.clear();
+        for i in 0..self.work.elements.len() {
+            let e = self.work.elements[i];
+            let nodes = body.element(e);
+            let now = nodes.iter().filter(|n| self.set.is_active(**n)).count() as u8;
+            let was = std::mem::replace(&mut self.active_vertices[e as usize], now);
+            if now == was {
+                continue;
+            }
+            for n in nodes {
+                if self.work.node_stamp[n as usize] != self.work.turn {
+                    self.work.node_stamp[n as usize] = self.work.turn;
+                    self.work.nodes.push(n);
+                }
+                if self.slot[n as usize] == NONE {
+                    let slot = self.take_slot(n);
+                    self.enlist(slot, false);
+                }
+            }
+            self.weigh(body, e, i64::from(now) - i64::from(was));
+            if was == 0 {
+                self.work.entering.push(e);
+            } else if now == 0 {
+                self.work.leaving.push(e);
+            } else {
+                let constants = constants(body, e, now);
+                self.pool.set_stiffness(e, constants.lambda, constants.mu);
+            }
+        }
+    }
+
+    /// Rows that looked at a changed node, new ones, and those whose node's mass has changed.
+    fn remake_rows(&mut self, body: &Body) {
+        self.work.dirty.clear();
+        let (mut low, mut high) = (Vec3::repeat(Real::INFINITY), Vec3::repeat(Real::NEG_INFINITY));
+        for n in self.work.on.iter().map(|o| o.0).chain(self.work.off.iter().copied()) {
+            low = low.inf(&body.rest(n));
+            high = high.sup(&body.rest(n));
+        }
+        for &slot in &self.interface {
+            let node = self.node[slot as usize];
+            let reach = self.row[slot as usize].reach_squared * (1.0 + 1e-12);
+            let u = body.rest(node);
+            let apart = (low - u).sup(&(u - high)).sup(&Vec3::zeros());
+            let mut changed = self.work.on.iter().map(|o| o.0).chain(self.work.off.iter().copied());
+            let dirty = self.row[slot as usize].is_empty()
+                || self.work.node_stamp[node as usize] == self.work.turn
+                || (apart.norm_squared() <= reach && changed.any(|n| (body.rest(n) - u).norm_squared() <= reach));
+            if dirty {
+                self.work.dirty.push(slot);
+            }
+        }
+        for i in 0..self.work.dirty.len() {
+            self.drop_row(self.work.dirty[i]);
+        }
+        for i in 0..self.work.dirty.len() {
+            let slot = self.work.dirty[i];
+            if self.is_needed(body, self.node[slot as usize]) {
+                self.make_row(body, slot);
+            }
+        }
+    }
+
+    /// True when an element in use has the node `n`.
+    fn is_needed(&self, body: &Body, n: u32) -> bool {
+        body.elements_around(n).iter().any(|e| self.active_vertices[*e as usize] > 0)
+    }
+
+    /// Puts in the elements that are needed now, strained as they lie there, and takes out the others.
+    fn swap_elements(&mut self, body: &Body, ticks: u64) {
+        for i in 0..self.work.entering.len() {
+            let e = self.work.entering[i];
+            let slots = body.element(e).map(|n| self.slot[n as usize]);
+            let constants = constants(body, e, self.active_vertices[e as usize]);
+            let (strain, det) = self.strain(&constants, slots);
+            let history = History { strain, det, branch: self.inherited_branches(body, e) };
+            self.omega_squared[e as usize] = step_class::omega_squared(body, e) * step_class::instantaneous(body, e);
+            let class = step_class::class_for(self.stable_step(body, e, slots, &history));
+            // It may come in only where a step of its class begins; those of a tick or less begin with every tick.
+            let class = if step_class::is_boundary(class, ticks) { class } else { step_class::TICK_CLASS };
+            let taken = self.pool.insert(e, class, slots, &constants, &history);
+            debug_assert!(taken, "whoever plans a change asks for room first");
+        }
+        for i in 0..self.work.leaving.len() {
+            self.pool.remove(self.work.leaving[i]);
+        }
+    }
+
+    /// Green strain and determinant of an element where its nodes lie now.
+    fn strain(&self, constants: &ElementConstants, slots: [u32; 4]) -> ([Real; 6], Real) {
+        let x = slots.map(|s| vec3(&self.motion.position[s as usize]));
+        let g = constants.gradient.map(Vec3::from);
+        let f: Mat3 = (0..3).map(|i| (x[i + 1] - x[0]) * g[i].transpose()).sum();
+        let e = (f.transpose() * f - Mat3::identity()) * 0.5;
+        ([e[(0, 0)], e[(1, 1)], e[(2, 2)], e[(1, 2)], e[(0, 2)], e[(0, 1)]], f.determinant())
+    }
+
+    /// What the Maxwell branches of element `e` hold: the mean over the elements that contain its vertices on the
+    /// neighbouring levels. The branches' strain is carried, not what is left of it, so that the stress goes on.
+    fn inherited_branches(&self, body: &Body, e: u32) -> [[Real; 6]; 2] {
+        let mut sum = [[0.0; 6]; 2];
+        if body.maxwell().is_empty() {
+            return sum;
+        }
+        let mut count = 0.0;
+        for n in body.element(e) {
+            for host in [body.coarser_host(n), body.finer_host(n)].into_iter().flatten() {
+                if let Some(history) = self.pool.history(host.element) {
+                    count += 1.0;
+                    for b in 0..2 {
+                        for c in 0..6 {
+                            sum[b][c] += history.branch[b][c];
+                        }
+                    }
+                }
+            }
+        }
+        sum.map(|b| b.map(|x| if count > 0.0 { x / count } else { 0.0 }))
+    }
+
+    /// Longest stable step of element `e` [s].
+    fn stable_step(&self, body: &Body, e: u32, slots: [u32; 4], history: &History) -> Real {
+        let springs = slots.iter().map(|s| self.springs[*s as usize]).fold(0.0, Real::max);
+        let strained = Strained::of(body.material_of(e), history);
+        step_class::stable_step(self.omega_squared[e as usize], strained, body.damping_time(), springs)
+    }
+
+    /// Moves element `e` to the class of its longest stable step, where that is allowed after `ticks` ticks: shortening
+    /// waits for the end of the step under way, lengthening asks for some margin, so that elements do not flutter.
+    pub fn reclass(&mut self, body: &Body, e: u32, ticks: u64) {
+        let (Some(class), Some(history)) = (self.pool.class_of(e), self.pool.history(e)) else { return };
+        if !step_class::is_boundary(class, ticks) {
+            return;
+        }
+        let slots = body.element(e).map(|n| self.slot[n as usize]);
+        let step = self.stable_step(body, e, slots, &history);
+        let mut wanted = step_class::class_for(step);
+        if wanted < class {
+            wanted = step_class::class_for(step / LENGTHENING_MARGIN).min(class);
+        }
+        if wanted != class && step_class::is_boundary(wanted, ticks) {
+            self.pool.set_class(e, wanted);
+            self.revision[class] = self.revision[class].wrapping_add(1);
+            self.revision[wanted] = self.revision[wanted].wrapping_add(1);
+        }
+    }
+
+    /// [`ActiveMesh::reclass`] for part `part` of `parts` of the elements in use.
+    pub fn reclass_part(&mut self, body: &Body, part: u64, parts: u64, ticks: u64) {
+        for class in 0..CLASSES {
+            let at = |k: u64| (self.pool.count(class) as u64 * k / parts) as usize;
+            // From the end, because leaving fills the gap with the last.
+            for place in (at(part)..at(part + 1)).rev() {
+                if let Some(e) = self.pool.id_at(class, place) {
+                    self.reclass(body, e, ticks);
+                }
+            }
+        }
+    }
+
+    /// Frees the slots of nodes that no element in use has any more.
+    fn release_unused(&mut self, body: &Body) {
+        for i in 0..self.work.nodes.len() {
+            let n = self.work.nodes[i];
+            let slot = self.slot[n as usize];
+            if slot != NONE && !self.set.is_active(n) && !self.is_needed(body, n) {
+                self.drop_row(slot);
+                self.delist(slot, false);
+                self.slot[n as usize] = NONE;
+                self.node[slot as usize] = NONE;
+                self.free.push(slot);
+            }
+        }
+    }
+
+    /// An unused slot, for node `n`; its motion and masses start from nothing.
+    fn take_slot(&mut self, n: u32) -> u32 {
+        // Whoever plans a change asks for room first, and restoring counts.
+        let slot = self.free.pop().unwrap_or(0);
+        let s = slot as usize;
+        self.slot[n as usize] = slot;
+        self.node[s] = n;
+        self.own_mass[s] = 0;
+        self.gathered_mass[s] = 0;
+        self.handed_mass[s] = 0;
+        self.row[s] = InterfaceRow::EMPTY;
+        self.motion.position[s] = [0.0; 4];
+        self.motion.velocity[s] = [0.0; 4];
+        self.motion.mass[s] = 0.0;
+        self.motion.inverse_mass[s] = 0.0;
+        self.springs[s] = 0.0;
+        slot
+    }
+
+    fn enlist(&mut self, slot: u32, active: bool) {
+        let list = if active { &mut self.active } else { &mut self.interface };
+        self.place[slot as usize] = list.len() as u32;
+        list.push(slot);
+        if !active {
+            self.motion.mass[slot as usize] = 0.0;
+            self.motion.inverse_mass[slot as usize] = 0.0;
+            self.motion.velocity[slot as usize] = [0.0; 4];
+            self.springs[slot as usize] = 0.0;
+        }
+    }
+
+    fn delist(&mut self, slot: u32, active: bool) {
+        let list = if active { &mut self.active } else { &mut self.interface };
+        let place = self.place[slot as usize];
+        list.swap_remove(place as usize);
+        if let Some(&moved) = list.get(place as usize) {
+            self.place[moved as usize] = place;
+        }
+    }
+
+    /// Adds `more` active vertices' worth of the mass of element `e` to its nodes.
+    fn weigh(&mut self, body: &Body, e: u32, more: i64) {
+        let mass = body.level(body.level_of_element(e)).density * body.volume(e);
+        let unit = (mass / 16.0 / self.mass_unit + 0.5) as i64;
+        for n in body.element(e) {
+            self.own_mass[self.slot[n as usize] as usize] += more * unit;
+        }
+    }
+
+    /// Gives the interface node in `slot` its row, and hands its mass to its masters:
+    /// `m_j = Σ_i |P_ij| s_i m_i`, `s_i = Σ_k |P_ik|`, a diagonal that bounds `PᵀMP`, so that the step limit of the
+    /// elements holds for the coupled system.
+    fn make_row(&mut self, body: &Body, slot: u32) {
+        let row = self.work.search.row(body, &self.set, self.node[slot as usize]);
+        let numbers = &self.slot;
+        self.row[slot as usize] = row.renumbered(|n| numbers[n as usize]);
+        self.handed_mass[slot as usize] = self.own_mass[slot as usize];
+        self.hand_mass(slot, 1);
+        self.row_entries += self.row[slot as usize].entries().count() as u32;
+    }
+
+    fn drop_row(&mut self, slot: u32) {
+        self.row_entries -= self.row[slot as usize].entries().count() as u32;
+        self.hand_mass(slot, -1);
+        self.handed_mass[slot as usize] = 0;
+        self.row[slot as usize] = InterfaceRow::EMPTY;
+    }
+
+    fn hand_mass(&mut self, slot: u32, sign: i64) {
+        let row = &self.row[slot as usize];
+        let mass = self.handed_mass[slot as usize] as Real * row.amplification();
+        for (master, weight) in row.entries() {
+            self.gathered_mass[master as usize] += sign * (mass * weight.abs() + 0.5) as i64;
+        }
+    }
+
+    /// Masses in kg: the sums in units, times the one affine function of the rest position that gives the body its
+    /// mass and its centre of mass whatever the active nodes are.
+    fn normalise(&mut self, body: &Body) {
+        let centre = body.centre_of_mass();
+        let (mut sum, mut first, mut second) = (0.0, Vec3::zeros(), Mat3::zeros());
+        for &slot in &self.active {
+            let s = slot as usize;
+            let m = (self.own_mass[s] + self.gathered_mass[s]) as Real * self.mass_unit;
+            let d = body.rest(self.node[s]) - centre;
+            sum += m;
+            first += d * m;
+            second += d * d.transpose() * m;
+        }
+        // Σ m (q + b·d) = M and Σ m (q + b·d) d = 0.
+        let along = second.try_inverse().map_or(Vec3::zeros(), |inverse| -(inverse * first));
+        let q = body.mass() / (sum + along.dot(&first));
+        let b = along * q;
+        for &slot in &self.active {
+            let s = slot as usize;
+            let m = (self.own_mass[s] + self.gathered_mass[s]) as Real * self.mass_unit;
+            let mass = m * (q + b.dot(&(body.rest(self.node[s]) - centre)));
+            self.motion.mass[s] = mass;
+            self.motion.inverse_mass[s] = if body.is_fixed(self.node[s]) { 0.0 } else { 1.0 / mass };
+        }
+    }
+
+    /// One rigid motion of the nodes concerned, so that the momenta are what they were.
+    fn correct_momenta(&mut self, body: &Body, before: &Momenta) {
+        let after = self.momenta();
+        let moved = std::mem::take(&mut self.work.nodes);
+        let concerned = |mesh: &Self, n: u32| mesh.set.is_active(n) && !body.is_fixed(n);
+        let (mut mass, mut centre) = (0.0, Vec3::zeros());
+        for &n in moved.iter().filter(|n| concerned(self, **n)) {
+            let s = self.slot[n as usize] as usize;
+            mass += self.motion.mass[s];
+            centre += vec3(&self.motion.position[s]) * self.motion.mass[s];
+        }
+        if mass > 0.0 {
+            centre /= mass;
+            let mut inertia = Mat3::zeros();
+            for &n in moved.iter().filter(|n| concerned(self, **n)) {
+                let s = self.slot[n as usize] as usize;
+                let d = vec3(&self.motion.position[s]) - centre;
+                inertia += (Mat3::identity() * d.norm_squared() - d * d.transpose()) * self.motion.mass[s];
+            }
+            let linear = before.linear - after.linear;
+            let angular = before.angular - after.angular - centre.cross(&linear);
+            let shift = linear / mass;
+            let turn = inertia.try_inverse().map_or(Vec3::zeros(), |inverse| inverse * angular);
+            for &n in &moved {
+                if !concerned(self, n) {
+                    continue;
+                }
+                let s = self.slot[n as usize] as usize;
+                let d = vec3(&self.motion.position[s]) - centre;
+                let v = vec3(&self.motion.velocity[s]) + shift + turn.cross(&d);
+                self.motion.velocity[s] = padded(v);
+            }
+        }
+        self.work.nodes = moved;
+    }
+
+    /// Display vertices hang on the element whose vertices are active the most, the finer one of two alike; what they
+    /// would jump by from `before` goes into the fade.
+    fn reattach(&mut self, body: &Body, before: &[Vec3]) {
+        for i in 0..self.work.elements.len() {
+            for &v in body.hosted(self.work.elements[i]) {
+                let spacing = self.attachment[v as usize].spacing;
+                self.attach(body, v);
+                self.fade[v as usize][3] += spacing - self.attachment[v as usize].spacing;
+            }
+        }
+        for (v, place) in before.iter().enumerate() {
+            let jump = place - self.vertex(v as u32);
+            // What has not moved but by rounding stays exactly where it is.
+            if jump.norm_squared() > 1e-24 {
+                for c in 0..3 {
+                    self.fade[v][c] += jump[c];
+                }
+            }
+        }
+        self.weigh_springs(body);
+    }
+
+    fn attach(&mut self, body: &Body, v: u32) {
+        let (mut most, mut host) = (0, None);
+        for r in (0..body.levels().len()).rev() {
+            let candidate = body.embedding(r, v);
+            let active = self.active_vertices[candidate.element as usize];
+            if active > most {
+                (most, host) = (active, Some(candidate));
+            }
+        }
+        let host = host.unwrap_or_else(|| self.near_element(body, v));
+        let level = body.level_of_element(host.element);
+        self.attachment[v as usize] = Attachment {
+            element: host.element,
+            slots: body.element(host.element).map(|n| self.slot[n as usize]),
+            weights: host.weights,
+            spacing: body.level(level).spacing,
+        };
+    }
+
+    /// Where levels meet, none of the elements that contain a vertex may be in use: then one around an active node that
+    /// stands for their nodes is extrapolated.
+    fn near_element(&self, body: &Body, v: u32) -> crate::geometry::locate::Host {
+        let p = body.surface().vertices[v as usize];
+        let mut n = body.element(body.embedding(0, v).element)[0];
+        while self.set.status(n) == Status::Refined {
+            let distance = |c: &u32| (body.rest(*c) - p).norm_squared();
+            n = body.children(n).iter().copied().min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap_or(n);
+        }
+        let least = |e: u32| {
+            let weights = crate::geometry::tet_mesh::barycentric(&body.corners(e), p);
+            (weights.iter().copied().fold(Real::INFINITY, Real::min), weights)
+        };
+        let mut best = (Real::NEG_INFINITY, 0, [0.25; 4]);
+        for &e in body.elements_around(n) {
+            let (inside, weights) = least(e);
+            if inside > best.0 {
+                best = (inside, e, weights);
+            }
+        }
+        crate::geometry::locate::Host { element: best.1, weights: best.2 }
+    }
+
+    /// What the springs add to `ω²` at most: `Σ_h k |b_j| Σ_i|b_i| / m_j` by row sums.
+    fn weigh_springs(&mut self, body: &Body) {
+        if body.holds().is_empty() {
+            return;
+        }
+        self.active.iter().for_each(|s| self.springs[*s as usize] = 0.0);
+        for hold in body.holds() {
+            let a = self.attachment[hold.vertex as usize];
+            let amplification: Real = a
+                .slots
+                .iter()
+                .zip(a.weights)
+                .map(|(s, w)| w.abs() * if self.is_master(*s) { 1.0 } else { self.row[*s as usize].amplification() })
+                .sum();
+            for (slot, w) in a.slots.iter().zip(a.weights) {
+                let stiffness = hold.stiffness * w.abs() * amplification;
+                if self.is_master(*slot) {
+                    self.springs[*slot as usize] += stiffness * self.motion.inverse_mass[*slot as usize];
+                } else {
+                    for (master, p) in self.row[*slot as usize].entries() {
+                        self.springs[master as usize] +=
+                            stiffness * p.abs() * self.motion.inverse_mass[master as usize];
+                    }
+                }
+            }
+        }
+        self.stiffest_spring = self.active.iter().map(|s| self.springs[*s as usize]).fold(0.0, Real::max);
+    }
+
+    /// Bound on the springs' share of `ω²` [1/s²] of any node.
+    pub fn stiffest_spring(&self) -> Real {
+        self.stiffest_spring
+    }
+
+    /// Fades what changes of resolution have left, by one tick.
+    pub fn fade_out(&mut self) {
+        for fade in &mut self.fade {
+            let size = fade[0].abs() + fade[1].abs() + fade[2].abs() + fade[3].abs();
+            if size > 1e-9 {
+                fade.iter_mut().for_each(|x| *x *= FADE_KEPT);
+            } else if size > 0.0 {
+                *fade = [0.0; 4];
+            }
+        }
+    }
+}
+
+/// Part of the fade that is left after a tick: a time constant of 200 ms.
+const FADE_KEPT: Real = 0.995;
+
+/// An element takes a longer step only when it could take one this much longer still.
+const LENGTHENING_MARGIN: Real = 1.15;
+
+/// Rest gradients and weighted stiffness of element `e` with `active` active vertices.
+fn constants(body: &Body, e: u32, active: u8) -> ElementConstants {
+    let u = body.corners(e);
+    let (d1, d2, d3) = (u[1] - u[0], u[2] - u[0], u[3] - u[0]);
+    let six_volume = d1.cross(&d2).dot(&d3);
+    let gradient = [d2.cross(&d3), d3.cross(&d1), d1.cross(&d2)].map(|g| (g / six_volume).into());
+    let factor = body.level(body.level_of_element(e)).stiffness_factor;
+    let weight = factor * body.volume(e) * Real::from(active) / 4.0;
+    let material = body.material_of(e);
+    ElementConstants { gradient, lambda: weight * material.lambda, mu: weight * material.mu }
+}

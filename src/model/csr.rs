@@ -1,0 +1,33 @@
+//! Lists of lists in one piece of memory: for each key, the items that belong to it.
+
+/// Items by key, (n_keys) lists.
+#[derive(Clone, Debug, Default)]
+pub struct Csr {
+    start: Vec<u32>,
+    items: Vec<u32>,
+}
+
+impl Csr {
+    /// From (key, item) pairs, read twice; items of a key keep their order.
+    pub fn new(keys: usize, pairs: impl Iterator<Item = (u32, u32)> + Clone) -> Self {
+        let mut start = vec![0u32; keys + 1];
+        for (key, _) in pairs.clone() {
+            start[key as usize + 1] += 1;
+        }
+        for k in 0..keys {
+            start[k + 1] += start[k];
+        }
+        let mut next = start.clone();
+        let mut items = vec![0; start[keys] as usize];
+        for (key, item) in pairs {
+            items[next[key as usize] as usize] = item;
+            next[key as usize] += 1;
+        }
+        Self { start, items }
+    }
+
+    /// The items of `key`.
+    pub fn of(&self, key: u32) -> &[u32] {
+        &self.items[self.start[key as usize] as usize..self.start[key as usize + 1] as usize]
+    }
+}

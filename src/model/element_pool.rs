@@ -1,0 +1,677 @@
+//! The elements in use, each in one of the step classes, in blocks that the kernel evaluates.
+//!
+//! The elements of a class form one sequence: forces are added in its order, so the order decides the last bits of the
+//! sums. An element joins at the end; where one leaves, the last of the class takes its place. Which blocks hold the
+//! sequence is of no consequence, so the order of the ids is all that a saved state needs of it.
+
+use super::element_kernel::{self, Batch, Block, Extremes, MAX_BRANCHES, Memory, Path, Rates};
+use super::lanes::{LANES, Padded};
+use super::material::{COLLAPSE_ONSET, COLLAPSE_STIFFNESS};
+use crate::math::Real;
+use serde::{Deserialize, Serialize};
+use std::ops::Range;
+
+/// Step classes.
+pub const CLASSES: usize = 13;
+
+/// No element, in a lane that is not in use.
+const NONE: u32 = u32::MAX;
+
+/// What an element is made of.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ElementConstants {
+    /// ∇L_1, ∇L_2, ∇L_3 at rest [1/m]; ∇L_0 is minus their sum.
+    pub gradient: [[Real; 3]; 3],
+    /// λ·w·vol [N·m].
+    pub lambda: Real,
+    /// μ·w·vol [N·m].
+    pub mu: Real,
+}
+
+/// What an element remembers between two evaluations. Components of strains are xx, yy, zz, yz, xz, xy.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct History {
+    /// Green strain `E` at the last evaluation.
+    pub strain: [Real; 6],
+    /// `J = det F` at the last evaluation.
+    pub det: Real,
+    /// Memory `D` of each Maxwell branch; zero for branches that the pool does not have.
+    pub branch: [[Real; 6]; MAX_BRANCHES],
+}
+
+impl History {
+    /// True when no number is infinite or not a number.
+    pub fn is_finite(&self) -> bool {
+        self.det.is_finite() && self.strain.iter().chain(self.branch.iter().flatten()).all(|x| x.is_finite())
+    }
+
+    /// Of an element that has always been at rest.
+    pub const REST: History = History { strain: [0.0; 6], det: 1.0, branch: [[0.0; 6]; MAX_BRANCHES] };
+}
+
+/// Where an element is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Place {
+    /// Its class, or [`Place::OUT`].
+    class: u8,
+    /// Its place in the sequence of its class.
+    sequence: u32,
+}
+
+impl Place {
+    const OUT: Place = Place { class: u8::MAX, sequence: 0 };
+}
+
+/// One class: a dense sequence of elements.
+#[derive(Clone, Debug, Default)]
+struct Class {
+    /// Its blocks, in order; all are full, but for the last.
+    blocks: Vec<u32>,
+    /// Its elements.
+    count: usize,
+}
+
+/// All elements that are in use. Nothing allocates after [`ElementPool::new`].
+#[derive(Clone, Debug)]
+pub struct ElementPool {
+    blocks: Vec<Block>,
+    /// Those of a block side by side; empty without branches.
+    memories: Vec<Memory>,
+    /// Ids of the elements of each block, or [`NONE`].
+    owners: Vec<[u32; LANES]>,
+    /// Blocks that belong to no class, the next to be used last.
+    free: Vec<u32>,
+    classes: [Class; CLASSES],
+    places: Vec<Place>,
+    len: usize,
+    capacity: usize,
+    nodes: usize,
+    branches: usize,
+}
+
+impl ElementPool {
+    /// An empty pool for elements `0..total_elements`, of which `capacity` may be in use at once, between `nodes`
+    /// nodes, with that many Maxwell `branches` each.
+    ///
+    /// # Panics
+    /// When there are more than [`MAX_BRANCHES`] branches, or more elements than a `u32` counts.
+    pub fn new(total_elements: usize, capacity: usize, nodes: usize, branches: usize) -> Self {
+        assert!(branches <= MAX_BRANCHES, "at most {MAX_BRANCHES} branches");
+        assert!(total_elements < NONE as usize, "too many elements");
+        let capacity = capacity.min(total_elements);
+        let full = capacity.div_ceil(LANES);
+        // Every class may have one block that is not full.
+        let blocks = full + CLASSES;
+        let mut pool = Self {
+            blocks: vec![UNUSED; blocks],
+            memories: vec![Memory([[0.0; LANES]; 6]); blocks * branches],
+            owners: vec![[NONE; LANES]; blocks],
+            free: Vec::with_capacity(blocks),
+            classes: std::array::from_fn(|_| Class { blocks: Vec::with_capacity(full), count: 0 }),
+            places: vec![Place::OUT; total_elements],
+            len: 0,
+            capacity,
+            nodes,
+            branches,
+        };
+        pool.clear();
+        pool
+    }
+
+    /// Takes all elements out.
+    pub fn clear(&mut self) {
+        self.blocks.fill(UNUSED);
+        self.memories.fill(Memory([[0.0; LANES]; 6]));
+        self.owners.fill([NONE; LANES]);
+        self.places.fill(Place::OUT);
+        for class in &mut self.classes {
+            class.blocks.clear();
+            class.count = 0;
+        }
+        self.free.clear();
+        self.free.extend((0..self.blocks.len() as u32).rev());
+        self.len = 0;
+    }
+
+    /// Puts element `id` at the end of `class`. False, without effect, when the pool is full or has the element.
+    ///
+    /// # Panics
+    /// When the id, the class or a node is beyond what the pool was made for.
+    pub fn insert(
+        &mut self,
+        id: u32,
+        class: usize,
+        nodes: [u32; 4],
+        constants: &ElementConstants,
+        history: &History,
+    ) -> bool {
+        self.check_nodes(nodes);
+        assert!(class < CLASSES, "no such class");
+        if self.places[id as usize] != Place::OUT || self.len == self.capacity {
+            return false;
+        }
+        let (block, lane) = self.append(id, class);
+        let b = &mut self.blocks[block];
+        for (row, node) in b.node.iter_mut().zip(nodes) {
+            row[lane] = node;
+        }
+        for (row, x) in b.gradient.as_flattened_mut().iter_mut().zip(constants.gradient.as_flattened()) {
+            row[lane] = *x;
+        }
+        b.lambda[lane] = constants.lambda;
+        b.mu[lane] = constants.mu;
+        self.write_history(block, lane, history);
+        self.len += 1;
+        true
+    }
+
+    /// Takes element `id` out; the last of its class takes its place. `None` when the pool does not have it.
+    pub fn remove(&mut self, id: u32) -> Option<History> {
+        let place = self.place(id)?;
+        let (block, lane) = self.lane(place);
+        let history = self.read_history(block, lane);
+        self.vacate(place);
+        self.places[id as usize] = Place::OUT;
+        self.len -= 1;
+        Some(history)
+    }
+
+    /// Moves element `id` to the end of `class`; nothing happens when it is there. False when the pool does not have
+    /// it.
+    ///
+    /// # Panics
+    /// When there is no such class.
+    pub fn set_class(&mut self, id: u32, class: usize) -> bool {
+        assert!(class < CLASSES, "no such class");
+        let Some(place) = self.place(id) else { return false };
+        if place.class as usize != class {
+            let from = self.lane(place);
+            let to = self.append(id, class);
+            self.copy_lane(from, to);
+            self.vacate(place);
+        }
+        true
+    }
+
+    /// Ties element `id` to other nodes. False when the pool does not have it.
+    ///
+    /// # Panics
+    /// When a node is beyond what the pool was made for.
+    pub fn set_nodes(&mut self, id: u32, nodes: [u32; 4]) -> bool {
+        self.check_nodes(nodes);
+        let Some((block, lane)) = self.find(id) else { return false };
+        for (row, node) in self.blocks[block].node.iter_mut().zip(nodes) {
+            row[lane] = node;
+        }
+        true
+    }
+
+    /// Gives element `id` another stiffness: `λ·w·vol` and `μ·w·vol` [N·m]. False when the pool does not have it.
+    pub fn set_stiffness(&mut self, id: u32, lambda: Real, mu: Real) -> bool {
+        let Some((block, lane)) = self.find(id) else { return false };
+        self.blocks[block].lambda[lane] = lambda;
+        self.blocks[block].mu[lane] = mu;
+        true
+    }
+
+    /// What element `id` remembers.
+    pub fn history(&self, id: u32) -> Option<History> {
+        self.find(id).map(|(block, lane)| self.read_history(block, lane))
+    }
+
+    /// Has element `id` remember `history`. False when the pool does not have it.
+    pub fn set_history(&mut self, id: u32, history: &History) -> bool {
+        let Some((block, lane)) = self.find(id) else { return false };
+        self.write_history(block, lane, history);
+        true
+    }
+
+    /// Strain of element `id` at its last evaluation: xx, yy, zz, yz, xz, xy.
+    pub fn strain(&self, id: u32) -> Option<[Real; 6]> {
+        self.find(id).map(|(block, lane)| self.read_history(block, lane).strain)
+    }
+
+    /// Element at `place` in the sequence of `class`.
+    pub fn id_at(&self, class: usize, place: usize) -> Option<u32> {
+        (place < self.classes[class].count)
+            .then(|| self.owners[self.classes[class].blocks[place / LANES] as usize][place % LANES])
+    }
+
+    /// Most elements in use at once.
+    pub fn capacity(&self) -> usize {
+        self.capacity
+    }
+
+    /// The class of element `id`.
+    pub fn class_of(&self, id: u32) -> Option<usize> {
+        self.place(id).map(|place| place.class as usize)
+    }
+
+    /// The nodes of element `id`.
+    pub fn nodes_of(&self, id: u32) -> Option<[u32; 4]> {
+        self.find(id).map(|(block, lane)| self.blocks[block].node.map(|row| row[lane]))
+    }
+
+    /// True when element `id` is in use.
+    pub fn contains(&self, id: u32) -> bool {
+        self.place(id).is_some()
+    }
+
+    /// Elements of a class.
+    pub fn count(&self, class: usize) -> usize {
+        self.classes[class].count
+    }
+
+    /// Elements in use.
+    pub fn len(&self) -> usize {
+        self.len
+    }
+
+    /// True when no element is in use.
+    pub fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+
+    /// Maxwell branches of each element.
+    pub fn branches(&self) -> usize {
+        self.branches
+    }
+
+    /// The elements of a class in the order of its sequence: inserted in this order, they make up the same sequence.
+    pub fn ids(&self, class: usize) -> impl Iterator<Item = u32> + '_ {
+        self.ids_in(class, 0..self.count(class))
+    }
+
+    /// Those elements of a class whose places in its sequence lie in `range`; it may reach beyond the end.
+    pub fn ids_in(&self, class: usize, range: Range<usize>) -> impl Iterator<Item = u32> + '_ {
+        let of = &self.classes[class];
+        (range.start..range.end.min(of.count)).map(|s| self.owners[of.blocks[s / LANES] as usize][s % LANES])
+    }
+
+    /// Adds the forces of the elements of a class to `force` [N] and has them remember this evaluation.
+    ///
+    /// `position` [m], `force`: (nodes). A `path` that is not available gives way to the portable one.
+    pub fn add_forces(
+        &mut self,
+        path: Path,
+        class: usize,
+        rates: &Rates,
+        position: &[Padded],
+        force: &mut [Padded],
+    ) -> Extremes {
+        if position.len() != self.nodes || force.len() != self.nodes {
+            debug_assert!(false, "fields of another body");
+            return Extremes::REST;
+        }
+        let Class { blocks: order, count } = &self.classes[class];
+        if *count == 0 {
+            return Extremes::REST;
+        }
+        let batch = Batch {
+            blocks: &mut self.blocks,
+            memories: &mut self.memories,
+            order,
+            count: *count,
+            branches: self.branches,
+        };
+        let path = if path.is_available() { path } else { Path::Portable };
+        // SAFETY: the path is available; both fields have `nodes` entries, and
+        // no element names a node beyond them (`check_nodes`). Unused lanes name node 0, which is there because the
+        // class has an element.
+        unsafe { element_kernel::add_forces(path, batch, rates, position, force) }
+    }
+
+    /// Stiffness of element `id` at its last evaluation over that at rest, at most: see
+    /// [`Extremes::stiffening`].
+    pub fn growth(&self, id: u32) -> Option<Real> {
+        self.find(id).map(|(block, lane)| growth(&self.blocks[block], lane))
+    }
+
+    /// Calls `visit` with every element of a class and its [`ElementPool::growth`], in the order of its sequence.
+    pub fn for_each_growth(&self, class: usize, mut visit: impl FnMut(u32, Real)) {
+        let of = &self.classes[class];
+        for (i, block) in of.blocks.iter().enumerate() {
+            for lane in 0..LANES.min(of.count - i * LANES) {
+                visit(self.owners[*block as usize][lane], growth(&self.blocks[*block as usize], lane));
+            }
+        }
+    }
+
+    /// What lets the kernel go without bounds checks.
+    fn check_nodes(&self, nodes: [u32; 4]) {
+        assert!(nodes.iter().all(|n| (*n as usize) < self.nodes), "an element names a lost node");
+    }
+
+    fn place(&self, id: u32) -> Option<Place> {
+        self.places.get(id as usize).copied().filter(|place| *place != Place::OUT)
+    }
+
+    /// The block and the lane of a place.
+    fn lane(&self, place: Place) -> (usize, usize) {
+        let s = place.sequence as usize;
+        (self.classes[place.class as usize].blocks[s / LANES] as usize, s % LANES)
+    }
+
+    fn find(&self, id: u32) -> Option<(usize, usize)> {
+        self.place(id).map(|place| self.lane(place))
+    }
+
+    /// A lane at the end of `class` for element `id`. There is a free block for it: see `new`.
+    fn append(&mut self, id: u32, class: usize) -> (usize, usize) {
+        let to = &mut self.classes[class];
+        if to.count.is_multiple_of(LANES) {
+            to.blocks.push(self.free.pop().expect("a block for every class beside the full ones"));
+        }
+        let place = Place { class: class as u8, sequence: to.count as u32 };
+        to.count += 1;
+        self.places[id as usize] = place;
+        let (block, lane) = self.lane(place);
+        self.owners[block][lane] = id;
+        (block, lane)
+    }
+
+    /// Fills `place` with the last element of its class, whose lane falls into disuse.
+    fn vacate(&mut self, place: Place) {
+        let class = place.class as usize;
+        let sequence = self.classes[class].count - 1;
+        let last = self.lane(Place { class: place.class, sequence: sequence as u32 });
+        let hole = self.lane(place);
+        if last != hole {
+            self.copy_lane(last, hole);
+            let moved = self.owners[last.0][last.1];
+            self.owners[hole.0][hole.1] = moved;
+            self.places[moved as usize] = place;
+        }
+        let (block, lane) = last;
+        self.owners[block][lane] = NONE;
+        let from = &mut self.classes[class];
+        from.count = sequence;
+        if lane == 0 {
+            from.blocks.pop();
+            self.free.push(block as u32);
+        }
+        // Without weight, and on nodes that are there.
+        let b = &mut self.blocks[block];
+        for row in &mut b.node {
+            row[lane] = 0;
+        }
+        for row in b.gradient.as_flattened_mut() {
+            row[lane] = 0.0;
+        }
+        b.lambda[lane] = 0.0;
+        b.mu[lane] = 0.0;
+        self.write_history(block, lane, &History::REST);
+    }
+
+    /// Copies all but the owner.
+    fn copy_lane(&mut self, (from, i): (usize, usize), (to, j): (usize, usize)) {
+        let source = self.blocks[from];
+        let b = &mut self.blocks[to];
+        for (row, n) in b.node.iter_mut().zip(&source.node) {
+            row[j] = n[i];
+        }
+        for (row, x) in b.gradient.as_flattened_mut().iter_mut().zip(source.gradient.as_flattened()) {
+            row[j] = x[i];
+        }
+        b.lambda[j] = source.lambda[i];
+        b.mu[j] = source.mu[i];
+        let history = self.read_history(from, i);
+        self.write_history(to, j, &history);
+    }
+
+    fn read_history(&self, block: usize, lane: usize) -> History {
+        let mut branch = [[0.0; 6]; MAX_BRANCHES];
+        let memories = &self.memories[block * self.branches..(block + 1) * self.branches];
+        for (d, memory) in branch.iter_mut().zip(memories) {
+            *d = memory.0.map(|row| 0.5 * row[lane]);
+        }
+        let b = &self.blocks[block];
+        History { strain: b.strain.map(|row| 0.5 * row[lane]), det: b.det[lane], branch }
+    }
+
+    fn write_history(&mut self, block: usize, lane: usize, history: &History) {
+        let memories = &mut self.memories[block * self.branches..(block + 1) * self.branches];
+        for (d, memory) in history.branch.iter().zip(memories) {
+            for (row, d) in memory.0.iter_mut().zip(d) {
+                row[lane] = 2.0 * d;
+            }
+        }
+        let b = &mut self.blocks[block];
+        for (row, e) in b.strain.iter_mut().zip(history.strain) {
+            row[lane] = 2.0 * e;
+        }
+        b.det[lane] = history.det;
+    }
+}
+
+/// A block without elements.
+const UNUSED: Block = Block {
+    node: [[0; LANES]; 4],
+    gradient: [[[0.0; LANES]; 3]; 3],
+    lambda: [0.0; LANES],
+    mu: [0.0; LANES],
+    strain: [[0.0; LANES]; 6],
+    det: [1.0; LANES],
+};
+
+/// `1 + 3|E| + 8|cof F|²`, the last only where the compression term acts: `|cof F|²` is the second invariant of
+/// `C = 2E + I`.
+fn growth(block: &Block, lane: usize) -> Real {
+    let e = block.strain.map(|row| row[lane]);
+    let diagonal = e[0] * e[0] + e[1] * e[1] + e[2] * e[2];
+    let shears = e[3] * e[3] + e[4] * e[4] + e[5] * e[5];
+    let mut growth = 1.0 + 1.5 * (diagonal + shears + shears).sqrt();
+    if block.det[lane] < COLLAPSE_ONSET {
+        let c = [e[0] + 1.0, e[1] + 1.0, e[2] + 1.0];
+        growth += COLLAPSE_STIFFNESS * (c[0] * c[1] + c[1] * c[2] + c[2] * c[0] - shears);
+    }
+    growth
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const TOTAL: usize = 60;
+    const CAPACITY: usize = 45;
+    const NODES: usize = 20;
+
+    #[derive(Clone, Debug)]
+    enum Op {
+        Insert(u32, usize, [u32; 4]),
+        Remove(u32),
+        SetClass(u32, usize),
+        SetNodes(u32, [u32; 4]),
+        SetStiffness(u32, Real),
+        SetHistory(u32, Real),
+        Evaluate(usize, Real),
+        Clear,
+    }
+
+    fn op() -> impl Strategy<Value = Op> {
+        let id = || 0..TOTAL as u32;
+        let class = || prop_oneof![8 => 0..3usize, 1 => 0..CLASSES];
+        let nodes = || prop::array::uniform4(0..NODES as u32);
+        prop_oneof![
+            12 => (id(), class(), nodes()).prop_map(|(i, c, n)| Op::Insert(i, c, n)),
+            4 => id().prop_map(Op::Remove),
+            6 => (id(), class()).prop_map(|(i, c)| Op::SetClass(i, c)),
+            2 => (id(), nodes()).prop_map(|(i, n)| Op::SetNodes(i, n)),
+            1 => (id(), 0.1..2.0).prop_map(|(i, k)| Op::SetStiffness(i, k)),
+            1 => (id(), -0.1..0.1).prop_map(|(i, x)| Op::SetHistory(i, x)),
+            2 => (class(), 0.5..1.5).prop_map(|(c, x)| Op::Evaluate(c, x)),
+            1 => Just(Op::Clear),
+        ]
+    }
+
+    /// Some numbers that are different for every element.
+    fn constants(id: u32) -> ElementConstants {
+        let number = |i: usize, c: usize| (2.0 + id as Real + 3.0 * i as Real - c as Real).sqrt();
+        let gradient = [0, 1, 2].map(|i| [0, 1, 2].map(|c| number(i, c)));
+        ElementConstants { gradient, lambda: 1.0, mu: 0.1 * id as Real }
+    }
+
+    fn history(x: Real) -> History {
+        History { strain: [x, 2.0 * x, 3.0 * x, 4.0 * x, 5.0 * x, 6.0 * x], det: 1.0 + x, branch: [[x; 6], [-x; 6]] }
+    }
+
+    fn positions(x: Real) -> Vec<Padded> {
+        (0..NODES).map(|n| [n as Real * x, (n * n % 7) as Real, (n * 5 % 11) as Real * x, 0.0]).collect()
+    }
+
+    const RATES: Rates = Rates { volume: 0.7, shear: 1.3, decay: [0.97, 0.6], share: [0.8, 0.4] };
+
+    /// What the pool must know of an element.
+    #[derive(Clone)]
+    struct Known {
+        nodes: [u32; 4],
+        constants: ElementConstants,
+    }
+
+    proptest! {
+        #[test]
+        fn the_pool_does_what_lists_of_ids_do(ops in prop::collection::vec(op(), 1..300)) {
+            let mut pool = ElementPool::new(TOTAL, CAPACITY, NODES, 2);
+            let mut classes = vec![Vec::<u32>::new(); CLASSES];
+            let mut known = vec![None::<Known>; TOTAL];
+            let spare = |pool: &ElementPool| {
+                (pool.free.capacity(), pool.classes.iter().map(|c| c.blocks.capacity()).collect::<Vec<_>>())
+            };
+            let allocated = spare(&pool);
+            let take = |classes: &mut Vec<Vec<u32>>, id: u32| {
+                for class in classes {
+                    if let Some(at) = class.iter().position(|i| *i == id) {
+                        class.swap_remove(at);
+                    }
+                }
+            };
+            for op in ops {
+                match op {
+                    Op::Insert(id, class, nodes) => {
+                        let len: usize = classes.iter().map(Vec::len).sum();
+                        let fits = known[id as usize].is_none() && len < CAPACITY;
+                        prop_assert_eq!(pool.insert(id, class, nodes, &constants(id), &history(0.01 * id as Real)), fits);
+                        if fits {
+                            classes[class].push(id);
+                            known[id as usize] = Some(Known { nodes, constants: constants(id) });
+                            prop_assert_eq!(pool.history(id), Some(history(0.01 * id as Real)));
+                        }
+                    }
+                    Op::Remove(id) => {
+                        let before = pool.history(id);
+                        prop_assert_eq!(before.is_some(), known[id as usize].is_some());
+                        prop_assert_eq!(pool.remove(id), before);
+                        take(&mut classes, id);
+                        known[id as usize] = None;
+                    }
+                    Op::SetClass(id, class) => {
+                        let before = pool.history(id);
+                        prop_assert_eq!(pool.set_class(id, class), known[id as usize].is_some());
+                        prop_assert_eq!(pool.history(id), before);
+                        if known[id as usize].is_some() && !classes[class].contains(&id) {
+                            take(&mut classes, id);
+                            classes[class].push(id);
+                        }
+                    }
+                    Op::SetNodes(id, nodes) => {
+                        prop_assert_eq!(pool.set_nodes(id, nodes), known[id as usize].is_some());
+                        if let Some(known) = &mut known[id as usize] {
+                            known.nodes = nodes;
+                        }
+                    }
+                    Op::SetStiffness(id, k) => {
+                        prop_assert_eq!(pool.set_stiffness(id, k, 0.5 * k), known[id as usize].is_some());
+                        if let Some(known) = &mut known[id as usize] {
+                            (known.constants.lambda, known.constants.mu) = (k, 0.5 * k);
+                        }
+                    }
+                    Op::SetHistory(id, x) => {
+                        prop_assert_eq!(pool.set_history(id, &history(x)), known[id as usize].is_some());
+                        if known[id as usize].is_some() {
+                            prop_assert_eq!(pool.history(id), Some(history(x)));
+                        }
+                    }
+                    Op::Evaluate(class, x) => {
+                        pool.add_forces(Path::best(), class, &RATES, &positions(x), &mut [[0.0; 4]; NODES]);
+                    }
+                    Op::Clear => {
+                        pool.clear();
+                        classes.iter_mut().for_each(Vec::clear);
+                        known.fill(None);
+                    }
+                }
+                prop_assert_eq!(pool.len(), classes.iter().map(Vec::len).sum::<usize>());
+                for (class, ids) in classes.iter().enumerate() {
+                    prop_assert_eq!(pool.count(class), ids.len());
+                    prop_assert_eq!(&pool.ids(class).collect::<Vec<_>>(), ids);
+                    prop_assert!(ids.iter().all(|id| pool.class_of(*id) == Some(class)));
+                }
+                for id in 0..TOTAL as u32 {
+                    prop_assert_eq!(pool.contains(id), known[id as usize].is_some());
+                    prop_assert_eq!(pool.nodes_of(id), known[id as usize].as_ref().map(|k| k.nodes));
+                }
+            }
+            prop_assert_eq!(spare(&pool), allocated);
+
+            // The same ids in the same order make up the same pool, to the last bit of the forces.
+            let mut again = ElementPool::new(TOTAL, CAPACITY, NODES, 2);
+            for class in (0..CLASSES).rev() {
+                for id in pool.ids(class) {
+                    let Known { nodes, constants } = known[id as usize].clone().expect("known");
+                    let history = pool.history(id).expect("there");
+                    prop_assert!(again.insert(id, class, nodes, &constants, &history));
+                }
+            }
+            for class in 0..CLASSES {
+                let run = |pool: &mut ElementPool, path: Path| {
+                    let mut force = [[0.0; 4]; NODES];
+                    let extremes = pool.add_forces(path, class, &RATES, &positions(0.9), &mut force);
+                    (force.map(|f| f.map(Real::to_bits)), extremes)
+                };
+                prop_assert_eq!(run(&mut pool, Path::best()), run(&mut again, Path::Portable));
+                for id in pool.ids(class) {
+                    prop_assert_eq!(pool.history(id), again.history(id));
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_range_of_a_class_is_a_part_of_its_sequence() {
+        let mut pool = ElementPool::new(TOTAL, CAPACITY, NODES, 0);
+        for id in 0..30 {
+            assert!(pool.insert(id, 4, [0, 1, 2, 3], &constants(id), &History::REST));
+        }
+        assert!(pool.ids_in(4, 6..11).eq(6..11));
+        assert!(pool.ids_in(4, 25..40).eq(25..30));
+        assert_eq!(pool.ids_in(4, 40..50).count() + pool.ids_in(3, 0..5).count(), 0);
+    }
+
+    #[test]
+    fn every_class_finds_room_however_the_elements_are_spread() {
+        for capacity in [1, 7, 8, 9, 45, 60] {
+            let mut pool = ElementPool::new(TOTAL, capacity, NODES, 1);
+            for id in 0..capacity as u32 {
+                assert!(pool.insert(id, id as usize % CLASSES, [0, 1, 2, 3], &constants(id), &History::REST));
+            }
+            assert!(capacity == TOTAL || !pool.insert(59, 0, [0; 4], &constants(0), &History::REST));
+            for class in 0..CLASSES {
+                (0..capacity as u32).for_each(|id| assert!(pool.set_class(id, class)));
+                assert_eq!(pool.count(class), capacity);
+            }
+        }
+    }
+
+    #[test]
+    #[should_panic(expected = "lost node")]
+    fn a_node_beyond_the_field_is_refused() {
+        ElementPool::new(TOTAL, CAPACITY, NODES, 0).insert(
+            0,
+            0,
+            [0, 1, 2, NODES as u32],
+            &constants(0),
+            &History::REST,
+        );
+    }
+}

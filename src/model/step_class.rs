@@ -1,0 +1,112 @@
+//! Time steps: every element steps by a power of two of ticks [DDCB01 3.3], as long as its stability allows.
+//!
+//! Class `i` steps by `2^(5−i)` ticks: from 32 ticks, a frame, down to 1/128 of a tick, so that all elements meet at
+//! every frame, and those of at most a tick at every tick.
+
+use super::body::Body;
+use super::element_pool::{CLASSES, History};
+use super::material::{COLLAPSE_ONSET, COLLAPSE_STIFFNESS, Material};
+use crate::math::Real;
+
+/// Length of a tick [s].
+pub const TICK: Real = 1e-3;
+/// Class whose step is one tick.
+pub const TICK_CLASS: usize = 5;
+/// Coarsest class that is used: what is touched must not answer in lumps that the hand can feel.
+pub const LONGEST_CLASS: usize = 4;
+
+/// Part of the explicit limit that is used. Meshes of regular elements become unstable at 0.9 altitudes per wave
+/// travel time; the factor below them is the margin for cut elements and for the step in which a strain grows.
+const SAFETY: Real = 0.75;
+
+/// Coefficient of the strain-difference term that goes with Maxwell branches: it takes the energy out of the fastest
+/// modes, for which the branches are too slow.
+pub const STEP_VISCOSITY: Real = 0.1;
+
+/// Step of class `class` [s].
+pub fn step_of(class: usize) -> Real {
+    if class <= TICK_CLASS { TICK * (1u32 << (TICK_CLASS - class)) as Real } else { TICK / (1u32 << (class - TICK_CLASS)) as Real }
+}
+
+/// The class of the longest step that is not above `step` [s]; the last one where none is that short.
+pub fn class_for(step: Real) -> usize {
+    (LONGEST_CLASS..CLASSES).find(|c| step_of(*c) <= step).unwrap_or(CLASSES - 1)
+}
+
+/// True when an element may enter or leave `class` after `ticks` ticks: where one of its steps ends.
+pub fn is_boundary(class: usize, ticks: u64) -> bool {
+    class >= TICK_CLASS || ticks.is_multiple_of(1 << (TICK_CLASS - class))
+}
+
+/// How far an element is from rest: what bounds its next step.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Strained {
+    /// Bound on the present elastic stiffness over that at rest.
+    pub growth: Real,
+    /// Bound on the present squared stretch: what viscosity grows by.
+    pub stretch: Real,
+}
+
+impl Strained {
+    /// Not at all.
+    pub const REST: Strained = Strained { growth: 1.0, stretch: 1.0 };
+
+    /// From the last strain and determinant of an element of `material`.
+    ///
+    /// The tangent along any pair of directions is at most `(λ+2μ) |F|² + λ tr E + 2μ e`, `e` the largest principal
+    /// strain and `|F|² = 1 + 2e`; `e ≤ tr E/3 + √(2/3) |dev E|`. The compression term adds `k |cof F|²`.
+    pub fn of(material: &Material, history: &History) -> Self {
+        let s = &history.strain;
+        let trace = s[0] + s[1] + s[2];
+        let squared = s[0] * s[0] + s[1] * s[1] + s[2] * s[2] + 2.0 * (s[3] * s[3] + s[4] * s[4] + s[5] * s[5]);
+        let deviator = (squared - trace * trace / 3.0).max(0.0).sqrt();
+        let largest = trace / 3.0 + SQRT_TWO_THIRDS * deviator;
+        let stretch = (1.0 + 2.0 * largest).max(1.0);
+        let stress = (material.lambda * trace + 2.0 * material.mu * largest) / material.pressure_modulus();
+        let mut growth = (1.0 + 2.0 * largest + stress).max(1.0);
+        if history.det < COLLAPSE_ONSET {
+            // C = I + 2E; |cof F|² is its second invariant.
+            let first = 3.0 + 2.0 * trace;
+            let second = 3.0 + 4.0 * trace + 4.0 * squared;
+            growth += COLLAPSE_STIFFNESS * (0.5 * (first * first - second)).max(0.0);
+        }
+        Self { growth, stretch }
+    }
+}
+
+const SQRT_TWO_THIRDS: Real = 0.816_496_580_927_726;
+
+/// `ω²` [1/s²] of element `e` at rest: `2/ω` is its longest stable step, with the safety factor.
+pub fn omega_squared(body: &Body, e: u32) -> Real {
+    let level = body.level(body.level_of_element(e));
+    let altitude = smallest_altitude(body, e);
+    let wave_speed_squared = level.stiffness_factor * body.material_of(e).pressure_modulus() / level.density;
+    4.0 * wave_speed_squared / (SAFETY * SAFETY * altitude * altitude)
+}
+
+fn smallest_altitude(body: &Body, e: u32) -> Real {
+    let r = body.level_of_element(e);
+    body.level(r).mesh.smallest_altitude((e - body.elements_of(r).start) as usize)
+}
+
+/// Stiffness at once over that after relaxation, with the strain-difference term.
+pub fn instantaneous(body: &Body, e: u32) -> Real {
+    if body.maxwell().is_empty() {
+        return 1.0;
+    }
+    let material = body.material_of(e);
+    let branches: Real = body.maxwell().iter().map(|b| b.modulus).sum();
+    (1.0 + 4.0 / 3.0 * material.mu * branches / material.pressure_modulus()) * (1.0 + 2.0 * STEP_VISCOSITY)
+}
+
+/// Longest stable step [s] of an element of `omega_squared` (the branches' share included) that is strained as given,
+/// in a body of viscous relaxation time `damping_time` [s], whose nodes also hang on springs of `springs` [1/s²].
+///
+/// The explicit limit of a mode of frequency ω whose viscosity is read from the last step is
+/// `Δt²ω²/2 + Δt·c ≤ 2`; at rest, with `c = τω²`, that is `Δt ≤ (2/ω)(√(1+ξ²) − ξ)`, `ξ = τω/2`. Strain stiffens the
+/// elastic part; the viscous part, which knows nothing of the compression term, grows only with the stretch.
+pub fn stable_step(omega_squared: Real, strained: Strained, damping_time: Real, springs: Real) -> Real {
+    let elastic = strained.growth * omega_squared + springs;
+    let viscous = strained.stretch * damping_time * omega_squared;
+    ((viscous * viscous + 4.0 * elastic).sqrt() - viscous) / elastic
+}
