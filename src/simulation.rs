@@ -64,8 +64,6 @@ impl Default for Inputs {
 pub struct Snapshot {
     /// Ticks since the start of the session.
     pub tick: u64,
-    /// Ticks that the body has moved through: all but those that lapsed or that the budget did not cover.
-    pub moved: u64,
     /// Motion of the body.
     pub body: State,
     /// Each tool, by id.
@@ -84,7 +82,6 @@ impl Snapshot {
     pub fn with_state(state: State, tools: usize) -> Self {
         Self {
             tick: 0,
-            moved: 0,
             body: state,
             tools: vec![ToolState::default(); tools],
             points: (0..tools).map(|_| Vec::with_capacity(MOST_POINTS)).collect(),
@@ -173,7 +170,6 @@ pub struct Simulation {
     settings: Settings,
     path: Path,
     tick: u64,
-    moved: u64,
     mesh: ActiveMesh,
     tools: Vec<ToolState>,
     points: Vec<Vec<PointMemory>>,
@@ -207,7 +203,6 @@ impl Simulation {
         Ok(Self {
             path: Path::best(),
             tick: start.tick,
-            moved: start.moved,
             tools: start.tools,
             points,
             vertices: vec![Vec3::zeros(); vertices],
@@ -294,7 +289,7 @@ impl Simulation {
 
     /// Saves what [`Simulation::snapshot`] gives without allocating; `snapshot` was made by [`Snapshot::with_room`].
     pub fn save_into(&self, snapshot: &mut Snapshot) {
-        (snapshot.tick, snapshot.moved) = (self.tick, self.moved);
+        snapshot.tick = self.tick;
         self.mesh.save_into(&mut snapshot.body);
         snapshot.tools.copy_from_slice(&self.tools);
         for (to, from) in snapshot.points.iter_mut().zip(&self.points) {
@@ -307,7 +302,6 @@ impl Simulation {
     pub fn hash(&self) -> u64 {
         let mut hash = xxhash_rust::xxh3::Xxh3::new();
         hash.update(&self.tick.to_le_bytes());
-        hash.update(&self.moved.to_le_bytes());
         self.mesh.hash_into(&mut hash);
         for (tool, points) in self.tools.iter().zip(&self.points) {
             tool.hash_into(&mut hash);
@@ -371,7 +365,7 @@ impl Simulation {
 
     /// Refines and coarsens, and gives elements the steps that their strain asks for.
     fn adapt(&mut self, budget: u32) {
-        let ticks = self.moved;
+        let ticks = self.tick;
         self.outputs.adapted = adaptation::Adapted::default();
         if let Some(adaptivity) = &self.settings.adaptivity {
             self.focus.clear();
@@ -391,7 +385,7 @@ impl Simulation {
                 adaptation::adapt(body, mesh, adaptivity, &self.focus, budget, ticks, &mut self.adaptation);
         }
         self.mesh.fade_out();
-        self.mesh.reclass_part(&self.body, ticks % RECLASS_TICKS, RECLASS_TICKS, ticks);
+        self.mesh.reclass_part(&self.body, ticks % RECLASS_TICKS, RECLASS_TICKS);
     }
 
     /// Fills the constraint list, tool by tool, and lets waiting tools engage where they are outside.
@@ -417,37 +411,25 @@ impl Simulation {
             let out = (&mut self.constraints, &mut self.points_of_action);
             detection::detect(&on, i as u32, shape, tool, points, out, &mut self.detection);
         }
-        // What is being pressed strains fastest: its steps are looked at every tick.
-        let ticks = self.moved;
-        for i in 0..self.constraints.len() {
-            for k in 0..self.constraints[i].row.entries().len() {
-                let slot = self.constraints[i].row.entries()[k].0;
-                for &e in self.body.elements_around(self.mesh.node(slot)) {
-                    self.mesh.reclass(&self.body, e, ticks);
-                }
-            }
-        }
     }
 
     fn step(&mut self, budget: u32) {
-        let ticks = self.moved;
-        let needed = work::of_tick(&self.mesh, ticks);
+        let needed = work::of_tick(&self.mesh);
         let left = budget.saturating_sub(self.outputs.adapted.work);
-        let taken = if needed <= left { needed } else { 0 };
-        self.outputs.plan = Plan { needed, taken };
+        let moves = needed <= left;
+        self.outputs.plan = Plan { needed, taken: if moves { needed } else { 0 } };
         self.outputs.element_evaluations = 0;
-        if taken > 0 {
-            self.outputs.element_evaluations = work::evaluations(&self.mesh, ticks);
+        if moves {
+            self.outputs.element_evaluations = work::evaluations(&self.mesh);
             self.outputs.extremes = step::tick(
                 self.path,
                 &self.body,
                 &mut self.mesh,
                 &mut self.constraints,
                 self.settings.gravity,
-                ticks,
                 &mut self.stepping,
             );
-            self.moved += 1;
+            self.mesh.reclass_alarmed(&self.body);
         }
         // The solver's multipliers are where the next tick starts.
         let mut constraints = self.constraints.iter();
@@ -473,7 +455,7 @@ impl Simulation {
     }
 
     fn render_forces(&mut self) {
-        let stood_still = self.outputs.plan.taken == 0;
+        let stood_still = self.outputs.plan.taken < self.outputs.plan.needed;
         for (i, tool) in self.tools.iter_mut().enumerate() {
             let middle = wrench::middle_pose(tool);
             let (mut physical, mut contact_points) =
@@ -506,5 +488,6 @@ impl Simulation {
 const LOOKS_AHEAD: usize = 3;
 /// [s].
 const LOOK_AHEAD: Real = 0.025;
-/// A full look at how all elements should step takes this many ticks.
-const RECLASS_TICKS: u64 = 16;
+/// A full look at which elements may take longer steps again takes this many ticks; those that need shorter ones are
+/// found by their evaluation.
+const RECLASS_TICKS: u64 = 32;

@@ -9,7 +9,7 @@ use crate::math::{Real, Vec3};
 use crate::model::active_mesh::Upkeep;
 use crate::model::active_set::Change;
 use crate::model::element_pool::CLASSES;
-use crate::model::step_class::{self, Strained, TICK_CLASS};
+use crate::model::step_class::{self, Strained};
 use crate::model::{ActiveMesh, Body};
 use crate::stepping::work;
 
@@ -141,14 +141,13 @@ pub fn adapt(
     ticks: u64,
     work: &mut Workspace,
 ) -> Adapted {
-    // Elements come and go only where the longest steps end.
-    if work.finest == 0 || !step_class::is_boundary(step_class::LONGEST_CLASS, ticks) {
+    if work.finest == 0 {
         return Adapted::default();
     }
     work.wanted.clear();
     work.spare.clear();
     work.changes.clear();
-    let load = work::worst_tick(mesh);
+    let load = work::of_tick(mesh);
     let full = (u64::from(budget) * u64::from(FILLED) / 16) as u32;
     let look = Look { body, adaptivity, focus };
     let shedding = load > budget;
@@ -162,14 +161,14 @@ pub fn adapt(
             let pressed = work.wanted.first().map_or(1.0, |w| w.0.max(1.0));
             let limit = (0.5 * pressed).max(adaptivity.merge);
             let limit = if work.wanted.is_empty() { adaptivity.merge } else { limit };
-            look.spare_families(mesh, ticks / 2 % INDICATOR_TICKS, INDICATOR_TICKS, limit, &mut work.spare);
+            look.spare_families(mesh, ticks % INDICATOR_TICKS, INDICATOR_TICKS, limit, &mut work.spare);
         }
     }
     if work.changes.is_empty() {
         let part = if shedding { SHEDDING_PART } else { UPKEEP_PART };
         plan_merges(body, mesh, budget / part, if shedding { load - full } else { u32::MAX }, work);
     }
-    let Upkeep { elements, rows } = mesh.apply(body, &work.changes, ticks);
+    let Upkeep { elements, rows } = mesh.apply(body, &work.changes);
     let splits = work.changes.iter().filter(|c| matches!(c, Change::Split(_))).count() as u32;
     Adapted {
         splits,
@@ -195,8 +194,8 @@ fn plan_splits(look: &Look, mesh: &mut ActiveMesh, full: u32, load: u32, work: &
             continue;
         }
         let added = mesh.added_by_split(look.body, n);
-        let class = class_of_level(look.body, mesh, n);
-        let cost = (added << class.saturating_sub(TICK_CLASS)) * 5 / 4;
+        let class = class_of_level(look.body, n);
+        let cost = (added << class) * 5 / 4;
         if cost <= room && mesh.has_room(elements + added) {
             room -= cost;
             elements += added;
@@ -206,10 +205,9 @@ fn plan_splits(look: &Look, mesh: &mut ActiveMesh, full: u32, load: u32, work: &
 }
 
 /// Class at rest of the level that the children of `n` are on, from any of their elements.
-fn class_of_level(body: &Body, mesh: &ActiveMesh, n: u32) -> usize {
-    let _ = mesh;
+fn class_of_level(body: &Body, n: u32) -> usize {
     let element = body.children(n).first().and_then(|c| body.elements_around(*c).first());
-    element.map_or(TICK_CLASS, |e| {
+    element.map_or(0, |e| {
         let omega_squared = step_class::omega_squared(body, *e) * step_class::instantaneous(body, *e);
         step_class::class_for(step_class::stable_step(omega_squared, Strained::REST, body.damping_time(), 0.0))
     })
@@ -225,7 +223,7 @@ fn plan_merges(body: &Body, mesh: &ActiveMesh, upkeep: u32, excess: u32, work: &
         if mesh.set().may_merge(body, parent) && mesh.has_room(body.elements_around(parent).len() as u32) {
             work.changes.push(Change::Merge(parent));
             let elements = 20 * body.children(parent).len() as u32;
-            saved += elements << class_of_level(body, mesh, parent).saturating_sub(TICK_CLASS);
+            saved += elements << class_of_level(body, parent);
         }
     }
 }
@@ -252,9 +250,7 @@ impl Look<'_> {
 
     /// Nodes worth splitting, of the slices of this tick.
     fn wanted_nodes(&self, mesh: &ActiveMesh, ticks: u64, finest: usize, wanted: &mut Vec<(Real, u32)>) {
-        // Only every other tick comes here.
-        let turn = ticks / 2;
-        for slot in slice(mesh.active(), turn % INDICATOR_TICKS, INDICATOR_TICKS) {
+        for slot in slice(mesh.active(), ticks % INDICATOR_TICKS, INDICATOR_TICKS) {
             let n = mesh.node(*slot);
             if self.body.level_of(n) < finest {
                 let value = indicator::strain_jump(self.body, mesh, n) / self.adaptivity.split;
@@ -266,7 +262,7 @@ impl Look<'_> {
         if self.focus.is_empty() {
             return;
         }
-        for slot in slice(mesh.active(), turn % FOCUS_TICKS, FOCUS_TICKS) {
+        for slot in slice(mesh.active(), ticks % FOCUS_TICKS, FOCUS_TICKS) {
             let n = mesh.node(*slot);
             let level = self.body.level_of(n);
             if level < finest {

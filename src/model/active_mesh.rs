@@ -251,6 +251,9 @@ impl ActiveMesh {
             self.attach(body, v);
         }
         self.weigh_springs(body);
+        for (class, ids) in state.classes.iter().enumerate() {
+            ids.iter().for_each(|e| self.set_calm(body, *e, class));
+        }
         self.revision.iter_mut().for_each(|r| *r = r.wrapping_add(1));
         Ok(())
     }
@@ -536,12 +539,12 @@ impl ActiveMesh {
         self.pool.len() + elements as usize <= self.pool.capacity() && self.free.len() >= 4 * elements as usize
     }
 
-    /// Makes `changes`, each allowed after those before it, after `ticks` completed ticks.
+    /// Makes `changes`, which are allowed side by side: splits or merges of nodes that are there.
     ///
     /// New nodes take over position and velocity from what stood for them, then the nodes concerned are given the one
     /// rigid motion that leaves linear and angular momentum as they were. What the displayed surface would jump by goes
     /// into the fade.
-    pub fn apply(&mut self, body: &Body, changes: &[Change], ticks: u64) -> Upkeep {
+    pub fn apply(&mut self, body: &Body, changes: &[Change]) -> Upkeep {
         if changes.is_empty() {
             return Upkeep::default();
         }
@@ -559,7 +562,7 @@ impl ActiveMesh {
         self.normalise(body);
         self.place_interface();
         self.correct_momenta(body, &momenta);
-        self.swap_elements(body, ticks);
+        self.swap_elements(body);
         self.release_unused(body);
         self.reattach(body, &before);
         self.work.before = before;
@@ -750,7 +753,7 @@ impl ActiveMesh {
     }
 
     /// Puts in the elements that are needed now, strained as they lie there, and takes out the others.
-    fn swap_elements(&mut self, body: &Body, ticks: u64) {
+    fn swap_elements(&mut self, body: &Body) {
         for i in 0..self.work.entering.len() {
             let e = self.work.entering[i];
             let slots = body.element(e).map(|n| self.slot[n as usize]);
@@ -758,11 +761,17 @@ impl ActiveMesh {
             let (strain, det) = self.strain(&constants, slots);
             let history = History { strain, det, branch: self.inherited_branches(body, e) };
             self.omega_squared[e as usize] = step_class::omega_squared(body, e) * step_class::instantaneous(body, e);
-            let class = step_class::class_for(self.stable_step(body, e, slots, &history));
-            // It may come in only where a step of its class begins; those of a tick or less begin with every tick.
-            let class = if step_class::is_boundary(class, ticks) { class } else { step_class::TICK_CLASS };
+            let strained = Strained::of(body.material_of(e), &history);
+            let step = step_class::stable_step(
+                self.omega_squared[e as usize],
+                strained,
+                body.damping_time(),
+                self.springs_at(slots),
+            );
+            let class = step_class::class_for(step);
             let taken = self.pool.insert(e, class, slots, &constants, &history);
             debug_assert!(taken, "whoever plans a change asks for room first");
+            self.set_calm(body, e, class);
         }
         for i in 0..self.work.leaving.len() {
             self.pool.remove(self.work.leaving[i]);
@@ -801,41 +810,57 @@ impl ActiveMesh {
         sum.map(|b| b.map(|x| if count > 0.0 { x / count } else { 0.0 }))
     }
 
-    /// Longest stable step of element `e` [s].
-    fn stable_step(&self, body: &Body, e: u32, slots: [u32; 4], history: &History) -> Real {
-        let springs = slots.iter().map(|s| self.springs[*s as usize]).fold(0.0, Real::max);
-        let strained = Strained::of(body.material_of(e), history);
-        step_class::stable_step(self.omega_squared[e as usize], strained, body.damping_time(), springs)
+    /// Springs' share of `ω²` [1/s²] at the nodes in `slots`, at most.
+    fn springs_at(&self, slots: [u32; 4]) -> Real {
+        slots.iter().map(|s| self.springs[*s as usize]).fold(0.0, Real::max)
     }
 
-    /// Moves element `e` to the class of its longest stable step, where that is allowed after `ticks` ticks: shortening
-    /// waits for the end of the step under way, lengthening asks for some margin, so that elements do not flutter.
-    pub fn reclass(&mut self, body: &Body, e: u32, ticks: u64) {
+    /// Moves element `e` to the class of its longest stable step; lengthening asks for some margin, so that elements do
+    /// not flutter.
+    pub fn reclass(&mut self, body: &Body, e: u32) {
         let (Some(class), Some(history)) = (self.pool.class_of(e), self.pool.history(e)) else { return };
-        if !step_class::is_boundary(class, ticks) {
-            return;
-        }
-        let slots = body.element(e).map(|n| self.slot[n as usize]);
-        let step = self.stable_step(body, e, slots, &history);
+        let springs = self.springs_at(body.element(e).map(|n| self.slot[n as usize]));
+        let strained = Strained::of(body.material_of(e), &history);
+        let step = step_class::stable_step(self.omega_squared[e as usize], strained, body.damping_time(), springs);
         let mut wanted = step_class::class_for(step);
         if wanted < class {
             wanted = step_class::class_for(step / LENGTHENING_MARGIN).min(class);
         }
-        if wanted != class && step_class::is_boundary(wanted, ticks) {
+        if wanted != class {
             self.pool.set_class(e, wanted);
             self.revision[class] = self.revision[class].wrapping_add(1);
             self.revision[wanted] = self.revision[wanted].wrapping_add(1);
+            self.set_calm(body, e, wanted);
+        }
+    }
+
+    /// Tells the kernel up to which strain element `e` may stay in `class`.
+    fn set_calm(&mut self, body: &Body, e: u32, class: usize) {
+        let springs = self.springs_at(body.element(e).map(|n| self.slot[n as usize]));
+        let omega_squared = self.omega_squared[e as usize];
+        self.pool.set_calm(e, step_class::calm_strain(class, omega_squared, body.damping_time(), springs));
+    }
+
+    /// [`ActiveMesh::reclass`] for the elements that their last evaluation found strained beyond what their step
+    /// allows.
+    pub fn reclass_alarmed(&mut self, body: &Body) {
+        self.work.elements.clear();
+        for class in 0..CLASSES {
+            self.work.elements.extend(self.pool.alarmed(class));
+        }
+        for i in 0..self.work.elements.len() {
+            self.reclass(body, self.work.elements[i]);
         }
     }
 
     /// [`ActiveMesh::reclass`] for part `part` of `parts` of the elements in use.
-    pub fn reclass_part(&mut self, body: &Body, part: u64, parts: u64, ticks: u64) {
+    pub fn reclass_part(&mut self, body: &Body, part: u64, parts: u64) {
         for class in 0..CLASSES {
             let at = |k: u64| (self.pool.count(class) as u64 * k / parts) as usize;
             // From the end, because leaving fills the gap with the last.
             for place in (at(part)..at(part + 1)).rev() {
                 if let Some(e) = self.pool.id_at(class, place) {
-                    self.reclass(body, e, ticks);
+                    self.reclass(body, e);
                 }
             }
         }

@@ -41,6 +41,8 @@ pub(super) struct Block {
     pub strain: [Row; 6],
     /// `J` at the last evaluation.
     pub det: Row,
+    /// `|2E|²` up to which the element may keep its step.
+    pub calm: Row,
 }
 
 /// What one Maxwell branch of [`LANES`] elements remembers: `2D`, components as in [`Block::strain`].
@@ -155,6 +157,8 @@ pub(super) struct Batch<'a> {
     pub count: usize,
     /// Maxwell branches of each element, at most [`MAX_BRANCHES`].
     pub branches: usize,
+    /// Receives the blocks with an element that is strained beyond its calm or crushed; has room for all.
+    pub alarmed: &'a mut Vec<u32>,
 }
 
 /// Adds the forces of the elements of `batch` to `force` [N] and stores what they remember. `position` [m].
@@ -245,6 +249,7 @@ unsafe fn add_forces_here<L: Lanes, const B: usize>(
         let memory = &mut batch.memories[index * B..(index + 1) * B];
         let used = batch.count - i * LANES;
         let mut at = 0;
+        let mut alarm = false;
         while at < LANES && at < used {
             // SAFETY: the caller's promise, and `at` is a multiple of the width below the number of lanes.
             unsafe {
@@ -304,12 +309,14 @@ unsafe fn add_forces_here<L: Lanes, const B: usize>(
                     det = det.where_less(lane, used).add(one.sub(one.where_less(lane, used)));
                 }
                 det.store(&mut block.det, at);
+                alarm |= L::load(&block.calm, at).any_less(squares);
                 strain_squared = squares.max(strain_squared);
                 least_det = det.min(least_det);
 
                 // P = F S.
                 let mut p = [row_times(&f[0], &s), row_times(&f[1], &s), row_times(&f[2], &s)];
                 if det.any_less(onset) {
+                    alarm = true;
                     // P += k (J − 0.6) cof F where J < 0.6.
                     let k = stiffness.mul(lambda.add(mu.add(mu)));
                     let squeeze = k.mul(det.sub(onset).min(zero));
@@ -343,6 +350,9 @@ unsafe fn add_forces_here<L: Lanes, const B: usize>(
                 }
             }
             at += L::WIDTH;
+        }
+        if alarm {
+            batch.alarmed.push(index as u32);
         }
     }
     Extremes {

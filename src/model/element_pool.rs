@@ -6,13 +6,12 @@
 
 use super::element_kernel::{self, Batch, Block, Extremes, MAX_BRANCHES, Memory, Path, Rates};
 use super::lanes::{LANES, Padded};
-use super::material::{COLLAPSE_ONSET, COLLAPSE_STIFFNESS};
 use crate::math::Real;
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
 /// Step classes.
-pub const CLASSES: usize = 13;
+pub const CLASSES: usize = 8;
 
 /// No element, in a lane that is not in use.
 const NONE: u32 = u32::MAX;
@@ -82,6 +81,8 @@ pub struct ElementPool {
     /// Blocks that belong to no class, the next to be used last.
     free: Vec<u32>,
     classes: [Class; CLASSES],
+    /// By class, the blocks that the last evaluation found strained beyond their calm.
+    alarmed: [Vec<u32>; CLASSES],
     places: Vec<Place>,
     len: usize,
     capacity: usize,
@@ -107,7 +108,8 @@ impl ElementPool {
             memories: vec![Memory([[0.0; LANES]; 6]); blocks * branches],
             owners: vec![[NONE; LANES]; blocks],
             free: Vec::with_capacity(blocks),
-            classes: std::array::from_fn(|_| Class { blocks: Vec::with_capacity(full), count: 0 }),
+            classes: std::array::from_fn(|_| Class { blocks: Vec::with_capacity(full + 1), count: 0 }),
+            alarmed: std::array::from_fn(|_| Vec::with_capacity(full + 1)),
             places: vec![Place::OUT; total_elements],
             len: 0,
             capacity,
@@ -237,6 +239,19 @@ impl ElementPool {
             .then(|| self.owners[self.classes[class].blocks[place / LANES] as usize][place % LANES])
     }
 
+    /// Strain `|E|` up to which element `id` may keep its step: beyond it, and when crushed, it is among the
+    /// [`ElementPool::alarmed`].
+    pub fn set_calm(&mut self, id: u32, strain: Real) {
+        if let Some((block, lane)) = self.find(id) {
+            self.blocks[block].calm[lane] = 4.0 * strain * strain;
+        }
+    }
+
+    /// Elements of the blocks of `class` in which the last evaluation found one beyond its calm.
+    pub fn alarmed(&self, class: usize) -> impl Iterator<Item = u32> + '_ {
+        self.alarmed[class].iter().flat_map(|b| self.owners[*b as usize]).filter(|e| *e != NONE)
+    }
+
     /// Most elements in use at once.
     pub fn capacity(&self) -> usize {
         self.capacity
@@ -303,6 +318,7 @@ impl ElementPool {
             debug_assert!(false, "fields of another body");
             return Extremes::REST;
         }
+        self.alarmed[class].clear();
         let Class { blocks: order, count } = &self.classes[class];
         if *count == 0 {
             return Extremes::REST;
@@ -313,28 +329,13 @@ impl ElementPool {
             order,
             count: *count,
             branches: self.branches,
+            alarmed: &mut self.alarmed[class],
         };
         let path = if path.is_available() { path } else { Path::Portable };
         // SAFETY: the path is available; both fields have `nodes` entries, and
         // no element names a node beyond them (`check_nodes`). Unused lanes name node 0, which is there because the
         // class has an element.
         unsafe { element_kernel::add_forces(path, batch, rates, position, force) }
-    }
-
-    /// Stiffness of element `id` at its last evaluation over that at rest, at most: see
-    /// [`Extremes::stiffening`].
-    pub fn growth(&self, id: u32) -> Option<Real> {
-        self.find(id).map(|(block, lane)| growth(&self.blocks[block], lane))
-    }
-
-    /// Calls `visit` with every element of a class and its [`ElementPool::growth`], in the order of its sequence.
-    pub fn for_each_growth(&self, class: usize, mut visit: impl FnMut(u32, Real)) {
-        let of = &self.classes[class];
-        for (i, block) in of.blocks.iter().enumerate() {
-            for lane in 0..LANES.min(of.count - i * LANES) {
-                visit(self.owners[*block as usize][lane], growth(&self.blocks[*block as usize], lane));
-            }
-        }
     }
 
     /// What lets the kernel go without bounds checks.
@@ -400,6 +401,7 @@ impl ElementPool {
         }
         b.lambda[lane] = 0.0;
         b.mu[lane] = 0.0;
+        b.calm[lane] = Real::INFINITY;
         self.write_history(block, lane, &History::REST);
     }
 
@@ -415,6 +417,7 @@ impl ElementPool {
         }
         b.lambda[j] = source.lambda[i];
         b.mu[j] = source.mu[i];
+        b.calm[j] = source.calm[i];
         let history = self.read_history(from, i);
         self.write_history(to, j, &history);
     }
@@ -452,21 +455,8 @@ const UNUSED: Block = Block {
     mu: [0.0; LANES],
     strain: [[0.0; LANES]; 6],
     det: [1.0; LANES],
+    calm: [Real::INFINITY; LANES],
 };
-
-/// `1 + 3|E| + 8|cof F|²`, the last only where the compression term acts: `|cof F|²` is the second invariant of
-/// `C = 2E + I`.
-fn growth(block: &Block, lane: usize) -> Real {
-    let e = block.strain.map(|row| row[lane]);
-    let diagonal = e[0] * e[0] + e[1] * e[1] + e[2] * e[2];
-    let shears = e[3] * e[3] + e[4] * e[4] + e[5] * e[5];
-    let mut growth = 1.0 + 1.5 * (diagonal + shears + shears).sqrt();
-    if block.det[lane] < COLLAPSE_ONSET {
-        let c = [e[0] + 1.0, e[1] + 1.0, e[2] + 1.0];
-        growth += COLLAPSE_STIFFNESS * (c[0] * c[1] + c[1] * c[2] + c[2] * c[0] - shears);
-    }
-    growth
-}
 
 #[cfg(test)]
 mod tests {

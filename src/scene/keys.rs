@@ -395,7 +395,7 @@ impl Scene {
         }
         progress("settling under gravity", ticks, ticks);
         simulation.mesh_mut().change_motion(|_, _, v| *v = Vec3::zeros());
-        Snapshot { tick: 0, moved: 0, ..simulation.snapshot() }
+        Snapshot { tick: 0, ..simulation.snapshot() }
     }
 
     /// The scene with every default written out.

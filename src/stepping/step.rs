@@ -9,13 +9,13 @@ use super::constraint_solve::{self, Prepared};
 use crate::math::{Real, Vec3};
 use crate::model::element_kernel::{Extremes, Padded, Path, Rates};
 use crate::model::element_pool::CLASSES;
-use crate::model::step_class::{self, LONGEST_CLASS, STEP_VISCOSITY, TICK, TICK_CLASS};
+use crate::model::step_class::{self, STEP_VISCOSITY, TICK};
 use crate::model::{ActiveMesh, Body, Constraint};
 
 /// Contact is held at least this often.
-const LONGEST_CONTACT_CLASS: usize = TICK_CLASS + 1;
+const LONGEST_CONTACT_CLASS: usize = 1;
 /// Contact need not be held more often than this: the dent below the mesh's size is softer than the step's inertia.
-const SHORTEST_CONTACT_CLASS: usize = TICK_CLASS + 2;
+const SHORTEST_CONTACT_CLASS: usize = 2;
 
 /// Nodes that the elements of one class concern.
 #[derive(Debug, Default)]
@@ -55,7 +55,7 @@ impl Workspace {
     }
 }
 
-/// Moves `mesh` by one tick, after `ticks` completed ones, in the field `gravity` [m/s²], and leaves the mean
+/// Moves `mesh` by one tick in the field `gravity` [m/s²], and leaves the mean
 /// multiplier of each constraint over the tick.
 pub fn tick(
     path: Path,
@@ -63,14 +63,13 @@ pub fn tick(
     mesh: &mut ActiveMesh,
     constraints: &mut [Constraint],
     gravity: Vec3,
-    ticks: u64,
     work: &mut Workspace,
 ) -> Extremes {
     let mut extremes = Extremes::REST;
-    let finest = (0..CLASSES).rev().find(|c| mesh.pool().count(*c) > 0).unwrap_or(TICK_CLASS);
+    let finest = (0..CLASSES).rev().find(|c| mesh.pool().count(*c) > 0).unwrap_or(0);
     let contact = finest.clamp(LONGEST_CONTACT_CLASS, SHORTEST_CONTACT_CLASS);
-    let holds = step_class::class_for(1.0 / mesh.stiffest_spring().max(1.0).sqrt()).max(TICK_CLASS);
-    let mut deepest = finest.max(TICK_CLASS);
+    let holds = step_class::class_for(1.0 / mesh.stiffest_spring().max(1.0).sqrt());
+    let mut deepest = finest;
     if !constraints.is_empty() {
         deepest = deepest.max(contact);
         collect_contact_nodes(constraints, work);
@@ -79,18 +78,11 @@ pub fn tick(
         deepest = deepest.max(holds);
     }
     constraints.iter_mut().for_each(|c| c.mean_multiplier = 0.0);
-    let halves = 2u32 << (deepest - TICK_CLASS);
-    for i in 1..=halves {
+    // Class c is due at the odd multiples of half its step.
+    let halves = 2u32 << deepest;
+    for i in 1..halves {
         let now = TICK * Real::from(i) / Real::from(halves);
-        let class = if i < halves {
-            deepest - i.trailing_zeros() as usize
-        } else {
-            // The end of a tick is the middle of one long step at most.
-            match (ticks + 1).trailing_zeros() as usize {
-                zeros if zeros + LONGEST_CLASS < TICK_CLASS => TICK_CLASS - 1 - zeros,
-                _ => break,
-            }
-        };
+        let class = deepest - i.trailing_zeros() as usize;
         let held = class == holds && !body.holds().is_empty();
         let touched = class == contact && !constraints.is_empty();
         if mesh.pool().count(class) > 0 || held {
@@ -107,7 +99,7 @@ pub fn tick(
     drift_all(&mut work.time, mesh, gravity, TICK);
     work.time.fill(0.0);
     mesh.place_interface();
-    let solves = Real::from(1u32 << (contact - TICK_CLASS));
+    let solves = Real::from(1u32 << contact);
     constraints.iter_mut().for_each(|c| c.mean_multiplier /= solves);
     extremes
 }
