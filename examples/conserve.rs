@@ -49,7 +49,7 @@ fn main() {
         shape: Shape::Closed(box_surface(Vec3::repeat(side), [12; 3]), vec![0.034, 0.021, 0.013]),
         material: Material::from_young(args.get(4).copied().unwrap_or(1e4), 0.35, 1000.0),
         holds: if clamped { vec![clamp] } else { vec![] },
-        maxwell: vec![],
+        damping_ratio: 0.0,
     };
     let body = Arc::new(prepare(&recipe, &mut |_, _, _| {}).unwrap());
     for l in body.levels() { println!("{} nodes {} elements", l.mesh.nodes.len(), l.mesh.elements.len()); }

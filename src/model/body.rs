@@ -64,6 +64,7 @@ pub struct Body {
     level_of_node: Vec<u8>,
     rest: Vec<Vec3>,
     elements: Vec<[u32; 4]>,
+    volume: Vec<Real>,
     around: Csr,
     children: Csr,
     hosted: Csr,
@@ -144,6 +145,9 @@ impl Body {
                 parts.surface.vertices.len(),
                 triangles.flat_map(|(t, triangle)| triangle.map(|v| (v, t as u32))),
             ),
+            volume: levels()
+                .flat_map(|(_, l)| (0..l.mesh.elements.len()).map(|e| l.fraction[e] * l.mesh.volume(e)))
+                .collect(),
             elements,
             first_node,
             first_element,
@@ -311,8 +315,7 @@ impl Body {
 
     /// Volume of element `e` inside the body [m³].
     pub fn volume(&self, e: u32) -> Real {
-        let r = self.level_of_element(e);
-        self.level(r).fraction[(e - self.first_element[r]) as usize] * crate::geometry::tet_mesh::volume(&self.corners(e))
+        self.volume[e as usize]
     }
 
     /// True for nodes that do not move at all.

@@ -155,7 +155,10 @@ pub struct MaterialKeys {
     /// Density [kg/m³].
     #[garde(range(min = 1.0, max = 2e4))]
     pub density: Real,
-    /// Relaxation time τ [s]: φ = λτ, ψ = μτ.
+    /// Damping ratio ζ of the slowest mode, by Maxwell branches of the stress.
+    #[garde(range(min = 0.0, max = 0.4))]
+    pub damping_ratio: Real,
+    /// Relaxation time τ [s] of Kelvin–Voigt viscosity: φ = λτ, ψ = μτ.
     #[garde(range(min = 0.0, max = 1.0))]
     pub damping_time: Real,
     /// Viscosity φ [Pa·s], instead of λτ.
@@ -170,7 +173,15 @@ pub struct MaterialKeys {
 
 impl Default for MaterialKeys {
     fn default() -> Self {
-        Self { youngs_modulus: 5e3, poisson_ratio: 0.45, density: 1050.0, damping_time: 1e-3, phi: None, psi: None }
+        Self {
+            youngs_modulus: 5e3,
+            poisson_ratio: 0.45,
+            density: 1050.0,
+            damping_ratio: 0.0,
+            damping_time: 1e-3,
+            phi: None,
+            psi: None,
+        }
     }
 }
 

@@ -145,7 +145,7 @@ impl LoadedScene {
             shape,
             material: self.scene.material(),
             holds: self.scene.hold.iter().map(|h| h.region(bounds)).collect(),
-            maxwell: vec![],
+            damping_ratio: self.scene.material.damping_ratio,
         };
         prepare::prepare(&recipe, progress)
             .map_err(|source| SceneError::Prepare { origin: self.origin.clone(), source: Box::new(source) })

@@ -1,5 +1,7 @@
 //! From shapes to a body: levels, their ties, the display surface in each of them, and the holds.
 
+pub mod calibration;
+
 use crate::geometry::{Surface, TetMesh};
 use crate::hierarchy::cover::{CoverError, cover};
 use crate::hierarchy::level::{Level, mean_edge};
@@ -7,6 +9,7 @@ use crate::hierarchy::{embedding, parentage};
 use crate::math::{Real, Vec3};
 use crate::model::body::{Body, BodyError, BodyParts, Hold, MaxwellBranch, vertices_in};
 use crate::model::material::Material;
+use calibration::{CalibrationError, calibrate};
 
 /// Where the levels come from.
 #[derive(Clone, Debug)]
@@ -39,8 +42,8 @@ pub struct Recipe {
     pub material: Material,
     /// Regions held in space.
     pub holds: Vec<Region>,
-    /// Maxwell branches of the material, at most two.
-    pub maxwell: Vec<MaxwellBranch>,
+    /// Damping ratio ζ of the slowest mode that Maxwell branches give the body; 0 gives it none.
+    pub damping_ratio: Real,
 }
 
 /// Why a recipe makes no body.
@@ -76,6 +79,9 @@ pub enum PrepareError {
         "hold {0} is exact, which only boxes and given meshes can be: leave `exact` out to hold the region by springs"
     )]
     ExactOnCover(usize),
+    /// A level that no load can be put on.
+    #[error(transparent)]
+    Calibration(#[from] CalibrationError),
     /// Parts that do not fit.
     #[error(transparent)]
     Body(#[from] BodyError),
@@ -94,7 +100,7 @@ pub fn prepare(recipe: &Recipe, progress: &mut dyn FnMut(&str, usize, usize)) ->
             let spacings = if spacings.is_empty() { &automatic[..] } else { &spacings[..] };
             let mut levels = Vec::new();
             for (i, &spacing) in spacings.iter().enumerate() {
-                progress(&format!("covering level {i} at {:.1} mm", spacing * 1e3), i, spacings.len() + 3);
+                progress(&format!("covering level {i} at {:.1} mm", spacing * 1e3), i, spacings.len() + 4);
                 levels.push(
                     cover(surface, spacing, i as u32, material.density)
                         .map_err(|source| PrepareError::Cover { level: i, source })?,
@@ -113,15 +119,21 @@ pub fn prepare(recipe: &Recipe, progress: &mut dyn FnMut(&str, usize, usize)) ->
     if levels.is_empty() {
         return Err(BodyError::Inconsistent("a body needs at least one level".into()).into());
     }
-    let steps = levels.len() + 3;
-    progress("finding parents and hosts", steps - 3, steps);
+    let steps = levels.len() + 4;
+    progress("finding parents and hosts", steps - 4, steps);
     parentage::tie(&mut levels);
-    progress("embedding the display surface", steps - 2, steps);
+    progress("embedding the display surface", steps - 3, steps);
     embedding::embed(&mut levels, &surface.vertices);
-    progress("holding regions and checking", steps - 1, steps);
+    progress("holding regions", steps - 2, steps);
     let holds = hold_regions(recipe, &surface, &mut levels, conforming)?;
 
+    progress("calibrating levels", steps - 1, steps);
     let count = levels.len();
+    let springs: Vec<(u32, Real)> = holds.iter().map(|h| (h.vertex, h.stiffness)).collect();
+    let calibration = calibrate(&levels, |_, _| material, &springs)?;
+    for (level, factor) in levels.iter_mut().zip(&calibration.factors) {
+        level.stiffness_factor = *factor;
+    }
     let body = Body::new(BodyParts {
         name: recipe.name.clone(),
         surface,
@@ -129,10 +141,27 @@ pub fn prepare(recipe: &Recipe, progress: &mut dyn FnMut(&str, usize, usize)) ->
         levels,
         materials: vec![material],
         holds,
-        maxwell: recipe.maxwell.clone(),
+        maxwell: maxwell_branches(recipe.damping_ratio, calibration.slowest_mode),
     })?;
     progress("done", steps, steps);
     Ok(body)
+}
+
+/// Maxwell branches on the deviatoric stress that damp the slowest mode, of angular frequency `slowest` [rad/s], at the
+/// ratio `zeta`, and with a second branch modes up to some ten times as fast, too.
+///
+/// With `k = 4ζ` one branch of modulus `g = (k² + k√(k²+4))/2` and time `T = 1/(ω₁√(1+g))` damps ω₁ at ζ, the most that
+/// so small a modulus can. A second branch eight times as fast carries on where the first has faded.
+pub fn maxwell_branches(zeta: Real, slowest: Real) -> Vec<MaxwellBranch> {
+    #[expect(clippy::neg_cmp_op_on_partial_ord, reason = "NaN, too, gives none")]
+    if !(zeta > 0.0 && slowest > 0.0) {
+        return Vec::new();
+    }
+    let k = 4.0 * zeta;
+    let first = (k * k + k * (k * k + 4.0).sqrt()) / 2.0;
+    let time = 1.0 / (slowest * (1.0 + first).sqrt());
+    let branch = |modulus: Real, time: Real| MaxwellBranch { modulus, time };
+    if zeta > 0.2 { vec![branch(first, time)] } else { vec![branch(first * 0.65, time), branch(first * 1.35, time / 8.0)] }
 }
 
 /// Three lattice constants [m], coarse to fine, 1.7 apart: the coarsest makes about 200 nodes (2 per a³).
