@@ -28,7 +28,7 @@ pub struct Adaptivity {
 
 impl Default for Adaptivity {
     fn default() -> Self {
-        Self { split: 0.04, merge: 0.3, reach: 1.2, finest: usize::MAX }
+        Self { split: 0.1, merge: 0.3, reach: 0.7, finest: usize::MAX }
     }
 }
 

@@ -47,13 +47,35 @@ struct Candidate {
 pub struct Workspace {
     candidates: Vec<Candidate>,
     memory: Vec<PointMemory>,
+    /// Display vertices around the tool.
+    near: Vec<u32>,
+    /// Turn in which each display triangle was last looked at.
+    seen: Vec<u32>,
+    turn: u32,
+    /// No display edge is longer [m], unless it is stretched beyond [`MOST_STRETCH`].
+    longest_edge: Real,
 }
+
+/// Stretch of display edges up to which no triangle near a tool is missed.
+const MOST_STRETCH: Real = 2.0;
 
 impl Workspace {
     /// For surfaces of `body`: all of it may come near a tool at once.
     pub fn new(body: &Body) -> Self {
         let most = body.surface().vertices.len() + body.surface().triangles.len();
-        Self { candidates: Vec::with_capacity(most), memory: Vec::with_capacity(MOST_POINTS) }
+        let surface = body.surface();
+        let edge = |t: &[u32; 3], i: usize| {
+            (surface.vertices[t[i] as usize] - surface.vertices[t[(i + 1) % 3] as usize]).norm()
+        };
+        let longest = surface.triangles.iter().flat_map(|t| (0..3).map(move |i| edge(t, i))).fold(0.0, Real::max);
+        Self {
+            candidates: Vec::with_capacity(most),
+            memory: Vec::with_capacity(MOST_POINTS),
+            near: Vec::with_capacity(surface.vertices.len()),
+            seen: vec![0; surface.triangles.len()],
+            turn: 0,
+            longest_edge: MOST_STRETCH * longest,
+        }
     }
 }
 
@@ -85,8 +107,22 @@ pub fn detect(
     candidates.clear();
     let axis = Axis::new(&middle_pose(tool), shape);
     let touch = Touch { axis: &axis, radius: shape.radius, memory };
-    near_vertices(on, &touch, candidates);
-    near_triangles(on, &touch, candidates);
+    // Whatever touches the tool has all its vertices within an edge's length of the tool's box.
+    let (low, high) = touch.axis.window(shape.radius + MARGIN + work.longest_edge);
+    work.near.clear();
+    for (v, p) in on.vertices.iter().enumerate() {
+        let inside = (p.x >= low.x) & (p.x <= high.x) & (p.y >= low.y) & (p.y <= high.y) & (p.z >= low.z) & (p.z <= high.z);
+        if inside {
+            work.near.push(v as u32);
+        }
+    }
+    near_vertices(on, &touch, &work.near, candidates);
+    work.turn = work.turn.wrapping_add(1);
+    if work.turn == 0 {
+        work.seen.fill(0);
+        work.turn = 1;
+    }
+    near_triangles(on, &touch, &work.near, (&mut work.seen, work.turn), candidates);
 
     // The deepest come first when there are more than the solver may take; ties go to the smaller number.
     candidates.sort_unstable_by(|a, b| a.gap.total_cmp(&b.gap).then(a.point.cmp(&b.point)));
@@ -236,9 +272,10 @@ fn area_vector(on: &Touchable, t: u32) -> Vec3 {
     (b - a).cross(&(c - a))
 }
 
-fn near_vertices(on: &Touchable, touch: &Touch, out: &mut Vec<Candidate>) {
+fn near_vertices(on: &Touchable, touch: &Touch, near: &[u32], out: &mut Vec<Candidate>) {
     let (low, high) = touch.window();
-    for (v, place) in on.vertices.iter().enumerate() {
+    for &v in near {
+        let (v, place) = (v as usize, &on.vertices[v as usize]);
         let apart = (0..3).any(|c| place[c] < low[c] || place[c] > high[c]);
         if apart {
             continue;
@@ -254,11 +291,22 @@ fn near_vertices(on: &Touchable, touch: &Touch, out: &mut Vec<Candidate>) {
 }
 
 /// Points inside triangles: between three vertices the surface could otherwise pass through the tool unfelt.
-fn near_triangles(on: &Touchable, touch: &Touch, out: &mut Vec<Candidate>) {
+fn near_triangles(
+    on: &Touchable,
+    touch: &Touch,
+    near: &[u32],
+    (seen, turn): (&mut [u32], u32),
+    out: &mut Vec<Candidate>,
+) {
     let (low, high) = touch.window();
     let first = on.vertices.len() as u32;
     let segment = Segment::new(to_parry(touch.axis.from), to_parry(touch.axis.at(1.0)));
-    for (t, triangle) in on.body.surface().triangles.iter().enumerate() {
+    let around = near.iter().flat_map(|v| on.body.triangles_around(*v as usize));
+    for &t in around {
+        if std::mem::replace(&mut seen[t as usize], turn) == turn {
+            continue;
+        }
+        let triangle = &on.body.surface().triangles[t as usize];
         let corners = triangle.map(|v| on.vertices[v as usize]);
         if is_apart(&corners, &low, &high) {
             continue;
@@ -269,8 +317,8 @@ fn near_triangles(on: &Touchable, touch: &Touch, out: &mut Vec<Candidate>) {
             continue;
         }
         let place = corners[0] * weights[0] + corners[1] * weights[1] + corners[2] * weights[2];
-        let point = first + t as u32;
-        let outward = area_vector(on, t as u32);
+        let point = first + t;
+        let outward = area_vector(on, t);
         if let Some((normal, gap)) = touch.side(along, place, outward, point) {
             let stencil = std::array::from_fn(|i| (triangle[i], weights[i]));
             out.push(Candidate { point, gap, normal, place, along, stencil, area: 0.5 * outward.norm() });

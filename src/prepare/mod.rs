@@ -14,7 +14,7 @@ use calibration::{CalibrationError, calibrate};
 /// Where the levels come from.
 #[derive(Clone, Debug)]
 pub enum Shape {
-    /// A closed surface, covered by lattices of these constants [m], coarse to fine; empty picks three by volume.
+    /// A closed surface, covered by lattices of these constants [m], coarse to fine; empty picks four by volume.
     Closed(Surface, Vec<Real>),
     /// Given meshes, coarse to fine; the display surface is the boundary of the last.
     Meshes(Vec<TetMesh>),
@@ -164,10 +164,10 @@ pub fn maxwell_branches(zeta: Real, slowest: Real) -> Vec<MaxwellBranch> {
     if zeta > 0.2 { vec![branch(first, time)] } else { vec![branch(first * 0.65, time), branch(first * 1.35, time / 8.0)] }
 }
 
-/// Three lattice constants [m], coarse to fine, 1.7 apart: the coarsest makes about 200 nodes (2 per a³).
-fn automatic_spacings(volume: Real) -> [Real; 3] {
+/// Four lattice constants [m], coarse to fine, 1.7 apart: the coarsest makes about 200 nodes (2 per a³).
+fn automatic_spacings(volume: Real) -> [Real; 4] {
     let coarsest = (volume / 100.0).cbrt();
-    [coarsest, coarsest / 1.7, coarsest / (1.7 * 1.7)]
+    [coarsest, coarsest / 1.7, coarsest / (1.7 * 1.7), coarsest / (1.7 * 1.7 * 1.7)]
 }
 
 fn hold_regions(

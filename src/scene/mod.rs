@@ -280,7 +280,7 @@ fn override_keys(text: &str, origin: &str, overrides: &[String]) -> Result<Strin
 
 #[cfg(test)]
 mod tests {
-    use super::keys::{BodyKeys, MaterialKeys};
+    use super::keys::{BodyKeys, MaterialKeys, ResolutionKeys};
     use super::*;
 
     #[test]
@@ -300,6 +300,7 @@ mod tests {
             hold: vec![],
             probe: vec![],
             material: MaterialKeys { phi: None, psi: None, ..scene.material.clone() },
+            resolution: ResolutionKeys { finest_level: None, ..scene.resolution.clone() },
             body: BodyKeys { file: None, files: vec![], unit: None, active_level: None, ..scene.body.clone() },
             ..scene.clone()
         };
@@ -309,7 +310,7 @@ mod tests {
         for key in full.lines().filter_map(|l| l.split_once(" = ")).map(|(k, _)| k) {
             assert!(text.lines().any(|l| l.split_once(" = ").is_some_and(|(k, _)| k == key)), "{key}");
         }
-        for key in ["phi", "psi", "file", "files", "unit", "active_level", "stiffness"] {
+        for key in ["phi", "psi", "file", "files", "unit", "active_level", "finest_level", "stiffness"] {
             assert!(full.contains(&format!("{key} = ")), "the reference leaves out {key}");
         }
     }
