@@ -227,12 +227,19 @@ pub fn summary(s: &proto::Status) -> String {
         row("compute per tick", s.compute_us),
         String::new(),
         format!(
-            "{} ticks at {:.1} Hz; {} late by a tick, {} missed deadlines, {} stalls lost {} ticks, {} sub-steps dropped",
+            "{} ticks at {:.1} Hz; {} late by a tick, {} missed deadlines, {} stalls lost {} ticks, the body stood still in {}",
             s.tick, s.tick_rate_hz, s.late_ticks, s.missed_deadlines, s.stalls, s.lapsed_ticks, s.unmoved_ticks
         ),
         format!(
-            "{} nodes, {} elements, {} element evaluations per tick (budget {})",
-            s.nodes, s.elements, s.element_evaluations, s.budget
+            "{} active nodes ({} by level), {} elements, {} evaluations, {} units of work per tick of {}; {} splits, {} merges",
+            s.nodes,
+            by_level(&s),
+            s.elements,
+            s.element_evaluations,
+            s.work,
+            s.budget,
+            s.splits,
+            s.merges
         ),
         format!(
             "{} wrenches sent, {} skipped; {:.1} surface frames/s; {}",
@@ -302,7 +309,7 @@ fn draw(view: &View, frame: &mut ratatui::Frame) {
     frame.render_widget(table, clock);
 
     let missed = format!(
-        "deadlines missed {}   late ticks {}   stalls {} ({} ticks lost)   sub-steps dropped {}",
+        "deadlines missed {}   late ticks {}   stalls {} ({} ticks lost)   stood still {}",
         s.missed_deadlines, s.late_ticks, s.stalls, s.lapsed_ticks, s.unmoved_ticks
     );
     let touch = view.phantom.map_or("waiting for the Phantom".to_owned(), |p| {
@@ -313,8 +320,12 @@ fn draw(view: &View, frame: &mut ratatui::Frame) {
     });
     let lines = vec![
         Line::from(format!(
-            "{} nodes, {} elements, {} evaluations per tick of {} allowed",
-            s.nodes, s.elements, s.element_evaluations, s.budget
+            "active nodes {} ({}), {} elements, {} units of work per tick of {}",
+            s.nodes,
+            by_level(s),
+            s.elements,
+            s.work,
+            s.budget
         )),
         Line::from(format!(
             "surface {:.1} frames/s; wrenches sent {}, skipped {}",
@@ -350,6 +361,11 @@ fn recording_line(s: &proto::Status) -> String {
 
 fn micros(value: f64) -> String {
     if value.is_finite() { format!("{value:.1}") } else { "–".into() }
+}
+
+/// Active nodes per level, coarsest first: "120+80+400".
+fn by_level(s: &palpate_proto::Status) -> String {
+    s.active_nodes.iter().map(u64::to_string).collect::<Vec<_>>().join("+")
 }
 
 #[cfg(test)]

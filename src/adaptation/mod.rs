@@ -11,7 +11,7 @@ use crate::model::active_set::Change;
 use crate::model::element_pool::CLASSES;
 use crate::model::step_class::{self, Strained};
 use crate::model::{ActiveMesh, Body};
-use crate::stepping::work;
+use crate::stepping::work::{self, CHANGE_UPKEEP, ELEMENT_UPKEEP, ROW_UPKEEP};
 
 /// When to refine and to coarsen.
 #[derive(Clone, Debug, PartialEq)]
@@ -63,17 +63,14 @@ const FOCUS_TICKS: u64 = 4;
 const STAY: Real = 1.3;
 /// Values from here on are those of nodes that a tool is close to.
 const TOUCHED: Real = 2.0;
-/// Units of work per element put in or taken out, and per interface row made.
-const ELEMENT_UPKEEP: u32 = 10;
-const ROW_UPKEEP: u32 = 40;
-/// Units of a change with all that belongs to it, for the plan.
-const CHANGE_UPKEEP: u32 = 3_000;
 /// Part of the budget that changes of resolution may take in one tick: one in this many.
-const UPKEEP_PART: u32 = 8;
+const UPKEEP_PART: u32 = 16;
 /// The same when the budget has shrunk and load has to go.
 const SHEDDING_PART: u32 = 2;
 /// Part of the budget, in 1/16, up to which refinement fills it: the rest is for strains that shorten steps.
 const FILLED: u32 = 13;
+/// Part of the budget, in 1/16, beyond which load is shed.
+const OVERFULL: u32 = 15;
 
 /// What was done in one tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -148,9 +145,10 @@ pub fn adapt(
     work.spare.clear();
     work.changes.clear();
     let load = work::of_tick(mesh);
-    let full = (u64::from(budget) * u64::from(FILLED) / 16) as u32;
+    let part = |sixteenths: u32| (u64::from(budget) * u64::from(sixteenths) / 16) as u32;
+    let full = part(FILLED);
     let look = Look { body, adaptivity, focus };
-    let shedding = load > budget;
+    let shedding = load > part(OVERFULL);
     if shedding {
         look.spare_families(mesh, 0, 1, Real::INFINITY, &mut work.spare);
     } else {

@@ -1122,7 +1122,8 @@ impl ActiveMesh {
         for fade in &mut self.fade {
             let size = fade[0].abs() + fade[1].abs() + fade[2].abs() + fade[3].abs();
             if size > 1e-9 {
-                fade.iter_mut().for_each(|x| *x *= FADE_KEPT);
+                fade[..3].iter_mut().for_each(|x| *x *= FADE_KEPT);
+                fade[3] *= SPACING_FADE_KEPT;
             } else if size > 0.0 {
                 *fade = [0.0; 4];
             }
@@ -1130,8 +1131,11 @@ impl ActiveMesh {
     }
 }
 
-/// Part of the fade that is left after a tick: a time constant of 200 ms.
+/// Part of the fade of a place that is left after a tick: a time constant of 200 ms, slow enough for the eye.
 const FADE_KEPT: Real = 0.995;
+/// Part of the fade of a spacing that is left after a tick: 20 ms are slow enough for the hand, and a surface that was
+/// refined because a tool comes near must not feel as soft as the coarse one when it arrives.
+const SPACING_FADE_KEPT: Real = 0.95;
 
 /// An element takes a longer step only when it could take one this much longer still.
 const LENGTHENING_MARGIN: Real = 1.15;

@@ -1,33 +1,33 @@
-//! Turns measured compute time into the work budget of the next tick.
+//! Turns measured compute time into the work budget of the next tick, in the units of [`crate::stepping::work`].
 //!
 //! The budget is an input of the core and is recorded, so a replay does not depend on how fast its machine is.
 
-/// Part of a tick that may be spent on elements [ns]; the rest is for contact, frames and a late wake-up.
-const ELEMENT_TIME: f64 = 750_000.0;
+/// Part of a tick that may be spent [ns]; the rest is for a late wake-up.
+const WORK_TIME: f64 = 750_000.0;
 /// Ticks before the measured cost is trusted: caches and clocks have to warm up.
 const WARM_UP: u32 = 64;
 
-/// Follows the cost of an element evaluation.
+/// Follows the cost of a unit of work.
 #[derive(Clone, Copy, Debug)]
 pub struct Governor {
-    /// Mean cost of an element evaluation [ns], everything in the tick included.
+    /// Mean cost of a unit [ns], everything in the tick included.
     cost: f64,
     ticks: u32,
     floor: u32,
 }
 
 impl Governor {
-    /// For a body of `elements`: the budget never falls below one sub-step, so that the body always moves.
-    pub fn new(elements: u32) -> Self {
-        Self { cost: 0.0, ticks: 0, floor: elements }
+    /// The budget never falls below `floor`: what the body takes when it is as coarse as can be, so that it always moves.
+    pub fn new(floor: u32) -> Self {
+        Self { cost: 0.0, ticks: 0, floor }
     }
 
-    /// Takes in what a tick spent and how long it took [ns].
-    pub fn measure(&mut self, element_evaluations: u32, compute: u64) {
-        if element_evaluations == 0 {
+    /// Takes in the units that a tick spent and how long it took [ns].
+    pub fn measure(&mut self, work: u32, compute: u64) {
+        if work == 0 {
             return;
         }
-        let cost = compute as f64 / f64::from(element_evaluations);
+        let cost = compute as f64 / f64::from(work);
         self.ticks = self.ticks.saturating_add(1);
         if self.ticks == 1 {
             self.cost = cost;
@@ -37,12 +37,12 @@ impl Governor {
         }
     }
 
-    /// Element evaluations that the next tick may spend.
+    /// Units that the next tick may spend.
     pub fn budget(&self) -> u32 {
         if self.ticks < WARM_UP {
             return u32::MAX;
         }
-        ((ELEMENT_TIME / self.cost) as u32).max(self.floor)
+        ((WORK_TIME / self.cost) as u32).max(self.floor)
     }
 }
 

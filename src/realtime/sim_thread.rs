@@ -5,6 +5,7 @@ use super::governor::Governor;
 use super::mailbox::{Command, Frame, RecordTap, RecordedTick, SimulationEnds, TickReport, TickTiming};
 use super::pacer::{Begin, Pacer};
 use crate::contact::tool::{MOST_TOOLS, ToolEvent};
+use crate::stepping::work;
 use crate::simulation::{Inputs, Outputs, Simulation, TICKS_PER_FRAME, ToolOutput};
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -22,12 +23,12 @@ pub struct SimThread {
 impl SimThread {
     /// `simulation`, ready to run.
     pub fn new(simulation: Simulation, ends: SimulationEnds) -> Self {
-        let elements = simulation.body().elements_of(0).len() as u32;
+        let floor = work::floor(simulation.body());
         let mut epochs = [0; MOST_TOOLS];
         for (epoch, tool) in epochs.iter_mut().zip(simulation.tools()) {
             *epoch = tool.epoch;
         }
-        Self { simulation, ends, governor: Governor::new(elements), tap: None, awaited: None, epochs }
+        Self { simulation, ends, governor: Governor::new(floor), tap: None, awaited: None, epochs }
     }
 
     /// Ticks until `stop`. After this call begins, nothing is allocated, locked or logged on this thread.
@@ -39,7 +40,9 @@ impl SimThread {
             let outputs = self.simulation.advance(&inputs);
             hand_out(&mut self.ends, outputs);
             let overflowed = record(&mut self.tap, &self.ends, &inputs, outputs);
-            let spent = outputs.plan.taken + outputs.adapted.work;
+            // A tick in which the body stood still says nothing of what work costs.
+            let stood = outputs.plan.taken < outputs.plan.needed;
+            let spent = if stood { 0 } else { outputs.plan.taken + outputs.adapted.work };
             let mut timing = TickTiming {
                 tick: outputs.tick,
                 lateness: begin.lateness,

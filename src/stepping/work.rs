@@ -3,13 +3,21 @@
 //! One unit is one element evaluation. The other weights are costs relative to it as the benchmarks measure them; the
 //! governor turns units into time.
 
-use crate::model::ActiveMesh;
+use crate::model::step_class::{self, Strained};
+use crate::model::{ActiveMesh, Body};
 use crate::model::element_pool::CLASSES;
 
 /// An entry of an interface row, placed and handed back once, in 1/16 units.
 const ROW_ENTRY: u32 = 4;
 /// A node, moved and kicked once, in 1/16 units.
 const NODE: u32 = 4;
+
+/// Units per element put in or taken out.
+pub const ELEMENT_UPKEEP: u32 = 10;
+/// Units per interface row made.
+pub const ROW_UPKEEP: u32 = 40;
+/// Units of one change of resolution with all that belongs to it, for plans.
+pub const CHANGE_UPKEEP: u32 = 3_000;
 
 /// Work of one event in which `elements` of a class are due [units]; all nodes and interface rows may be concerned.
 fn event(mesh: &ActiveMesh, elements: u32) -> u32 {
@@ -29,4 +37,16 @@ pub fn of_tick(mesh: &ActiveMesh) -> u32 {
 /// Element evaluations of a tick.
 pub fn evaluations(mesh: &ActiveMesh) -> u32 {
     (0..CLASSES).map(|c| (mesh.pool().count(c) as u32) << c).sum()
+}
+
+/// Units of work of a tick, at rest, in which only the coarsest level is used, with room for strains and for one change of
+/// resolution: what a body cannot do with less than.
+pub fn floor(body: &Body) -> u32 {
+    let one = |e: u32| {
+        let omega_squared = step_class::omega_squared(body, e) * step_class::instantaneous(body, e);
+        let step = step_class::stable_step(omega_squared, Strained::REST, body.damping_time(), 0.0);
+        1u32 << step_class::class_for(step)
+    };
+    let elements: u32 = body.elements_of(0).map(one).sum();
+    2 * elements + body.nodes_of(0).len() as u32 + CHANGE_UPKEEP
 }

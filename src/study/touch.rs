@@ -1,0 +1,336 @@
+//! What adaptive resolution buys under a tool: error of the force against cost, a budget cut in the middle of a press,
+//! and the paper's figure 8. All of it runs the core as it is, driven by its own indicator.
+
+use super::Progress;
+use super::plot::{Chart, Curve, Shape as Picture, charts, coloured, table};
+use crate::adaptation::Adaptivity;
+use crate::contact::safety::ForceLimits;
+use crate::contact::tool::{Following, PoseSample, Shape, Tool, ToolEvent};
+use crate::geometry::Surface;
+use crate::geometry::primitives::{box_surface, liver_surface};
+use crate::math::{Pose, Real, Vec3};
+use crate::model::step_class::TICK;
+use crate::model::{Body, Material};
+use crate::prepare::{self, Recipe, Region, prepare};
+use crate::simulation::{Inputs, Settings, Simulation, Snapshot};
+use std::io::{Error, Result};
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Instant;
+
+/// A ball that presses and strokes a body.
+struct Stroke {
+    body: Arc<Body>,
+    radius: Real,
+    depth: Real,
+    /// Where the ball's centre stands when its surface touches the rest shape, at the start of the stroke.
+    start: Vec3,
+    /// Along x [m].
+    length: Real,
+    /// Height of the rest surface under the ball along the stroke, relative to the start [m].
+    height: Vec<Real>,
+}
+
+/// [s]: down to the full depth, then a rest, then the stroke at 0.1 m/s.
+const PRESS: Real = 0.15;
+const REST: Real = 0.05;
+const SPEED: Real = 0.1;
+
+impl Stroke {
+    fn ticks(&self) -> u32 {
+        ((PRESS + REST + self.length / SPEED) / TICK) as u32 + 50
+    }
+
+    fn place(&self, tick: u32) -> Vec3 {
+        let time = Real::from(tick) * TICK;
+        let air = 0.5 * self.radius;
+        let depth = if time < PRESS { (self.depth + air) * time / PRESS - air } else { self.depth };
+        let along = ((time - PRESS - REST).max(0.0) * SPEED).min(self.length);
+        let last = self.height.len() - 1;
+        let at = (along / self.length * last as Real) as usize;
+        self.start + Vec3::new(along, 0.0, self.height[at.min(last)] - depth)
+    }
+}
+
+/// What one run gave.
+struct Run {
+    /// [N], (n_ticks).
+    force: Vec<Real>,
+    /// Element evaluations in all, and what one global step would have taken for the same elements.
+    evaluations: Real,
+    global: Real,
+    /// [s].
+    wall: Real,
+    elements: Real,
+}
+
+fn settings(radius: Real, adaptivity: Option<Adaptivity>) -> Settings {
+    Settings {
+        gravity: Vec3::zeros(),
+        tools: vec![Tool { name: "ball".into(), shape: Shape { radius, length: 0.0 } }],
+        following: Following { speed: 1.0, engage_ticks: 1 },
+        limits: ForceLimits { force: 1e3, torque: 1e2, slew: 1e9 },
+        adaptivity,
+        most_elements: 4_000_000,
+    }
+}
+
+fn pose(sequence: u32, position: Vec3) -> Option<ToolEvent> {
+    let zero = Vec3::zeros();
+    let pose = Pose { position, ..Pose::default() };
+    Some(ToolEvent::Pose(PoseSample {
+        sequence,
+        time_ns: 0,
+        pose,
+        linear_velocity: zero,
+        angular_velocity: zero,
+        buttons: 0,
+    }))
+}
+
+fn begin(body: &Arc<Body>, settings: Settings, level: usize) -> Result<Simulation> {
+    let mut simulation =
+        Simulation::new(body.clone(), settings, Snapshot::at_rest(body, level, 1)).map_err(Error::other)?;
+    let mut inputs = Inputs::default();
+    inputs.tools[0] = Some(ToolEvent::Attach { epoch: 1, period_ticks: 1 });
+    simulation.advance(&inputs);
+    Ok(simulation)
+}
+
+fn stroke(on: &Stroke, adaptivity: Option<Adaptivity>, level: usize) -> Result<Run> {
+    let mut simulation = begin(&on.body, settings(on.radius, adaptivity), level)?;
+    let mut run = Run { force: Vec::new(), evaluations: 0.0, global: 0.0, wall: 0.0, elements: 0.0 };
+    let started = Instant::now();
+    for tick in 0..on.ticks() {
+        let mut inputs = Inputs::default();
+        inputs.tools[0] = pose(tick + 1, on.place(tick));
+        let outputs = simulation.advance(&inputs);
+        run.force.push(outputs.tools[0].state.physical_force.norm());
+        run.evaluations += Real::from(outputs.element_evaluations);
+        run.elements += Real::from(outputs.elements) / Real::from(on.ticks());
+        let pool = simulation.mesh().pool();
+        let finest = (0..crate::model::element_pool::CLASSES).rev().find(|c| pool.count(*c) > 0).unwrap_or(0);
+        run.global += (pool.len() << finest) as Real;
+    }
+    run.wall = started.elapsed().as_secs_f64();
+    Ok(run)
+}
+
+/// Error of the force: root mean square over the stroke, over the peak.
+fn error(run: &Run, reference: &Run) -> Real {
+    let peak = reference.force.iter().copied().fold(0.0, Real::max);
+    let squares: Real = run.force.iter().zip(&reference.force).map(|(a, b)| (a - b) * (a - b)).sum();
+    (squares / run.force.len() as Real).sqrt() / peak
+}
+
+fn body(surface: Surface, spacings: &[Real], young: Real, holds: (Vec3, Vec3)) -> Result<Arc<Body>> {
+    let recipe = Recipe {
+        name: "study".into(),
+        shape: prepare::Shape::Closed(surface, spacings.to_vec()),
+        material: Material::from_young(young, 0.45, 1050.0),
+        holds: vec![Region { bounds: holds, stiffness: None, exact: false }],
+        damping_ratio: 0.15,
+    };
+    Ok(Arc::new(prepare(&recipe, &mut |_, _, _| {}).map_err(Error::other)?))
+}
+
+/// A clamped cube of 0.1 m, ball of a tenth of that pressed half its radius in and stroked over half the face.
+fn cube_stroke(spacings: &[Real]) -> Result<Stroke> {
+    let side = 0.1;
+    let surface = box_surface(Vec3::repeat(side), [24; 3]);
+    let body = body(surface, spacings, 1e4, (Vec3::zeros(), Vec3::new(side, side, 0.0)))?;
+    let start = Vec3::new(0.25 * side, 0.5 * side, 1.1 * side);
+    Ok(Stroke { body, radius: 0.1 * side, depth: 0.05 * side, start, length: 0.5 * side, height: vec![0.0] })
+}
+
+/// The bundled organ in its bed, a ball of 10 mm pressed 10 mm and stroked 50 mm along its top.
+fn organ_stroke(spacings: &[Real]) -> Result<Stroke> {
+    let surface = liver_surface(0.005);
+    let (low, high) = surface.bounds();
+    let bed = Vec3::new(high.x, high.y, low.z + 0.45 * (high.z - low.z));
+    let radius = 0.01;
+    let top = surface.vertices.iter().copied().max_by(|a, b| a.z.total_cmp(&b.z)).unwrap_or_default();
+    let length = 0.05;
+    // Where a ball that comes from above would touch.
+    let touch = |x: Real| {
+        let lift = |v: &Vec3| {
+            let beside = (v.x - x) * (v.x - x) + (v.y - top.y) * (v.y - top.y);
+            (beside < radius * radius).then(|| v.z + (radius * radius - beside).sqrt())
+        };
+        surface.vertices.iter().filter_map(lift).fold(Real::NEG_INFINITY, Real::max)
+    };
+    let first = top.x - 0.5 * length;
+    let start = Vec3::new(first, top.y, touch(first));
+    let height = (0..=100).map(|i| touch(first + length * Real::from(i) / 100.0) - start.z).collect();
+    let body = body(surface, spacings, 5e3, (low, bed))?;
+    Ok(Stroke { body, radius, depth: 0.01, start, length, height })
+}
+
+/// Thresholds from coarse to fine: strain jump, reach.
+const DRIVEN: [(Real, Real); 7] =
+    [(0.3, 0.2), (0.1, 0.35), (0.1, 0.5), (0.1, 0.7), (0.05, 0.7), (0.05, 1.0), (0.03, 1.3)];
+
+/// Error of the tool force against cost: the curve that the mission is about.
+pub fn speed(out: &Path, progress: Progress) -> Result<String> {
+    let cases: [(&str, Stroke); 4] = [
+        ("cube, 2 k nodes", cube_stroke(&[0.032, 0.018, 0.011])?),
+        ("cube, 20 k nodes", cube_stroke(&[0.030, 0.016, 0.0088, 0.0049])?),
+        ("cube, 100 k nodes", cube_stroke(&[0.032, 0.018, 0.010, 0.0052, 0.0028])?),
+        ("organ, 6 mm", organ_stroke(&[0.024, 0.012, 0.006])?),
+    ];
+    let (mut rows, mut global, mut local) = (Vec::new(), Vec::new(), Vec::new());
+    for (name, on) in &cases {
+        progress(&format!("{name}: uniform"));
+        let finest = on.body.finest();
+        let reference = stroke(on, None, finest)?;
+        let mut row = |what: String, run: &Run| {
+            let e = 100.0 * error(run, &reference);
+            rows.push(vec![
+                (*name).into(),
+                on.body.level(finest).mesh.nodes.len().to_string(),
+                what,
+                format!("{:.0}", run.elements),
+                format!("{e:.2}"),
+                format!("{:.1}", reference.global / run.evaluations),
+                format!("{:.1}", reference.evaluations / run.evaluations),
+                format!("{:.1}", reference.wall / run.wall),
+            ]);
+            (e, reference.global / run.evaluations, reference.evaluations / run.evaluations)
+        };
+        row("uniform finest".into(), &reference);
+        for level in 0..finest {
+            row(format!("uniform level {level}"), &stroke(on, None, level)?);
+        }
+        let (mut against_global, mut against_local) = (Vec::new(), Vec::new());
+        for (split, reach) in DRIVEN {
+            progress(&format!("{name}: adaptive, split above {split}, reach {reach}"));
+            let adaptivity = Adaptivity { split, reach, ..Adaptivity::default() };
+            let (e, g, l) = row(format!("split {split} reach {reach}"), &stroke(on, Some(adaptivity), 0)?);
+            against_global.push((g, e));
+            against_local.push((l, e));
+        }
+        global.push(Curve { name: (*name).into(), points: against_global });
+        local.push(Curve { name: (*name).into(), points: against_local });
+    }
+    let chart = |title: &str, curves| Chart {
+        title: title.into(),
+        x_label: "element evaluations of the uniform finest mesh over the adaptive one's".into(),
+        y_label: "error of the tool force [% of the peak, rms]".into(),
+        curves,
+        y_range: Some((0.0, 10.0)),
+        powers: false,
+    };
+    let panels = [chart("against one global step", global), chart("against steps per element", local)];
+    charts(out, "speed", "Speed-up at equal accuracy: press and stroke", &panels)?;
+    let header =
+        ["case", "finest nodes", "run", "elements", "error %", "evaluations, global", "evaluations, local", "wall time"];
+    table(out, "speed-table", &header, &rows)
+}
+
+/// Units of work per tick before, during and after the cut.
+const BUDGET: [u32; 3] = [30_000, 3_000, 30_000];
+
+/// The budget cut tenfold in the middle of a press.
+pub fn overload(out: &Path, progress: Progress) -> Result<String> {
+    progress("a press with the budget cut tenfold");
+    let on = organ_stroke(&[0.024, 0.014, 0.008])?;
+    let mut simulation = begin(&on.body, settings(on.radius, Some(Adaptivity::default())), 0)?;
+    let (mut force, mut nodes, mut needed, mut budget) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    let (mut stood, mut overspent, mut longest, mut now) = (0u32, 0u32, 0u32, 0u32);
+    for tick in 0..3000u32 {
+        let mut inputs = Inputs { budget: BUDGET[(tick / 1000) as usize], ..Inputs::default() };
+        inputs.tools[0] = pose(tick + 1, on.place(tick.min(400)));
+        let outputs = simulation.advance(&inputs);
+        let time = Real::from(tick) * TICK;
+        force.push((time, outputs.tools[0].state.physical_force.norm()));
+        nodes.push((time, Real::from(outputs.active.iter().sum::<u32>())));
+        needed.push((time, Real::from(outputs.plan.needed) / 1e3));
+        budget.push((time, Real::from(inputs.budget) / 1e3));
+        let still = outputs.plan.taken < outputs.plan.needed;
+        stood += u32::from(still);
+        now = if still { now + 1 } else { 0 };
+        longest = longest.max(now);
+        overspent += u32::from(outputs.plan.taken + outputs.adapted.work > inputs.budget);
+    }
+    let chart = |title: &str, y_label: &str, curves: Vec<Curve>| Chart {
+        title: title.into(),
+        x_label: "time [s]".into(),
+        y_label: y_label.into(),
+        curves,
+        y_range: None,
+        powers: false,
+    };
+    let curve = |name: &str, points: Vec<(Real, Real)>| Curve { name: name.into(), points };
+    let fewest = |part: std::ops::Range<usize>| nodes[part].iter().map(|n| n.1).fold(Real::INFINITY, Real::min);
+    let text = format!(
+        "active nodes: {:.0} before the cut, {:.0} at its end, {:.0} a second later; the body stood still in {stood} ticks \
+         (at most {longest} in a row); {overspent} ticks spent more than their budget\n",
+        nodes[999].1,
+        fewest(1900..2000),
+        nodes[2999].1
+    );
+    let panels = [
+        chart("active nodes", "nodes", vec![curve("active nodes", nodes)]),
+        chart("work", "1000 units a tick", vec![curve("needed", needed), curve("budget", budget)]),
+        chart("force on the tool", "force [N]", vec![curve("force", force)]),
+    ];
+    charts(out, "overload", "The budget cut tenfold in the middle of a press", &panels)?;
+    Ok(text)
+}
+
+/// The paper's figure 8: one body from very soft to stiff, pressed and released, coloured by level.
+pub fn stiffnesses(out: &Path, progress: Progress) -> Result<String> {
+    let mut pictures = Vec::new();
+    let mut rows = Vec::new();
+    for exponent in 2..=6 {
+        let mu = Real::powi(10.0, exponent);
+        progress(&format!("figure 8: μ = 1e{exponent} Pa"));
+        // ν = 0.45, so E = 2.9 μ.
+        let mut on = organ_stroke(&[0.026, 0.015, 0.0085, 0.005])?;
+        let (surface, bounds) = (on.body.surface().clone(), on.body.surface().bounds());
+        let bed = Vec3::new(bounds.1.x, bounds.1.y, bounds.0.z + 0.45 * (bounds.1.z - bounds.0.z));
+        on.body = body(surface, &[0.026, 0.015, 0.0085, 0.005], 2.9 * mu, (bounds.0, bed))?;
+        let adaptivity = Adaptivity { split: 0.05, ..Adaptivity::default() };
+        let usable = crate::adaptation::finest_steppable(&on.body);
+        let mut simulation = begin(&on.body, settings(on.radius, Some(adaptivity)), 0)?;
+        let mut pressed_force: Real = 0.0;
+        let mut restored = 0;
+        for tick in 0..700u32 {
+            let mut inputs = Inputs { budget: 60_000, ..Inputs::default() };
+            // Down and held, then up again in half a second.
+            let up = (Real::from(tick) * TICK - 0.3).max(0.0);
+            inputs.tools[0] = pose(tick + 1, on.place(tick.min(200)) + Vec3::z() * (0.1 * up));
+            let outputs = simulation.advance(&inputs);
+            restored += u32::from(outputs.restored);
+            pressed_force = pressed_force.max(outputs.tools[0].state.physical_force.norm());
+            if tick == 299 {
+                pictures.push(picture(&simulation, &format!("μ = 1e{exponent} Pa")));
+                rows.push(vec![
+                    format!("1e{exponent}"),
+                    usable.to_string(),
+                    outputs.active[..on.body.levels().len()].iter().map(u32::to_string).collect::<Vec<_>>().join(" + "),
+                    outputs.elements.to_string(),
+                    outputs.element_evaluations.to_string(),
+                ]);
+            }
+        }
+        if let Some(row) = rows.last_mut() {
+            row.push(format!("{pressed_force:.3}"));
+            row.push(restored.to_string());
+        }
+    }
+    coloured(out, "figure8", "Pressed 10 mm: from very soft to stiff, coloured by level of detail", &pictures, 3)?;
+    let header =
+        ["mu [Pa]", "finest level used", "active nodes by level", "elements", "evaluations", "peak force [N]", "restored"];
+    table(out, "figure8-table", &header, &rows)
+}
+
+/// The surface with the level that each triangle hangs on.
+fn picture(simulation: &Simulation, title: &str) -> (Picture, Vec<usize>) {
+    let (body, mesh) = (simulation.body(), simulation.mesh());
+    let mut vertices = vec![Vec3::zeros(); body.surface().vertices.len()];
+    mesh.skin(&mut vertices);
+    let level = |v: u32| body.level_of_element(mesh.attachment(v).element);
+    let levels = body.surface().triangles.iter().map(|t| t.map(level).into_iter().max().unwrap_or(0)).collect();
+    (Picture { title: title.into(), vertices, triangles: body.surface().triangles.clone() }, levels)
+}
