@@ -21,6 +21,7 @@
 //! | [`offline`] | a simulation under a trajectory, as fast as it goes | networks, clocks |
 //! | [`wire`] | messages to core types and back; what is refused and why | zenoh, threads |
 //! | [`recording`] | what a run consumed; run it again and compare | networks, clocks |
+//! | [`study`] | the paper's figures, its printed variants, and what adaptive resolution buys; plain code, off the hot path | networks |
 //! | [`realtime`] | the 1 kHz thread, its pacer, governor and mailboxes | zenoh, messages |
 //! | [`server`] | postman between zenoh and the simulation thread | physics |
 //!
@@ -58,4 +59,5 @@ pub mod scene;
 pub mod server;
 pub mod simulation;
 pub mod stepping;
+pub mod study;
 pub mod wire;

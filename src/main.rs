@@ -36,6 +36,18 @@ enum Command {
     Record(RecordArgs),
     /// Run a recording again and compare bit for bit
     Replay(ReplayArgs),
+    /// Regenerate the comparisons and the paper's figures, as CSV and pictures
+    Study(StudyArgs),
+}
+
+/// Arguments of `study`.
+#[derive(Args)]
+struct StudyArgs {
+    /// One of them; all when left out. `list` names them
+    name: Option<String>,
+    /// Folder for tables and pictures
+    #[arg(long, default_value = "study")]
+    out: PathBuf,
 }
 
 /// What to simulate.
@@ -169,6 +181,7 @@ fn main() -> ExitCode {
         Command::Simulate(args) => simulate(&args),
         Command::Record(args) => record(&args),
         Command::Replay(args) => replay_file(&args),
+        Command::Study(args) => study(&args),
     };
     match outcome {
         Ok(code) => code,
@@ -202,6 +215,18 @@ fn build(scene: &SceneArgs) -> anyhow::Result<(LoadedScene, Arc<palpate::model::
         start.body.nodes.len(),
     ));
     Ok((loaded, body, start))
+}
+
+fn study(args: &StudyArgs) -> anyhow::Result<ExitCode> {
+    if args.name.as_deref() == Some("list") {
+        for study in palpate::study::STUDIES {
+            println!("{:<12} {}", study.name, study.about);
+        }
+        return Ok(ExitCode::SUCCESS);
+    }
+    let text = palpate::study::run(args.name.as_deref(), &args.out, &|what| eprintln!("{what}"))?;
+    println!("{text}pictures and tables: {}", args.out.display());
+    Ok(ExitCode::SUCCESS)
 }
 
 fn runtime() -> anyhow::Result<tokio::runtime::Runtime> {

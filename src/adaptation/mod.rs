@@ -11,7 +11,7 @@ use crate::model::active_set::Change;
 use crate::model::element_pool::CLASSES;
 use crate::model::step_class::{self, Strained};
 use crate::model::{ActiveMesh, Body};
-use crate::stepping::work::{self, CHANGE_UPKEEP, ELEMENT_UPKEEP, ROW_UPKEEP};
+use crate::stepping::work::{self, BATCH_UPKEEP, CHANGE_UPKEEP, ELEMENT_UPKEEP, ROW_UPKEEP};
 
 /// When to refine and to coarsen.
 #[derive(Clone, Debug, PartialEq)]
@@ -54,7 +54,7 @@ impl Focus {
 }
 
 /// Most changes of one tick.
-const MOST_CHANGES: usize = 32;
+const MOST_CHANGES: usize = 64;
 /// A full look at the indicator takes this many ticks.
 const INDICATOR_TICKS: u64 = 32;
 /// A full look at what is near tools takes this many.
@@ -64,13 +64,9 @@ const STAY: Real = 1.3;
 /// Values from here on are those of nodes that a tool is close to.
 const TOUCHED: Real = 2.0;
 /// Part of the budget that changes of resolution may take in one tick: one in this many.
-const UPKEEP_PART: u32 = 16;
-/// The same when the budget has shrunk and load has to go.
-const SHEDDING_PART: u32 = 2;
+const UPKEEP_PART: u32 = 6;
 /// Part of the budget, in 1/16, up to which refinement fills it: the rest is for strains that shorten steps.
 const FILLED: u32 = 13;
-/// Part of the budget, in 1/16, beyond which load is shed.
-const OVERFULL: u32 = 15;
 
 /// What was done in one tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -98,10 +94,10 @@ pub struct Workspace {
 impl Workspace {
     /// For `body`.
     pub fn new(body: &Body, adaptivity: &Adaptivity) -> Self {
-        let list = || Vec::with_capacity(MOST_CHANGES + 1);
         Self {
-            wanted: list(),
-            spare: list(),
+            wanted: Vec::with_capacity(MOST_CHANGES + 1),
+            // Families that may be merged: at most one for each coarser node.
+            spare: Vec::with_capacity(body.node_count() - body.nodes_of(body.finest()).len()),
             changes: Vec::with_capacity(MOST_CHANGES),
             finest: adaptivity.finest.min(finest_steppable(body)),
         }
@@ -145,42 +141,45 @@ pub fn adapt(
     work.spare.clear();
     work.changes.clear();
     let load = work::of_tick(mesh);
-    let part = |sixteenths: u32| (u64::from(budget) * u64::from(sixteenths) / 16) as u32;
-    let full = part(FILLED);
+    let full = (u64::from(budget) * u64::from(FILLED) / 16) as u32;
     let look = Look { body, adaptivity, focus };
-    let shedding = load > part(OVERFULL);
-    if shedding {
+    if load > budget {
+        // The body cannot move this tick: all of it goes into shedding. After a deep cut that is as much as ticks took
+        // until now, so that the body soon moves again.
         look.spare_families(mesh, 0, 1, Real::INFINITY, &mut work.spare);
+        plan_merges(body, mesh, most_changes(load), load - full, work);
     } else {
         look.wanted_nodes(mesh, ticks, work.finest, &mut work.wanted);
-        plan_splits(&look, mesh, full, load, work);
+        plan_splits(&look, mesh, most_changes(budget / UPKEEP_PART), full.saturating_sub(load), work);
         if work.changes.is_empty() {
             // What is wanted and does not fit may take the place of what is worth less.
-            let pressed = work.wanted.first().map_or(1.0, |w| w.0.max(1.0));
-            let limit = (0.5 * pressed).max(adaptivity.merge);
-            let limit = if work.wanted.is_empty() { adaptivity.merge } else { limit };
+            let limit = work.wanted.first().map_or(adaptivity.merge, |w| 0.5 * w.0);
             look.spare_families(mesh, ticks % INDICATOR_TICKS, INDICATOR_TICKS, limit, &mut work.spare);
+            plan_merges(body, mesh, most_changes((budget - load).min(budget / UPKEEP_PART)), u32::MAX, work);
         }
     }
     if work.changes.is_empty() {
-        let part = if shedding { SHEDDING_PART } else { UPKEEP_PART };
-        plan_merges(body, mesh, budget / part, if shedding { load - full } else { u32::MAX }, work);
+        return Adapted::default();
     }
     let Upkeep { elements, rows } = mesh.apply(body, &work.changes);
     let splits = work.changes.iter().filter(|c| matches!(c, Change::Split(_))).count() as u32;
     Adapted {
         splits,
         merges: work.changes.len() as u32 - splits,
-        work: elements * ELEMENT_UPKEEP + rows * ROW_UPKEEP,
+        work: BATCH_UPKEEP + elements * ELEMENT_UPKEEP + rows * ROW_UPKEEP,
     }
 }
 
-fn plan_splits(look: &Look, mesh: &mut ActiveMesh, full: u32, load: u32, work: &mut Workspace) {
-    let allowed = (full / UPKEEP_PART / CHANGE_UPKEEP).max(1) as usize;
-    let mut room = full.saturating_sub(load);
+/// Changes that `units` of work pay for.
+fn most_changes(units: u32) -> usize {
+    ((units.saturating_sub(BATCH_UPKEEP) / CHANGE_UPKEEP) as usize).min(MOST_CHANGES)
+}
+
+/// Splits at most `most` nodes whose elements take no more than `room` units of work a tick.
+fn plan_splits(look: &Look, mesh: &mut ActiveMesh, most: usize, mut room: u32, work: &mut Workspace) {
     let mut elements = 0;
     for &(_, wanted) in &work.wanted {
-        if work.changes.len() >= allowed.min(MOST_CHANGES) {
+        if work.changes.len() >= most {
             break;
         }
         // Neighbours stay within one level: first what has to be split before.
@@ -192,8 +191,8 @@ fn plan_splits(look: &Look, mesh: &mut ActiveMesh, full: u32, load: u32, work: &
             continue;
         }
         let added = mesh.added_by_split(look.body, n);
-        let class = class_of_level(look.body, n);
-        let cost = (added << class) * 5 / 4;
+        // Nodes and rows come with them.
+        let cost = (added << class_of_level(look.body, n)) * 3 / 2;
         if cost <= room && mesh.has_room(elements + added) {
             room -= cost;
             elements += added;
@@ -211,17 +210,17 @@ fn class_of_level(body: &Body, n: u32) -> usize {
     })
 }
 
-fn plan_merges(body: &Body, mesh: &ActiveMesh, upkeep: u32, excess: u32, work: &mut Workspace) {
-    let allowed = (upkeep / CHANGE_UPKEEP).max(1) as usize;
+/// Merges at most `most` families, the least valuable first, until about `excess` units of work a tick are saved.
+fn plan_merges(body: &Body, mesh: &ActiveMesh, most: usize, excess: u32, work: &mut Workspace) {
     let mut saved = 0;
     for &(_, parent) in &work.spare {
-        if work.changes.len() >= allowed.min(MOST_CHANGES) || saved >= excess {
+        if work.changes.len() >= most || saved >= excess {
             break;
         }
         if mesh.set().may_merge(body, parent) && mesh.has_room(body.elements_around(parent).len() as u32) {
             work.changes.push(Change::Merge(parent));
-            let elements = 20 * body.children(parent).len() as u32;
-            saved += elements << class_of_level(body, parent);
+            // A node has about six elements of its own.
+            saved += (6 * body.children(parent).len() as u32) << class_of_level(body, parent);
         }
     }
 }
@@ -253,7 +252,7 @@ impl Look<'_> {
             if self.body.level_of(n) < finest {
                 let value = indicator::strain_jump(self.body, mesh, n) / self.adaptivity.split;
                 if value > 1.0 {
-                    keep(wanted, value.min(TOUCHED), n, |a, b| a > b);
+                    keep(wanted, value.min(TOUCHED), n);
                 }
             }
         }
@@ -267,7 +266,7 @@ impl Look<'_> {
                 let x = mesh.position(*slot);
                 let value = self.worth(self.distance(x), self.body.level(level).spacing, 1.0);
                 if value > 0.0 {
-                    keep(wanted, value, n, |a, b| a > b);
+                    keep(wanted, value, n);
                 }
             }
         }
@@ -295,10 +294,11 @@ impl Look<'_> {
                 }
             }
             let value = value.min(TOUCHED).max(self.worth(distance, spacing, STAY));
-            if value < limit {
-                keep(spare, value, parent, |a, b| a < b);
+            if value < limit && spare.len() < spare.capacity() {
+                spare.push((value, parent));
             }
         }
+        spare.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     }
 }
 
@@ -308,9 +308,9 @@ fn slice<T>(all: &[T], part: u64, parts: u64) -> &[T] {
     &all[at(part)..at(part + 1)]
 }
 
-/// Puts `(value, n)` in its place in a list of the best [`MOST_CHANGES`], ties to the smaller number.
-fn keep(list: &mut Vec<(Real, u32)>, value: Real, n: u32, better: impl Fn(Real, Real) -> bool) {
-    let place = list.partition_point(|&(v, m)| better(v, value) || (v == value && m < n));
+/// Puts `(value, n)` in its place in a list of the [`MOST_CHANGES`] largest values, ties to the smaller number.
+fn keep(list: &mut Vec<(Real, u32)>, value: Real, n: u32) {
+    let place = list.partition_point(|&(v, m)| v > value || (v == value && m < n));
     if place < MOST_CHANGES && list.get(place).is_none_or(|e| e.1 != n) {
         list.truncate(MOST_CHANGES - 1);
         list.insert(place, (value, n));

@@ -16,8 +16,10 @@ const NODE: u32 = 4;
 pub const ELEMENT_UPKEEP: u32 = 10;
 /// Units per interface row made.
 pub const ROW_UPKEEP: u32 = 40;
-/// Units of one change of resolution with all that belongs to it, for plans.
-pub const CHANGE_UPKEEP: u32 = 3_000;
+/// Units of a batch of changes of resolution, whatever is in it: momenta, masses and the surface before and after.
+pub const BATCH_UPKEEP: u32 = 4_000;
+/// Units of one change in a batch, for plans.
+pub const CHANGE_UPKEEP: u32 = 2_500;
 
 /// Work of one event in which `elements` of a class are due [units]; all nodes and interface rows may be concerned.
 fn event(mesh: &ActiveMesh, elements: u32) -> u32 {
@@ -48,5 +50,5 @@ pub fn floor(body: &Body) -> u32 {
         1u32 << step_class::class_for(step)
     };
     let elements: u32 = body.elements_of(0).map(one).sum();
-    2 * elements + body.nodes_of(0).len() as u32 + CHANGE_UPKEEP
+    2 * elements + body.nodes_of(0).len() as u32 + BATCH_UPKEEP + 2 * CHANGE_UPKEEP
 }

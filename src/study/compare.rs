@@ -1,0 +1,356 @@
+//! Tables: both couplings on the same active sets, both kinds of rows, four kinds of weights.
+
+use super::Progress;
+use super::coupling::{Coupling, Mixed, Motion};
+use super::laws::{Law, green_strain};
+use super::levels::{Levels, Random};
+use super::oscillate::material;
+use super::patch::{Weights, patch_error, weigh};
+use super::plot::{Chart, Curve, charts, table};
+use super::rows::{RowKind, rows};
+use crate::geometry::primitives::box_surface;
+use crate::hierarchy::cover::cover;
+use crate::math::{Mat3, Real, Vec3};
+use rayon::prelude::*;
+use std::io::{Error, Result};
+use std::path::Path;
+use std::time::Instant;
+
+const GRAVITY: Vec3 = Vec3::new(0.0, 0.0, -9.81);
+/// Cells along an edge of the conforming levels: spacings in a ratio of about 5/3.
+const CELLS: [[u32; 3]; 3] = [[3; 3], [5; 3], [8; 3]];
+/// Lattice constants of the covers [m].
+const LATTICES: [Real; 3] = [0.34, 0.21, 0.13];
+
+fn boxes(clamped: bool) -> Levels {
+    Levels::of_box(Vec3::repeat(1.0), &CELLS, material(), clamped)
+}
+
+fn covers() -> Result<Levels> {
+    let surface = box_surface(Vec3::repeat(1.0), [8; 3]);
+    let level = |(i, a): (usize, &Real)| cover(&surface, *a, i as u32, material().density);
+    let levels: std::result::Result<Vec<_>, _> = LATTICES.iter().enumerate().map(level).collect();
+    Ok(Levels::new(levels.map_err(Error::other)?, material(), |_| false))
+}
+
+/// What happened to one undamped body.
+struct Run {
+    /// Largest change of the total energy over the largest kinetic energy of the first second.
+    drift: Real,
+    /// When the energy had changed by ten times that, if ever [s].
+    blown: Option<Real>,
+    /// Largest speed of the centre of mass that no force accounts for [m/s].
+    centre_speed: Real,
+    /// Largest |E| of any element.
+    strain: Real,
+    /// Largest energy change so far over the same scale, as a power of ten, against time [s].
+    energy: Vec<(Real, Real)>,
+}
+
+/// Lets `mixed` go with the velocities `v` [m/s] for `duration` [s] at steps of `dt` [s].
+fn let_go(mixed: &Mixed, v: Vec<Vec3>, gravity: Vec3, duration: Real, dt: Real) -> Run {
+    let mut motion = Motion::new(mixed, v, gravity);
+    let mass: Real = mixed.mass.iter().sum();
+    let start = motion.sums(mixed);
+    let mut run = Run { drift: 0.0, blown: None, centre_speed: 0.0, strain: 0.0, energy: Vec::new() };
+    let mut scale = start.kinetic;
+    let mut changes: Vec<(Real, Real)> = Vec::new();
+    for step in 1..=(duration / dt) as usize {
+        motion.step(mixed, dt);
+        if step % 8 > 0 {
+            continue;
+        }
+        let (time, sums) = (step as Real * dt, motion.sums(mixed));
+        if time <= 1.0 && sums.kinetic.is_finite() {
+            scale = scale.max(sums.kinetic.min(1e4));
+        }
+        changes.push((time, sums.energy - start.energy));
+        run.centre_speed = run.centre_speed.max((sums.momentum - start.momentum).norm() / mass);
+        let strain = |(e, _): &(usize, Real)| green_strain(&mixed.levels.elements[*e].gradient_of(&motion.x)).norm();
+        run.strain = mixed.weighted.iter().map(strain).fold(run.strain, Real::max);
+        let change = (sums.energy - start.energy).abs();
+        if change.is_nan() || change >= 10.0 * scale {
+            run.blown = Some(time);
+            break;
+        }
+    }
+    run.drift = changes.iter().map(|c| c.1.abs() / scale).fold(0.0, Real::max);
+    if run.blown.is_some() {
+        // `max` passes over NaN, so a body that overflows between two samples would look quiet.
+        (run.drift, run.strain) = (Real::INFINITY, Real::INFINITY);
+    }
+    let mut most: Real = 1e-12;
+    for (time, change) in changes {
+        most = most.max(change.abs() / scale);
+        run.energy.push((time, most.log10()));
+    }
+    run
+}
+
+/// Velocities [m/s] of a free body: a random gradient of up to `rate` [1/s], no linear momentum.
+fn random_velocities(mixed: &Mixed, seed: u64, rate: Real) -> Vec<Vec3> {
+    let mut random = Random::new(seed);
+    let gradient = Mat3::from_fn(|_, _| rate * (2.0 * random.unit() - 1.0));
+    let mut v: Vec<Vec3> = mixed.levels.rest.iter().map(|u| gradient * u).collect();
+    let mass: Real = mixed.mass.iter().sum();
+    let mean: Vec3 = v.iter().zip(&mixed.mass).map(|(v, m)| v * (*m / mass)).sum();
+    v.iter_mut().for_each(|v| *v -= mean);
+    v
+}
+
+fn smallest_altitude(mixed: &Mixed) -> Real {
+    mixed.weighted.iter().map(|(e, _)| mixed.levels.altitude[*e]).fold(Real::INFINITY, Real::min)
+}
+
+fn sorted(values: impl Iterator<Item = Real>) -> Vec<Real> {
+    let mut values: Vec<Real> = values.collect();
+    values.sort_by(Real::total_cmp);
+    values
+}
+
+fn median(values: impl Iterator<Item = Real>) -> Real {
+    let values = sorted(values);
+    values[values.len() / 2]
+}
+
+fn largest(values: impl Iterator<Item = Real>) -> Real {
+    sorted(values).last().copied().unwrap_or(0.0)
+}
+
+/// Couplings by forces and by energy, undamped, on the same random active sets: a free body that spins and wobbles and a
+/// cube that hangs on one side, 20 s each.
+pub fn couplings(out: &Path, progress: Progress) -> Result<String> {
+    const SETS: u64 = 8;
+    let cases = [
+        (Coupling::Force, RowKind::Hosts),
+        (Coupling::Energy, RowKind::Hosts),
+        (Coupling::Energy, RowKind::MovingLeastSquares),
+    ];
+    let mut table_rows = Vec::new();
+    let mut panels = Vec::new();
+    for clamped in [false, true] {
+        let body = if clamped { "clamped cube" } else { "free cube" };
+        let levels = boxes(clamped);
+        let mut curves = Vec::new();
+        for (coupling, kind) in cases {
+            progress(&format!("{body}, coupled {}, rows by {}", coupling.name(), kind.name()));
+            let one = |seed: u64| {
+                let active = levels.random_active_set(seed);
+                let mixed = Mixed::new(&levels, active, Law::GreenWithCompression, coupling, kind);
+                // The coupling by forces has no symmetric stiffness, so no frequency to bound its step: take a quarter
+                // of the altitude, well below what the coupling by energy allows.
+                let dt = match coupling {
+                    Coupling::Force => 0.25 * smallest_altitude(&mixed) / levels.material.wave_speed(),
+                    Coupling::Energy => 1.0 / mixed.largest_frequency(),
+                };
+                let (v, gravity) = if clamped {
+                    (vec![Vec3::zeros(); levels.rest.len()], GRAVITY)
+                } else {
+                    (random_velocities(&mixed, seed, 1.0), Vec3::zeros())
+                };
+                let_go(&mixed, v, gravity, 20.0, dt)
+            };
+            let runs: Vec<Run> = (0..SETS).into_par_iter().map(one).collect();
+            let blown = sorted(runs.iter().filter_map(|r| r.blown));
+            table_rows.push(vec![
+                body.into(),
+                coupling.name().into(),
+                kind.name().into(),
+                match (blown.first(), blown.last()) {
+                    (Some(a), Some(b)) => format!("{} of {SETS} ({a:.1}–{b:.1} s)", blown.len()),
+                    _ => format!("0 of {SETS}"),
+                },
+                power(median(runs.iter().map(|r| r.drift))),
+                power(largest(runs.iter().map(|r| r.drift))),
+                if clamped { "–".into() } else { format!("{:.1e}", median(runs.iter().map(|r| r.centre_speed))) },
+                if clamped { "–".into() } else { format!("{:.1e}", largest(runs.iter().map(|r| r.centre_speed))) },
+            ]);
+            let points = runs.into_iter().next().map(|r| r.energy).unwrap_or_default();
+            curves.push(Curve { name: format!("{}, {}", coupling.name(), kind.name()), points });
+        }
+        panels.push(Chart {
+            title: format!("{body}, refined around one point"),
+            x_label: "time [s]".into(),
+            y_label: "energy error so far / peak kinetic".into(),
+            curves,
+            y_range: Some((-6.0, 1.0)),
+            powers: true,
+        });
+    }
+    charts(out, "couplings_energy", "Undamped bodies of mixed resolution", &panels)?;
+    let header = [
+        "body",
+        "coupling",
+        "rows",
+        "blown up in 20 s",
+        "drift median",
+        "drift worst",
+        "centre [m/s] median",
+        "centre worst",
+    ];
+    table(out, "couplings", &header, &table_rows)
+}
+
+/// Interface rows by hosts and by moving least squares: their lengths and signs, and what they do to step, patch
+/// test and energy. Coupled by energy, quarter weights.
+pub fn rows_compared(out: &Path, progress: Progress) -> Result<String> {
+    const SETS: u64 = 10;
+    let mut table_rows = Vec::new();
+    for (mesh, levels) in [("conforming", boxes(false)), ("cover", covers()?)] {
+        let held = held_nodes(&levels);
+        let finest = levels.uniform(levels.count() - 1);
+        let uniform = Mixed::new(&levels, finest, Law::GreenWithCompression, Coupling::Energy, RowKind::Hosts);
+        let uniform_frequency = uniform.largest_frequency();
+        for (scattered, sets) in [(0, "around a point"), (1, "scattered")] {
+            for kind in [RowKind::Hosts, RowKind::MovingLeastSquares] {
+                progress(&format!("rows by {}, {mesh} levels, refined {sets}", kind.name()));
+                let one = |i: u64| {
+                    let seed = 2 * i + scattered;
+                    let active = levels.random_active_set(seed);
+                    let mixed = Mixed::new(&levels, active, Law::GreenWithCompression, Coupling::Energy, kind);
+                    let wanted: Vec<usize> = mixed.interface.iter().map(|(n, _)| *n).collect();
+                    let start = Instant::now();
+                    let found = rows(kind, &levels, &mixed.active, &wanted);
+                    let micros = start.elapsed().as_secs_f64() * 1e6 / wanted.len() as Real;
+                    let count = found.len() as Real;
+                    let lengths = || found.iter().map(|r| r.iter().filter(|(_, w)| w.abs() > 1e-6).count() as Real);
+                    let negative = |r: &&Vec<(usize, Real)>| r.iter().map(|(_, w)| w.min(0.0)).sum::<Real>() < -0.01;
+                    let frequency = mixed.largest_frequency();
+                    let run =
+                        let_go(&mixed, random_velocities(&mixed, seed, 1.0), Vec3::zeros(), 10.0, 1.0 / frequency);
+                    [
+                        lengths().sum::<Real>() / count,
+                        lengths().fold(0.0, Real::max),
+                        found.iter().filter(negative).count() as Real / count,
+                        found.iter().map(|r| r.iter().map(|(_, w)| w.abs()).sum()).fold(0.0, Real::max),
+                        mixed.mass.iter().sum::<Real>() / levels.body_mass(),
+                        uniform_frequency / frequency,
+                        patch_error(&mixed, 0.1, &held).strain,
+                        patch_error(&mixed, 0.3, &held).strain,
+                        run.drift,
+                        run.strain,
+                        if run.drift < 0.02 { 0.0 } else { 1.0 },
+                        micros,
+                    ]
+                };
+                let runs: Vec<[Real; 12]> = (0..SETS).into_par_iter().map(one).collect();
+                let column = |i: usize| runs.iter().map(move |r| r[i]);
+                let percent =
+                    |i: usize| format!("{} / {}", short(100.0 * median(column(i))), short(100.0 * largest(column(i))));
+                table_rows.push(vec![
+                    mesh.into(),
+                    sets.into(),
+                    kind.name().into(),
+                    format!("{:.1} / {:.0}", median(column(0)), largest(column(1))),
+                    format!("{:.0} %", 100.0 * median(column(2))),
+                    short(largest(column(3))),
+                    format!("{} / {}", short(median(column(4))), short(largest(column(4)))),
+                    format!("{:.2} / {:.2}", median(column(5)), sorted(column(5))[0]),
+                    percent(6),
+                    percent(7),
+                    format!("{:.0} of {SETS}", column(10).sum::<Real>()),
+                    power(median(column(8))),
+                    format!("{} / {}", short(median(column(9))), short(largest(column(9)))),
+                    format!("{:.0}", median(column(11))),
+                ]);
+            }
+        }
+    }
+    let header = [
+        "levels",
+        "refined",
+        "rows",
+        "length mean/max",
+        "with negatives",
+        "Σ|w| max",
+        "mass/body med/max",
+        "step/uniform med/min",
+        "patch 10 % [%] med/max",
+        "patch 30 % [%]",
+        "drift > 2 %",
+        "drift med",
+        "max |E| med/max",
+        "µs/row",
+    ];
+    table(out, "rows", &header, &table_rows)
+}
+
+/// A power of ten, or a word for what has run away.
+fn power(v: Real) -> String {
+    if v.is_finite() { format!("{v:.1e}") } else { "runaway".into() }
+}
+
+/// Three digits, or a word for what has run away.
+fn short(v: Real) -> String {
+    if v.is_finite() && v.abs() < 1e4 { format!("{v:.2}") } else { "runaway".into() }
+}
+
+/// Held components for the patch test: sliding walls on a conforming box; on a cover all nodes of elements that the
+/// surface cuts, because those pull even on a uniform level.
+fn held_nodes(levels: &Levels) -> impl Fn(usize, usize) -> bool + '_ {
+    let mut cut = vec![false; levels.rest.len()];
+    for (level, first) in levels.tied.iter().zip(&levels.first_element) {
+        for e in (0..level.fraction.len()).filter(|e| level.fraction[*e] < 1.0 - 1e-9) {
+            levels.elements[first + e].nodes.iter().for_each(|n| cut[*n] = true);
+        }
+    }
+    let is_cover = cut.contains(&true);
+    move |node, axis| {
+        let u = levels.rest[node][axis];
+        if is_cover { cut[node] } else { !(1e-9..=1.0 - 1e-9).contains(&u) }
+    }
+}
+
+/// The interface patch test with four kinds of weights, and what each costs.
+pub fn patch_tests(out: &Path, progress: Progress) -> Result<String> {
+    const SETS: u64 = 10;
+    let kinds = [Weights::Quarter, Weights::Kaczmarz(3), Weights::Kaczmarz(20), Weights::BoundedLeastSquares];
+    let levels = boxes(false);
+    let held = held_nodes(&levels);
+    let finest = levels.uniform(levels.count() - 1);
+    let uniform =
+        Mixed::new(&levels, finest, Law::GreenWithCompression, Coupling::Energy, RowKind::Hosts).largest_frequency();
+    let mut table_rows = Vec::new();
+    for (scattered, sets) in [(0, "around a point"), (1, "scattered")] {
+        for kind in [RowKind::Hosts, RowKind::MovingLeastSquares] {
+            for weights in kinds {
+                progress(&format!("patch test, {}, rows by {}, refined {sets}", weights.name(), kind.name()));
+                let one = |i: u64| {
+                    let active = levels.random_active_set(2 * i + scattered);
+                    let mut mixed = Mixed::new(&levels, active, Law::GreenWithCompression, Coupling::Energy, kind);
+                    let start = Instant::now();
+                    weigh(&mut mixed, weights, &held);
+                    let millis = start.elapsed().as_secs_f64() * 1e3;
+                    let weight = mixed.weighted.iter().map(|(_, w)| *w).fold(0.0, Real::max);
+                    let error = |stretch| patch_error(&mixed, stretch, &held).strain;
+                    [error(0.1), error(0.3), uniform / mixed.largest_frequency(), weight, millis]
+                };
+                let runs: Vec<[Real; 5]> = (0..SETS).into_par_iter().map(one).collect();
+                let column = |i: usize| runs.iter().map(move |r| r[i]);
+                let percent =
+                    |i: usize| format!("{:.1} / {:.1}", 100.0 * median(column(i)), 100.0 * largest(column(i)));
+                table_rows.push(vec![
+                    sets.into(),
+                    kind.name().into(),
+                    weights.name(),
+                    percent(0),
+                    percent(1),
+                    format!("{:.2} / {:.2}", median(column(2)), sorted(column(2))[0]),
+                    format!("{:.2}", largest(column(3))),
+                    if weights == Weights::Quarter { "–".into() } else { format!("{:.2}", median(column(4))) },
+                ]);
+            }
+        }
+    }
+    let header = [
+        "refined",
+        "rows",
+        "weights",
+        "error at 10 % [%] med/max",
+        "at 30 % [%] med/max",
+        "step/uniform med/min",
+        "largest weight",
+        "set-up [ms]",
+    ];
+    table(out, "patch", &header, &table_rows)
+}

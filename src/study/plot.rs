@@ -1,0 +1,367 @@
+//! Pictures (PNG) and their numbers (CSV).
+//!
+//! Drawn by `plotters` at three times the size and averaged down, which smooths every line; the font comes with the program,
+//! so that a bare machine without fonts draws the same picture.
+
+use crate::math::{Real, Vec3};
+use plotters::prelude::*;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
+use plotters::style::{FontStyle, register_font};
+use std::fmt::Write as _;
+use std::io::{Error, Result};
+use std::path::Path;
+use std::sync::Once;
+
+/// Pixels drawn for each pixel kept, along each axis.
+const OVERSAMPLING: u32 = 3;
+/// Size of one panel [pixel].
+const PANEL: (u32, u32) = (880, 560);
+/// Height of the strip above the panels [pixel].
+const HEAD: u32 = 64;
+
+/// Colours of the curves: the paper's red, black and blue, toned down, then three more that stay apart in grey.
+pub const COLOURS: [RGBColor; 6] = [
+    RGBColor(200, 44, 48),
+    RGBColor(36, 36, 40),
+    RGBColor(38, 104, 190),
+    RGBColor(226, 142, 24),
+    RGBColor(34, 140, 96),
+    RGBColor(140, 80, 170),
+];
+const GRID: RGBColor = RGBColor(226, 228, 232);
+const INK: RGBColor = RGBColor(40, 42, 48);
+
+/// One line.
+#[derive(Clone, Debug)]
+pub struct Curve {
+    /// Words for the legend.
+    pub name: String,
+    /// Points, in the units of the chart's axes; whatever is not finite ends the line.
+    pub points: Vec<(Real, Real)>,
+}
+
+/// One panel of axes.
+#[derive(Clone, Debug)]
+pub struct Chart {
+    /// Words above it.
+    pub title: String,
+    /// What runs to the right, with its unit.
+    pub x_label: String,
+    /// What runs upward, with its unit.
+    pub y_label: String,
+    /// The lines, first ones below.
+    pub curves: Vec<Curve>,
+    /// Lowest and highest value shown; by the data when absent.
+    pub y_range: Option<(Real, Real)>,
+    /// The values are powers of ten, and labelled so.
+    pub powers: bool,
+}
+
+/// Writes `name.png` with the `charts` side by side under `title`, and `name.csv` with every point, into `out`.
+pub fn charts(out: &Path, name: &str, title: &str, charts: &[Chart]) -> Result<()> {
+    let mut csv = String::from("panel,curve,x,y\n");
+    for chart in charts {
+        for curve in &chart.curves {
+            for (x, y) in &curve.points {
+                // Writing to a string does not fail.
+                let _ = writeln!(csv, "\"{}\",\"{}\",{x},{y}", chart.title, curve.name);
+            }
+        }
+    }
+    std::fs::write(out.join(format!("{name}.csv")), csv)?;
+    let width = PANEL.0 * charts.len() as u32;
+    picture(&out.join(format!("{name}.png")), width, HEAD + PANEL.1, |area| {
+        let (head, body) = area.split_vertically(size(HEAD));
+        heading(&head, title)?;
+        for (panel, chart) in body.split_evenly((1, charts.len())).iter().zip(charts) {
+            draw_chart(panel, chart)?;
+        }
+        Ok(())
+    })
+}
+
+/// A triangulated shape for [`shapes`].
+#[derive(Clone, Debug)]
+pub struct Shape {
+    /// Words below it.
+    pub title: String,
+    /// Vertices [m], z up.
+    pub vertices: Vec<Vec3>,
+    /// Triangles, counter-clockwise seen from outside.
+    pub triangles: Vec<[u32; 3]>,
+}
+
+/// Writes `name.png` with the `shapes`, `columns` in a row, all to the same scale, lines of the box from the origin to
+/// `rest` [m] behind each.
+pub fn shapes(out: &Path, name: &str, title: &str, shapes: &[Shape], columns: usize, rest: Vec3) -> Result<()> {
+    let rows = shapes.len().div_ceil(columns);
+    let (width, height) = (440 * columns as u32, 430 * rows as u32);
+    picture(&out.join(format!("{name}.png")), width, HEAD + height, |area| {
+        let (head, body) = area.split_vertically(size(HEAD));
+        heading(&head, title)?;
+        for (cell, shape) in body.split_evenly((rows, columns)).iter().zip(shapes) {
+            draw_shape(cell, shape, rest)?;
+        }
+        Ok(())
+    })
+}
+
+/// Colours of the levels, coarsest first: the paper's blue, green and yellow, then finer ones.
+pub const LEVELS: [RGBColor; 5] = [
+    RGBColor(70, 110, 210),
+    RGBColor(70, 170, 90),
+    RGBColor(240, 208, 60),
+    RGBColor(235, 130, 50),
+    RGBColor(205, 60, 70),
+];
+
+/// Writes `name.png` with the `shapes`, `columns` in a row, each triangle in the colour of its level.
+pub fn coloured(
+    out: &Path,
+    name: &str,
+    title: &str,
+    shapes: &[(Shape, Vec<usize>)],
+    columns: usize,
+) -> Result<()> {
+    let rows = shapes.len().div_ceil(columns);
+    let (width, height) = (560 * columns as u32, 400 * rows as u32);
+    picture(&out.join(format!("{name}.png")), width, HEAD + height, |area| {
+        let (head, body) = area.split_vertically(size(HEAD));
+        heading(&head, title)?;
+        for (cell, (shape, levels)) in body.split_evenly((rows, columns)).iter().zip(shapes) {
+            let (w, h) = cell.dim_in_pixel();
+            let all = || shape.vertices.iter();
+            let low = all().fold(Vec3::repeat(Real::INFINITY), |a, v| a.inf(v));
+            let high = all().fold(Vec3::repeat(Real::NEG_INFINITY), |a, v| a.sup(v));
+            // From the front, well above, so that the place that is pressed shows.
+            let view = View::new(Vec3::new(0.15, -0.75, 0.75), 0.5 * (low + high), Real::from(w) / (1.25 * (high - low).norm()), (w, h));
+            let most = levels.iter().copied().max().unwrap_or(0);
+            draw_triangles(cell, shape, &view, |t| LEVELS[levels[t].min(LEVELS.len() - 1)])?;
+            for level in 0..=most {
+                let y = size(24 + 26 * level as u32) as i32;
+                let box_ = [(size(18) as i32, y - size(8) as i32), (size(38) as i32, y + size(8) as i32)];
+                cell.draw(&Rectangle::new(box_, LEVELS[level.min(LEVELS.len() - 1)].filled()))?;
+                let style = font(16).pos(Pos::new(HPos::Left, VPos::Center));
+                cell.draw_text(&format!("level {level}"), &style, (size(46) as i32, y))?;
+            }
+            let style = font(20).pos(Pos::new(HPos::Center, VPos::Bottom));
+            cell.draw_text(&shape.title, &style, (w as i32 / 2, h as i32 - size(14) as i32))?;
+        }
+        Ok(())
+    })
+}
+
+/// Writes `name.csv` into `out` and gives the same table back with aligned columns, to be printed.
+pub fn table(out: &Path, name: &str, header: &[&str], rows: &[Vec<String>]) -> Result<String> {
+    let mut csv = header.join(",") + "\n";
+    for row in rows {
+        csv += &(row.iter().map(|cell| cell.replace(',', ";")).collect::<Vec<_>>().join(",") + "\n");
+    }
+    std::fs::write(out.join(format!("{name}.csv")), csv)?;
+    let width = |column: usize| {
+        let cells = rows.iter().map(|r| r[column].chars().count());
+        cells.chain([header[column].chars().count()]).max().unwrap_or(0)
+    };
+    let widths: Vec<usize> = (0..header.len()).map(width).collect();
+    let line = |cells: Vec<&str>| {
+        let mut line = String::new();
+        for (cell, width) in cells.into_iter().zip(&widths) {
+            let _ = write!(line, "{cell:<width$}  ");
+        }
+        line.trim_end().to_owned() + "\n"
+    };
+    Ok(line(header.to_vec()) + &rows.iter().map(|r| line(r.iter().map(String::as_str).collect())).collect::<String>())
+}
+
+type Area<'a> = DrawingArea<BitMapBackend<'a>, plotters::coord::Shift>;
+type Drawn = std::result::Result<(), Box<dyn std::error::Error>>;
+
+fn size(pixels: u32) -> u32 {
+    pixels * OVERSAMPLING
+}
+
+fn font(pixels: u32) -> TextStyle<'static> {
+    ("sans-serif", size(pixels)).into_font().color(&INK)
+}
+
+fn picture(path: &Path, width: u32, height: u32, draw: impl FnOnce(&Area) -> Drawn) -> Result<()> {
+    static FONT: Once = Once::new();
+    FONT.call_once(|| {
+        // The bytes are a constant of the program: they parse or no test passes.
+        let _ = register_font("sans-serif", FontStyle::Normal, epaint_default_fonts::UBUNTU_LIGHT);
+    });
+    let (w, h) = (size(width), size(height));
+    let mut large = vec![255u8; 3 * (w * h) as usize];
+    {
+        let area = BitMapBackend::with_buffer(&mut large, (w, h)).into_drawing_area();
+        area.fill(&WHITE).map_err(Error::other)?;
+        draw(&area).map_err(|e| Error::other(e.to_string()))?;
+        area.present().map_err(Error::other)?;
+    }
+    let mut small = Vec::with_capacity(3 * (width * height) as usize);
+    for y in 0..height {
+        for x in 0..width {
+            for colour in 0..3 {
+                let sum: u32 = (0..OVERSAMPLING * OVERSAMPLING)
+                    .map(|i| (size(x) + i % OVERSAMPLING, size(y) + i / OVERSAMPLING))
+                    .map(|(x, y)| u32::from(large[(3 * (y * w + x) + colour) as usize]))
+                    .sum();
+                small.push((sum / (OVERSAMPLING * OVERSAMPLING)) as u8);
+            }
+        }
+    }
+    let mut encoder = png::Encoder::new(std::io::BufWriter::new(std::fs::File::create(path)?), width, height);
+    encoder.set_color(png::ColorType::Rgb);
+    encoder.write_header().and_then(|mut w| w.write_image_data(&small)).map_err(Error::other)
+}
+
+fn heading(area: &Area, title: &str) -> Drawn {
+    let style = font(26).pos(Pos::new(HPos::Center, VPos::Center));
+    area.draw_text(title, &style, ((area.dim_in_pixel().0 / 2) as i32, size(HEAD / 2) as i32))?;
+    Ok(())
+}
+
+fn draw_chart(area: &Area, chart: &Chart) -> Drawn {
+    let shown = |c: &Curve| c.points.iter().copied().take_while(|p| p.0.is_finite() && p.1.is_finite()).collect();
+    let curves: Vec<Vec<(Real, Real)>> = chart.curves.iter().map(shown).collect();
+    let span = |pick: fn(&(Real, Real)) -> Real| {
+        let values = || curves.iter().flatten().map(pick);
+        (values().fold(Real::INFINITY, Real::min), values().fold(-Real::INFINITY, Real::max))
+    };
+    let (left, mut right) = span(|p| p.0);
+    // A run that stops just short of a round time still gets its label.
+    if right.ceil() - right < 0.01 * right {
+        right = right.ceil();
+    }
+    let (low, high) = chart.y_range.unwrap_or_else(|| {
+        let (low, high) = span(|p| p.1);
+        (low - 0.06 * (high - low), high + 0.06 * (high - low))
+    });
+    let legend_rows = chart.curves.len().div_ceil(3) as u32;
+    let (strip, body) = area.split_vertically(size(44 + 30 * legend_rows));
+    strip.draw_text(
+        &chart.title,
+        &font(21).pos(Pos::new(HPos::Center, VPos::Center)),
+        ((strip.dim_in_pixel().0 / 2) as i32, size(18) as i32),
+    )?;
+    // The legend stands above the axes, where it hides nothing.
+    let column = |i: usize| size(100 + (i as u32 % 3) * 255) as i32;
+    for (i, curve) in chart.curves.iter().enumerate() {
+        let y = size(52 + 30 * (i as u32 / 3)) as i32;
+        let line = [(column(i), y), (column(i) + size(34) as i32, y)];
+        strip.draw(&PathElement::new(line, COLOURS[i % COLOURS.len()].stroke_width(size(3))))?;
+        let style = font(18).pos(Pos::new(HPos::Left, VPos::Center));
+        strip.draw_text(&curve.name, &style, (column(i) + size(44) as i32, y))?;
+    }
+    let mut axes = ChartBuilder::on(&body)
+        .margin_left(size(14))
+        .margin_right(size(28))
+        .margin_bottom(size(10))
+        .x_label_area_size(size(56))
+        .y_label_area_size(size(92))
+        .build_cartesian_2d(left..right, low..high)?;
+    axes.configure_mesh()
+        .x_labels(9)
+        .y_labels(7)
+        .max_light_lines(0)
+        .bold_line_style(GRID.stroke_width(size(1)))
+        .axis_style(INK.stroke_width(size(1)))
+        .label_style(font(17))
+        .axis_desc_style(font(19))
+        .x_label_formatter(&|v| number(*v))
+        .set_all_tick_mark_size(size(5))
+        .y_label_formatter(&|v| if chart.powers { format!("1e{}", number(*v)) } else { number(*v) })
+        .x_desc(&chart.x_label)
+        .y_desc(&chart.y_label)
+        .draw()?;
+    for (i, points) in curves.into_iter().enumerate() {
+        let style = COLOURS[i % COLOURS.len()].stroke_width(size(2));
+        // A run that leaves the axes is drawn up to where it does.
+        let inside = points.into_iter().take_while(|p| p.1 >= low && p.1 <= high);
+        axes.draw_series(LineSeries::new(inside, style))?;
+    }
+    Ok(())
+}
+
+/// A label without needless digits.
+fn number(v: Real) -> String {
+    if v.abs() < 1e-12 {
+        return "0".into();
+    }
+    let digits = format!("{v:.3}");
+    let short = digits.trim_end_matches('0').trim_end_matches('.');
+    short.replace('-', "−")
+}
+
+/// A parallel projection onto a picture.
+struct View {
+    toward: Vec3,
+    right: Vec3,
+    up: Vec3,
+    centre: Vec3,
+    /// Pixels per metre.
+    scale: Real,
+    size: (u32, u32),
+}
+
+impl View {
+    /// Seen from where `toward` points, z up, with `centre` in the middle.
+    fn new(toward: Vec3, centre: Vec3, scale: Real, size: (u32, u32)) -> Self {
+        let toward = toward.normalize();
+        let right = Vec3::z().cross(&toward).normalize();
+        Self { toward, right, up: toward.cross(&right), centre, scale, size }
+    }
+
+    fn place(&self, p: Vec3) -> (i32, i32) {
+        let d = (p - self.centre) * self.scale;
+        let middle = (self.size.0 as i32 / 2, self.size.1 as i32 / 2);
+        (middle.0 + d.dot(&self.right) as i32, middle.1 - d.dot(&self.up) as i32 - size(10) as i32)
+    }
+}
+
+fn draw_shape(area: &Area, shape: &Shape, rest: Vec3) -> Drawn {
+    let (w, h) = area.dim_in_pixel();
+    // Seen from the front right, slightly from above: x to the right, z up, the held side on the left.
+    let centre = rest.component_mul(&Vec3::new(0.5, 0.5, 0.34));
+    let view = View::new(Vec3::new(0.45, -0.80, 0.38), centre, Real::from(w) / (2.3 * rest.max()), (w, h));
+    let place = |p: Vec3| view.place(p);
+    let corner = |i: u32| rest.component_mul(&Vec3::from_fn(|axis, _| Real::from((i >> axis) & 1)));
+    let wall = [[-0.25, -0.55], [1.25, -0.55], [1.25, 1.25], [-0.25, 1.25]]
+        .map(|[y, z]| place(Vec3::new(0.0, y * rest.y, z * rest.z)));
+    area.draw(&Polygon::new(wall, RGBColor(240, 240, 236).filled()))?;
+    for a in 0..8u32 {
+        for axis in (0..3).filter(|axis| (a >> axis) & 1 == 0) {
+            let line = [place(corner(a)), place(corner(a | (1 << axis)))];
+            area.draw(&PathElement::new(line, RGBColor(190, 194, 202).stroke_width(size(1))))?;
+        }
+    }
+    draw_triangles(area, shape, &view, |_| RGBColor(172, 206, 244))?;
+    let style = font(20).pos(Pos::new(HPos::Center, VPos::Bottom));
+    area.draw_text(&shape.title, &style, (w as i32 / 2, h as i32 - size(14) as i32))?;
+    Ok(())
+}
+
+/// The triangles from back to front, lit, in the colour of each.
+fn draw_triangles(area: &Area, shape: &Shape, view: &View, colour: impl Fn(usize) -> RGBColor) -> Drawn {
+    let light = Vec3::new(0.75, -0.25, 0.65).normalize();
+    let depth = |t: &[u32; 3]| t.iter().map(|v| shape.vertices[*v as usize].dot(&view.toward)).sum::<Real>();
+    let mut order: Vec<(usize, &[u32; 3])> = shape.triangles.iter().enumerate().collect();
+    order.sort_by(|a, b| depth(a.1).total_cmp(&depth(b.1)));
+    for (t, triangle) in order {
+        let [a, b, c] = triangle.map(|v| shape.vertices[v as usize]);
+        let normal = (b - a).cross(&(c - a)).normalize();
+        if normal.dot(&view.toward) < 0.0 {
+            // What faces away lies behind; by depth alone, long triangles at an edge would come out in front.
+            continue;
+        }
+        let bright = 0.5 + 0.5 * normal.dot(&light).max(0.0);
+        let shade = |full: Real| (full * bright).min(255.0) as u8;
+        let RGBColor(red, green, blue) = colour(t);
+        let fill = RGBColor(shade(red.into()), shade(green.into()), shade(blue.into()));
+        let corners = [a, b, c].map(|p| view.place(p));
+        area.draw(&Polygon::new(corners, fill.filled()))?;
+        let outline = [corners[0], corners[1], corners[2], corners[0]];
+        area.draw(&PathElement::new(outline, RGBColor(60, 84, 120).stroke_width(1)))?;
+    }
+    Ok(())
+}

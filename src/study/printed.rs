@@ -1,0 +1,462 @@
+//! The method as printed, on mixed resolution: forces from a node's own level, interface nodes that only follow, steps
+//! per node that are powers of two [DDCB01 eq. 10], the semi-implicit filter [eq. 11], splitting and merging by γ
+//! [eq. 9].
+//!
+//! It does not hold up without damping, and this module is there to show how and when; the rest of the crate
+//! runs something else.
+
+use super::Progress;
+use super::coupling::{Coupling, Mixed};
+use super::laws::Law;
+use super::levels::Levels;
+use super::oscillate::material;
+use super::plot::{Chart, Curve, charts, table};
+use super::rows::{RowKind, rows};
+use crate::math::{Mat3, Real, Vec3};
+use crate::model::Material;
+use std::io::Result;
+use std::path::Path;
+
+/// Frame period [s]: all nodes meet at its end.
+const FRAME: Real = 0.032;
+const GRAVITY: Vec3 = Vec3::new(0.0, 0.0, -9.81);
+
+/// When a node steps, and what it then takes its neighbours' positions to be.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stepping {
+    /// All nodes take the shortest step of any.
+    Together,
+    /// Each node its own step; neighbours stand where they last arrived, which is ahead of the present.
+    OwnStale,
+    /// Each node its own step; neighbours are brought to the present along their velocity.
+    OwnPredicted,
+}
+
+impl Stepping {
+    /// Words for a table.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Together => "one step for all",
+            Self::OwnStale => "own step, neighbours stale (printed)",
+            Self::OwnPredicted => "own step, neighbours predicted",
+        }
+    }
+}
+
+/// How the printed method is run.
+#[derive(Clone, Copy, Debug)]
+pub struct Options {
+    /// When nodes step.
+    pub stepping: Stepping,
+    /// Filter velocities by eq. 11, and take twice the step for it, as the paper allows.
+    pub filter: bool,
+    /// Part of the step of eq. 10 that is taken; the paper takes 1.
+    pub safety: Real,
+    /// Split above the second and merge below the first γ [m]; a fixed set of nodes when absent.
+    pub gamma: Option<[Real; 2]>,
+    /// Field [m/s²].
+    pub gravity: Vec3,
+}
+
+/// A body that moves by the printed method.
+pub struct Printed<'a> {
+    mixed: Mixed<'a>,
+    options: Options,
+    /// Positions [m], of each node at the time it is next due (n_nodes).
+    x: Vec<Vec3>,
+    v: Vec<Vec3>,
+    /// Elements around each node, of its own level (n_nodes).
+    around: Vec<Vec<usize>>,
+    /// Distance to the nearest neighbour on the same level [m] (n_nodes).
+    spacing: Vec<Real>,
+    /// Substeps of a frame are `2^finest`.
+    finest: u32,
+    /// Steps of a frame are `2^this` (n_nodes).
+    time_level: Vec<u32>,
+    /// `(I − dt²/m J)⁻¹` (n_nodes).
+    filter: Vec<Mat3>,
+    /// Forces at the last step of each node, for γ [N] (n_nodes).
+    last_force: Vec<Vec3>,
+}
+
+impl<'a> Printed<'a> {
+    /// `active` nodes of `levels` at rest, moving with the velocities `v` [m/s].
+    pub fn new(levels: &'a Levels, active: Vec<bool>, v: Vec<Vec3>, options: Options) -> Self {
+        let n_nodes = levels.rest.len();
+        let mut around = vec![Vec::new(); n_nodes];
+        let mut spacing = vec![Real::INFINITY; n_nodes];
+        for (e, element) in levels.elements.iter().enumerate() {
+            for n in element.nodes {
+                around[n].push(e);
+                for m in element.nodes.into_iter().filter(|m| *m != n) {
+                    spacing[n] = spacing[n].min((levels.rest[n] - levels.rest[m]).norm());
+                }
+            }
+        }
+        let mixed = Mixed::new(levels, active, Law::Green, Coupling::Force, RowKind::Hosts);
+        let mut printed = Self {
+            mixed,
+            options,
+            x: levels.rest.clone(),
+            v,
+            around,
+            spacing,
+            finest: 0,
+            time_level: vec![0; n_nodes],
+            filter: vec![Mat3::identity(); n_nodes],
+            last_force: vec![Vec3::zeros(); n_nodes],
+        };
+        printed.choose_steps();
+        printed
+    }
+
+    /// The largest step that eq. 10 allows each node, as a power of two of a frame, and the filter that goes with it.
+    fn choose_steps(&mut self) {
+        let material = &self.mixed.levels.material;
+        let longer = if self.options.filter { 2.0 } else { 1.0 };
+        self.finest = 0;
+        for n in (0..self.x.len()).filter(|n| self.mixed.active[*n]) {
+            let limit = longer * self.options.safety * self.spacing[n] / material.wave_speed();
+            let mut level = 0;
+            while FRAME / Real::from(1u32 << level) > limit {
+                level += 1;
+            }
+            self.time_level[n] = level;
+            self.finest = self.finest.max(level);
+        }
+        if self.options.stepping == Stepping::Together {
+            self.time_level.iter_mut().for_each(|l| *l = self.finest);
+        }
+        for n in (0..self.x.len()).filter(|n| self.options.filter && self.mixed.moving[*n]) {
+            // ∂f_i/∂x_i at rest with the neighbours fixed: the diagonal block of the linear stiffness.
+            let mut stiffness = Mat3::zeros();
+            for e in &self.around[n] {
+                let element = &self.mixed.levels.elements[*e];
+                let g = element.gradient[element.nodes.iter().position(|m| *m == n).unwrap_or(0)];
+                stiffness += (g * g.transpose() * (material.lambda + material.mu)
+                    + Mat3::identity() * (material.mu * g.norm_squared()))
+                    * element.volume;
+            }
+            let dt = self.dt(n);
+            let matrix = Mat3::identity() + stiffness * (dt * dt / self.mixed.mass[n]);
+            self.filter[n] = matrix.try_inverse().unwrap_or_else(Mat3::identity);
+        }
+    }
+
+    fn dt(&self, n: usize) -> Real {
+        FRAME / Real::from(1u32 << self.time_level[n])
+    }
+
+    /// One frame of 32 ms [DDCB01 fig. 7].
+    pub fn frame(&mut self) {
+        for substep in 0..(1u32 << self.finest) {
+            let due: Vec<usize> = (0..self.x.len())
+                .filter(|n| self.mixed.active[*n])
+                .filter(|n| substep.is_multiple_of(1 << (self.finest - self.time_level[*n])))
+                .collect();
+            let seen = self.positions_seen(substep);
+            let forces: Vec<Vec3> = due.iter().map(|n| self.force_on(*n, &seen)).collect();
+            for (n, force) in due.into_iter().zip(forces) {
+                self.last_force[n] = force;
+                if self.mixed.moving[n] {
+                    let dt = self.dt(n);
+                    self.v[n] += (force / self.mixed.mass[n] + self.options.gravity) * dt;
+                    if self.options.filter {
+                        self.v[n] = self.filter[n] * self.v[n];
+                    }
+                    self.x[n] += self.v[n] * dt;
+                }
+            }
+        }
+        self.mixed.place_interface(&mut self.x);
+        self.mixed.place_interface(&mut self.v);
+        if let Some(thresholds) = self.options.gamma {
+            self.split_and_merge(thresholds);
+        }
+    }
+
+    /// Positions from which forces are taken at `substep`, interface nodes included.
+    fn positions_seen(&self, substep: u32) -> Vec<Vec3> {
+        let mut seen = self.x.clone();
+        if self.options.stepping == Stepping::OwnPredicted {
+            for n in (0..seen.len()).filter(|n| self.mixed.moving[*n]) {
+                let stride = 1 << (self.finest - self.time_level[n]);
+                // A node that has stepped stands at the end of its step; one that is due stands at the present.
+                let ahead = (stride - substep % stride) % stride;
+                seen[n] -= self.v[n] * (FRAME * Real::from(ahead) / Real::from(1u32 << self.finest));
+            }
+        }
+        self.mixed.place_interface(&mut seen);
+        seen
+    }
+
+    /// Elastic and viscous force [N] on `n` from the elements of its own level around it.
+    fn force_on(&self, n: usize, x: &[Vec3]) -> Vec3 {
+        let levels = self.mixed.levels;
+        let material = &levels.material;
+        let mut force = Vec3::zeros();
+        for e in &self.around[n] {
+            let element = &levels.elements[*e];
+            let f = element.gradient_of(x);
+            let mut stress = self.mixed.law.stress(material, &f);
+            if material.psi > 0.0 {
+                let half = f.transpose() * element.gradient_of(&self.v);
+                let rate = (half + half.transpose()) * 0.5;
+                stress += f * (Mat3::identity() * (material.phi * rate.trace()) + rate * (2.0 * material.psi));
+            }
+            let place = element.nodes.iter().position(|m| *m == n).unwrap_or(0);
+            force -= stress * element.gradient[place] * element.volume;
+        }
+        force
+    }
+
+    /// γ of an active node [m]: `|f| / h` per unit of `λ + 2μ` [DDCB01 eq. 9].
+    pub fn gamma(&self, n: usize) -> Real {
+        self.last_force[n].norm() / (self.spacing[n] * self.mixed.levels.material.pressure_modulus())
+    }
+
+    /// Splits active nodes above the upper threshold and merges families that lie wholly below the lower one. New nodes
+    /// stand where the old ones say.
+    fn split_and_merge(&mut self, [merge_below, split_above]: [Real; 2]) {
+        let levels = self.mixed.levels;
+        let before = &self.mixed.active;
+        let mut active = before.clone();
+        for n in 0..active.len() {
+            if before[n] && self.gamma(n) > split_above {
+                levels.split(&mut active, n);
+            } else if !levels.children[n].is_empty()
+                && levels.children[n].iter().all(|c| before[*c] && active[*c] && self.gamma(*c) < merge_below)
+            {
+                levels.merge(&mut active, n);
+            }
+        }
+        if active == *before {
+            return;
+        }
+        let new: Vec<usize> = (0..active.len()).filter(|n| active[*n] && !before[*n] && !levels.fixed[*n]).collect();
+        let found = rows(RowKind::Hosts, levels, before, &new);
+        let at = |field: &[Vec3]| -> Vec<Vec3> {
+            found.iter().map(|row| row.iter().map(|(j, w)| field[*j] * *w).sum()).collect()
+        };
+        let (x, v) = (at(&self.x), at(&self.v));
+        for (i, n) in new.into_iter().enumerate() {
+            (self.x[n], self.v[n], self.last_force[n]) = (x[i], v[i], Vec3::zeros());
+        }
+        self.mixed = Mixed::new(levels, active, Law::Green, Coupling::Force, RowKind::Hosts);
+        self.mixed.place_interface(&mut self.x);
+        self.mixed.place_interface(&mut self.v);
+        self.choose_steps();
+    }
+
+    /// Kinetic and total energy [J], the interface's share by quarter weights.
+    pub fn energies(&self) -> (Real, Real) {
+        let (mut kinetic, mut gravity) = (0.0, 0.0);
+        for n in (0..self.x.len()).filter(|n| self.mixed.moving[*n]) {
+            kinetic += 0.5 * self.mixed.mass[n] * self.v[n].norm_squared();
+            gravity -= self.mixed.mass[n] * self.options.gravity.dot(&(self.x[n] - self.mixed.levels.rest[n]));
+        }
+        (kinetic, kinetic + gravity + self.mixed.energy(&self.x))
+    }
+
+    /// Place [m] of the point at rest `u`, a node of every level: whichever of these is active.
+    fn place_of(&self, u: Vec3) -> Vec3 {
+        let here = (0..self.x.len()).find(|n| self.mixed.active[*n] && (self.mixed.levels.rest[*n] - u).norm() < 1e-9);
+        here.map_or(Vec3::repeat(Real::NAN), |n| self.x[n])
+    }
+}
+
+/// The material with viscosities `φ = τ λ`, `ψ = τ μ`.
+fn damped(tau: Real) -> Material {
+    let base = material();
+    Material { phi: tau * base.lambda, psi: tau * base.mu, ..base }
+}
+
+/// Which choices of step and filter keep the energy of a clamped cube under gravity, over 10 s.
+pub fn steps(out: &Path, progress: Progress) -> Result<String> {
+    let duration = 10.0;
+    let mut table_rows = Vec::new();
+    for tau in [0.0, 0.002] {
+        let levels = Levels::of_box(Vec3::repeat(1.0), &[[3; 3], [5; 3], [8; 3]], damped(tau), true);
+        for (body, active) in [("uniform, 216 nodes", levels.uniform(1)), ("mixed", levels.random_active_set(0))] {
+            progress(&format!("steps: {body}, τ = {tau} s"));
+            for safety in [1.0, 0.4] {
+                for stepping in [Stepping::Together, Stepping::OwnStale, Stepping::OwnPredicted] {
+                    for filter in [false, true] {
+                        let options = Options { stepping, filter, safety, gamma: None, gravity: GRAVITY };
+                        let still = vec![Vec3::zeros(); levels.rest.len()];
+                        let mut printed = Printed::new(&levels, active.clone(), still, options);
+                        let (mut fastest, mut highest, mut last): (Real, Real, Real) = (0.0, 0.0, 0.0);
+                        let mut blown = None;
+                        for frame in 1..=(duration / FRAME) as usize {
+                            printed.frame();
+                            let (kinetic, total) = printed.energies();
+                            // The first second: the cube falls through its position of rest in it.
+                            if frame <= 31 {
+                                fastest = fastest.max(kinetic);
+                            }
+                            (highest, last) = (highest.max(total), total);
+                            if total.is_nan() || total.abs() > 1e5 {
+                                blown = Some(frame as Real * FRAME);
+                                break;
+                            }
+                        }
+                        let (verdict, end) = match blown {
+                            Some(time) => (format!("blows up at {time:.1} s"), "–".to_owned()),
+                            None => (format!("{fastest:.0}"), format!("{last:+.0} ({highest:+.0})")),
+                        };
+                        table_rows.push(vec![
+                            body.into(),
+                            format!("{:.0}", 1000.0 * tau),
+                            format!("{safety}"),
+                            stepping.name().into(),
+                            if filter { "yes" } else { "no" }.into(),
+                            verdict,
+                            end,
+                        ]);
+                    }
+                }
+            }
+        }
+    }
+    let header = [
+        "body",
+        "τ [ms]",
+        "of eq. 10",
+        "stepping",
+        "filter (step × 2)",
+        "peak kinetic energy in 1 s [J]",
+        "energy change in 10 s [J] (highest)",
+    ];
+    let text = table(out, "steps", &header, &table_rows)?;
+
+    // Eq. 11 filters the whole velocity, so even a body that only flies along is slowed down.
+    let levels = Levels::of_box(Vec3::repeat(1.0), &[[3; 3], [5; 3]], material(), false);
+    let mut drag = String::new();
+    for safety in [0.25, 0.5, 1.0] {
+        let options =
+            Options { stepping: Stepping::Together, filter: true, safety, gamma: None, gravity: Vec3::zeros() };
+        let mut printed = Printed::new(&levels, levels.uniform(1), vec![Vec3::x(); levels.rest.len()], options);
+        let before = printed.energies().0;
+        printed.frame();
+        let rate = -0.5 * (printed.energies().0 / before).ln() / FRAME;
+        drag += &format!("filter at {safety} × 2 of eq. 10: a body in free flight loses speed at {rate:.1} /s\n");
+    }
+    Ok(text + &drag)
+}
+
+/// The printed method from end to end: γ decides, nodes step on their own, viscosity hides what the coupling does.
+pub fn adaptive(out: &Path, progress: Progress) -> Result<String> {
+    let duration = 6.0;
+    let corner = Vec3::repeat(1.0);
+    let thresholds = [0.0015, 0.004];
+    let mut text = String::new();
+    let mut all = Vec::new();
+    for (tau, words) in [(0.01, "τ = 10 ms"), (0.0, "without damping")] {
+        progress(&format!("adaptive cube {words}"));
+        let levels = Levels::of_box(corner, &[[3; 3], [5; 3], [8; 3]], damped(tau), true);
+        let (mut heights, mut counts) = (Vec::new(), Vec::new());
+        let cases = [Some(0), Some(2), None];
+        for uniform in cases {
+            let stepping = if uniform.is_some() { Stepping::Together } else { Stepping::OwnStale };
+            let gamma = if uniform.is_some() { None } else { Some(thresholds) };
+            // Kelvin–Voigt shortens the limit; an eighth of eq. 10 is stable for τ = 10 ms on the finest level.
+            let safety = if tau > 0.0 { 0.125 } else { 0.5 };
+            let options = Options { stepping, filter: false, safety, gamma, gravity: GRAVITY };
+            let still = vec![Vec3::zeros(); levels.rest.len()];
+            let mut printed = Printed::new(&levels, levels.uniform(uniform.unwrap_or(0)), still, options);
+            let count = |p: &Printed| p.mixed.active.iter().filter(|a| **a).count();
+            let name = match uniform {
+                Some(_) => format!("uniform, {} nodes", count(&printed)),
+                None => "adaptive (printed)".to_owned(),
+            };
+            let (mut height, mut number) = (vec![(0.0, 0.0)], vec![(0.0, count(&printed) as Real)]);
+            let (mut blown, mut highest): (Option<Real>, Real) = (None, 0.0);
+            for frame in 1..=(duration / FRAME).ceil() as usize {
+                printed.frame();
+                let time = frame as Real * FRAME;
+                height.push((time, printed.place_of(corner).z - 1.0));
+                number.push((time, count(&printed) as Real));
+                let total = printed.energies().1;
+                highest = highest.max(total);
+                if total.is_nan() || total.abs() > 1e5 {
+                    blown = Some(time);
+                    break;
+                }
+            }
+            let state = match blown {
+                Some(time) => format!("blows up at {time:.2} s"),
+                None => format!("energy rises by {highest:.0} J at most"),
+            };
+            let mean = number.iter().map(|p| p.1).sum::<Real>() / number.len() as Real;
+            text += &format!("{words}: {name}: {state}; {mean:.0} active nodes on average\n");
+            heights.push(Curve { name: name.clone(), points: height });
+            counts.push(Curve { name, points: number });
+        }
+        let panel = |title: String, y_label: &str, curves, y_range| Chart {
+            powers: false,
+            title,
+            x_label: "time [s]".into(),
+            y_label: y_label.into(),
+            curves,
+            y_range,
+        };
+        all.push(panel(format!("corner, {words}"), "height of the corner [m]", heights, Some((-0.45, 0.1))));
+        all.push(panel(format!("resolution, {words}"), "active nodes", counts, Some((0.0, 800.0))));
+    }
+    charts(out, "adaptive_damped", "Printed method, split and merge by γ (eq. 9)", &all[..2])?;
+    charts(out, "adaptive_undamped", "Printed method, split and merge by γ (eq. 9)", &all[2..])?;
+    Ok(text)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn options(stepping: Stepping) -> Options {
+        Options { stepping, filter: false, safety: 0.5, gamma: None, gravity: Vec3::zeros() }
+    }
+
+    #[test]
+    fn free_flight_is_exact_with_any_stepping() {
+        let levels = Levels::of_box(Vec3::repeat(1.0), &[[2; 3], [3; 3]], material(), false);
+        let v = Vec3::new(0.3, -0.2, 0.1);
+        for stepping in [Stepping::Together, Stepping::OwnPredicted] {
+            let speeds = vec![v; levels.rest.len()];
+            let mut printed = Printed::new(&levels, levels.random_active_set(0), speeds, options(stepping));
+            (0..10).for_each(|_| printed.frame());
+            for n in (0..printed.x.len()).filter(|n| printed.mixed.active[*n]) {
+                assert!((printed.x[n] - levels.rest[n] - v * (10.0 * FRAME)).norm() < 1e-10);
+            }
+        }
+    }
+
+    #[test]
+    fn the_filter_drags_a_body_that_only_flies() {
+        let levels = Levels::of_box(Vec3::repeat(1.0), &[[2; 3], [3; 3]], material(), false);
+        let options = Options { filter: true, ..options(Stepping::Together) };
+        let mut printed = Printed::new(&levels, levels.uniform(1), vec![Vec3::x(); levels.rest.len()], options);
+        let before = printed.energies().0;
+        printed.frame();
+        assert!(printed.energies().0 < 0.9 * before);
+    }
+
+    #[test]
+    fn splitting_and_merging_keep_affine_motion() {
+        let levels = Levels::of_box(Vec3::repeat(1.0), &[[2; 3], [3; 3], [4; 3]], material(), false);
+        let still = vec![Vec3::zeros(); levels.rest.len()];
+        let mut printed = Printed::new(&levels, levels.uniform(0), still, options(Stepping::Together));
+        let f = Mat3::new(1.1, 0.1, 0.0, -0.1, 0.9, 0.05, 0.0, 0.1, 1.0);
+        printed.x = levels.rest.iter().map(|u| f * u).collect();
+        printed.v = printed.x.clone();
+        printed.last_force = vec![Vec3::repeat(1e9); levels.rest.len()];
+        printed.split_and_merge([0.0, 1.0]);
+        assert_eq!(printed.mixed.active, levels.uniform(1));
+        for n in levels.first_node[1]..levels.first_node[2] {
+            assert!((printed.x[n] - f * levels.rest[n]).norm() < 1e-12);
+            assert!((printed.v[n] - f * levels.rest[n]).norm() < 1e-12);
+        }
+        printed.last_force = vec![Vec3::zeros(); levels.rest.len()];
+        printed.split_and_merge([1.0, 2.0]);
+        assert_eq!(printed.mixed.active, levels.uniform(0));
+    }
+}
