@@ -383,9 +383,26 @@ impl Simulation {
             let (body, mesh) = (&self.body, &mut self.mesh);
             self.outputs.adapted =
                 adaptation::adapt(body, mesh, adaptivity, &self.focus, budget, ticks, &mut self.adaptation);
+            if self.outputs.adapted.work > 0 {
+                self.settle_tools();
+            }
         }
         self.mesh.fade_out();
         self.mesh.reclass_part(&self.body, ticks % RECLASS_TICKS, RECLASS_TICKS);
+    }
+
+    /// Tools that touch what now hangs on other elements follow their force slowly for a while.
+    fn settle_tools(&mut self) {
+        let first_triangle = self.body.surface().vertices.len() as u32;
+        for (tool, points) in self.tools.iter_mut().zip(&self.points) {
+            let touched = |point: u32| points.binary_search_by_key(&point, |p| p.point).is_ok();
+            let concerned = |v: &u32| {
+                touched(*v) || self.body.triangles_around(*v as usize).iter().any(|t| touched(first_triangle + t))
+            };
+            if !points.is_empty() && self.mesh.rehung().iter().any(concerned) {
+                tool.settle();
+            }
+        }
     }
 
     /// Fills the constraint list, tool by tool, and lets waiting tools engage where they are outside.

@@ -16,6 +16,11 @@ pub struct ForceLimits {
     pub slew: Real,
 }
 
+/// Part of the force by which it may change in a tick while the tool settles, and the least such change [N]: less than
+/// what a hand can tell.
+const SETTLING_CHANGE: Real = 0.05;
+const LEAST_SETTLING_CHANGE: Real = 0.01;
+
 /// Why the rendered force differs from the physical one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Limited {
@@ -49,8 +54,13 @@ pub fn render(tool: &mut ToolState, physical: &Wrench, limits: &ForceLimits, tic
         torque *= factor;
         limited.clamped = true;
     }
+    let mut slew = limits.slew;
+    if tool.settling > 0 {
+        tool.settling -= 1;
+        slew = slew.min((SETTLING_CHANGE * tool.force.norm()).max(LEAST_SETTLING_CHANGE) / tick);
+    }
     for (now, before, rate) in
-        [(&mut force, tool.force, limits.slew), (&mut torque, tool.torque, limits.slew * limits.torque / limits.force)]
+        [(&mut force, tool.force, slew), (&mut torque, tool.torque, slew * limits.torque / limits.force)]
     {
         let change = *now - before;
         let size = change.norm();

@@ -123,6 +123,8 @@ pub struct ToolState {
     pub speed_limited: bool,
     /// Part of the physical force that is rendered, 0..=1.
     pub ramp: Real,
+    /// Ticks for which the rendered force follows slowly, after the resolution has changed under the tool.
+    pub settling: u32,
     /// Force of the contact on the tool [N], last tick.
     pub physical_force: Vec3,
     /// Moment about the reference point [N·m], last tick.
@@ -142,6 +144,9 @@ pub struct Following {
     pub engage_ticks: u32,
 }
 
+/// Ticks in which a change of resolution under a tool rings down.
+const SETTLING_TICKS: u32 = 32;
+
 /// Fastest that an engaged tool turns [rad/s]: two turns a second is more than a wrist does.
 const MOST_TURN: Real = 12.0;
 
@@ -149,6 +154,12 @@ impl ToolState {
     /// True when the tool pushes the body.
     pub fn touches(&self) -> bool {
         matches!(self.phase, Phase::Engaged | Phase::Holding)
+    }
+
+    /// The resolution has changed under the tool: lighter or heavier nodes find their balance within some ticks, and the
+    /// hand need not feel them do it.
+    pub fn settle(&mut self) {
+        self.settling = SETTLING_TICKS;
     }
 
     /// Takes in what happened and moves the tool by one tick of `tick` [s].

@@ -103,6 +103,7 @@ struct Work {
     element_stamp: Vec<u32>,
     turn: u32,
     before: Vec<Vec3>,
+    rehung: Vec<u32>,
 }
 
 /// What a change cost, for the governor: counts of the same things that the budget is made of.
@@ -185,6 +186,8 @@ impl ActiveMesh {
                 element_stamp: vec![0; body.element_count()],
                 turn: 0,
                 before: vec![Vec3::zeros(); vertices],
+                // An element that changes on each of several levels may name a vertex each time.
+                rehung: Vec::with_capacity(vertices * body.levels().len()),
             },
         };
         mesh.restore(body, state)?;
@@ -376,6 +379,11 @@ impl ActiveMesh {
     /// Active vertices of element `e`, 0 when it is not in use.
     pub fn active_vertices(&self, e: u32) -> u8 {
         self.active_vertices[e as usize]
+    }
+
+    /// Display vertices that the last change hung on another element.
+    pub fn rehung(&self) -> &[u32] {
+        &self.work.rehung
     }
 
     /// Where display vertex `v` hangs.
@@ -1022,11 +1030,16 @@ impl ActiveMesh {
     /// Display vertices hang on the element whose vertices are active the most, the finer one of two alike; what they
     /// would jump by from `before` goes into the fade.
     fn reattach(&mut self, body: &Body, before: &[Vec3]) {
+        self.work.rehung.clear();
         for i in 0..self.work.elements.len() {
             for &v in body.hosted(self.work.elements[i]) {
-                let spacing = self.attachment[v as usize].spacing;
+                let before = self.attachment[v as usize];
                 self.attach(body, v);
-                self.fade[v as usize][3] += spacing - self.attachment[v as usize].spacing;
+                let now = &self.attachment[v as usize];
+                self.fade[v as usize][3] += before.spacing - now.spacing;
+                if now.element != before.element {
+                    self.work.rehung.push(v);
+                }
             }
         }
         for (v, place) in before.iter().enumerate() {

@@ -237,7 +237,8 @@ pub fn overload(out: &Path, progress: Progress) -> Result<String> {
     progress("a press with the budget cut tenfold");
     let on = organ_stroke(&[0.026, 0.015, 0.0085, 0.005], 5e3)?;
     let mut simulation = begin(&on.body, settings(on.radius, Some(Adaptivity { reach: 3.0, ..Adaptivity::default() })), 0)?;
-    let (mut force, mut nodes, mut needed, mut budget) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    let (mut force, mut rendered, mut nodes) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut needed, mut budget) = (Vec::new(), Vec::new());
     let (mut stood, mut overspent, mut longest, mut now) = (0u32, 0u32, 0u32, 0u32);
     for tick in 0..3000u32 {
         let mut inputs = Inputs { budget: BUDGET[(tick / 1000) as usize], ..Inputs::default() };
@@ -245,6 +246,7 @@ pub fn overload(out: &Path, progress: Progress) -> Result<String> {
         let outputs = simulation.advance(&inputs);
         let time = Real::from(tick) * TICK;
         force.push((time, outputs.tools[0].state.physical_force.norm()));
+        rendered.push((time, outputs.tools[0].state.force.norm()));
         nodes.push((time, Real::from(outputs.active.iter().sum::<u32>())));
         needed.push((time, Real::from(outputs.plan.needed) / 1e3));
         budget.push((time, Real::from(inputs.budget) / 1e3));
@@ -274,7 +276,7 @@ pub fn overload(out: &Path, progress: Progress) -> Result<String> {
     let panels = [
         chart("active nodes", "nodes", vec![curve("active nodes", nodes)]),
         chart("work", "1000 units a tick", vec![curve("needed", needed), curve("budget", budget)]),
-        chart("force on the tool", "force [N]", vec![curve("force", force)]),
+        chart("force on the tool", "force [N]", vec![curve("of the contact", force), curve("rendered", rendered)]),
     ];
     charts(out, "overload", "The budget cut tenfold in the middle of a press", &panels)?;
     Ok(text)
