@@ -63,7 +63,7 @@ const FOCUS_TICKS: u64 = 4;
 const STAY: Real = 1.3;
 /// Values from here on are those of nodes that a tool is close to.
 const TOUCHED: Real = 2.0;
-/// Part of the budget that changes of resolution may take in one tick: one in this many.
+/// Part of the budget that changes of resolution may take in one tick, one in this many, where that pays for a change.
 const UPKEEP_PART: u32 = 6;
 /// Part of the budget, in 1/16, up to which refinement fills it: the rest is for strains that shorten steps.
 const FILLED: u32 = 13;
@@ -149,13 +149,14 @@ pub fn adapt(
         look.spare_families(mesh, 0, 1, Real::INFINITY, &mut work.spare);
         plan_merges(body, mesh, most_changes(load), load - full, work);
     } else {
+        let upkeep = (budget - load).min((budget / UPKEEP_PART).max(BATCH_UPKEEP + CHANGE_UPKEEP));
         look.wanted_nodes(mesh, ticks, work.finest, &mut work.wanted);
-        plan_splits(&look, mesh, most_changes(budget / UPKEEP_PART), full.saturating_sub(load), work);
+        plan_splits(&look, mesh, most_changes(upkeep), full.saturating_sub(load), work);
         if work.changes.is_empty() {
             // What is wanted and does not fit may take the place of what is worth less.
             let limit = work.wanted.first().map_or(adaptivity.merge, |w| 0.5 * w.0);
             look.spare_families(mesh, ticks % INDICATOR_TICKS, INDICATOR_TICKS, limit, &mut work.spare);
-            plan_merges(body, mesh, most_changes((budget - load).min(budget / UPKEEP_PART)), u32::MAX, work);
+            plan_merges(body, mesh, most_changes(upkeep), u32::MAX, work);
         }
     }
     if work.changes.is_empty() {
