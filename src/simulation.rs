@@ -381,8 +381,9 @@ impl Simulation {
                 }
             }
             let (body, mesh) = (&self.body, &mut self.mesh);
+            let contacts = self.points.iter().map(Vec::len).sum();
             self.outputs.adapted =
-                adaptation::adapt(body, mesh, adaptivity, &self.focus, budget, ticks, &mut self.adaptation);
+                adaptation::adapt(body, mesh, adaptivity, (&self.focus, contacts), budget, ticks, &mut self.adaptation);
             if self.outputs.adapted.work > 0 {
                 self.settle_tools();
             }
@@ -431,7 +432,7 @@ impl Simulation {
     }
 
     fn step(&mut self, budget: u32) {
-        let needed = work::of_tick(&self.mesh);
+        let needed = work::of_tick(&self.mesh, self.constraints.len());
         let left = budget.saturating_sub(self.outputs.adapted.work);
         let moves = needed <= left;
         self.outputs.plan = Plan { needed, taken: if moves { needed } else { 0 } };

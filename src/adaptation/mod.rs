@@ -124,12 +124,13 @@ pub fn finest_steppable(body: &Body) -> usize {
     (0..body.levels().len()).take_while(|r| *r == 0 || class_at_rest(body, *r).is_some()).last().unwrap_or(0)
 }
 
-/// Decides what to change after `ticks` completed ticks and has it done.
+/// Decides what to change after `ticks` completed ticks, with tools in `focus` and `contacts` points held, and has it
+/// done.
 pub fn adapt(
     body: &Body,
     mesh: &mut ActiveMesh,
     adaptivity: &Adaptivity,
-    focus: &[Focus],
+    (focus, contacts): (&[Focus], usize),
     budget: u32,
     ticks: u64,
     work: &mut Workspace,
@@ -140,14 +141,14 @@ pub fn adapt(
     work.wanted.clear();
     work.spare.clear();
     work.changes.clear();
-    let load = work::of_tick(mesh);
+    let load = work::of_tick(mesh, contacts);
     let full = (u64::from(budget) * u64::from(FILLED) / 16) as u32;
     let look = Look { body, adaptivity, focus };
     if load > budget {
         // The body cannot move this tick: all of it goes into shedding. After a deep cut that is as much as ticks took
         // until now, so that the body soon moves again.
         look.spare_families(mesh, 0, 1, Real::INFINITY, &mut work.spare);
-        plan_merges(body, mesh, most_changes(load), load - full, work);
+        plan_merges(body, mesh, most_changes(load).max(1), load - full, work);
     } else {
         let upkeep = (budget - load).min((budget / UPKEEP_PART).max(BATCH_UPKEEP + CHANGE_UPKEEP));
         look.wanted_nodes(mesh, ticks, work.finest, &mut work.wanted);
@@ -213,12 +214,14 @@ fn class_of_level(body: &Body, n: u32) -> usize {
 
 /// Merges at most `most` families, the least valuable first, until about `excess` units of work a tick are saved.
 fn plan_merges(body: &Body, mesh: &ActiveMesh, most: usize, excess: u32, work: &mut Workspace) {
-    let mut saved = 0;
+    let (mut saved, mut added) = (0, 0);
     for &(_, parent) in &work.spare {
         if work.changes.len() >= most || saved >= excess {
             break;
         }
-        if mesh.set().may_merge(body, parent) && mesh.has_room(body.elements_around(parent).len() as u32) {
+        let elements = body.elements_around(parent).len() as u32;
+        if mesh.has_room(added + elements) && mesh.set().may_merge(body, parent) {
+            added += elements;
             work.changes.push(Change::Merge(parent));
             // A node has about six elements of its own.
             saved += (6 * body.children(parent).len() as u32) << class_of_level(body, parent);

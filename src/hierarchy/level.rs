@@ -70,6 +70,13 @@ impl Level {
         }
     }
 
+    /// Least mass [kg] that a node is given. At the rim of a cover a node may have next to none: whatever pushes it, a tool
+    /// or a spring, would throw it about. Meshes that fill their body are left as they are.
+    pub fn least_mass(&self) -> Real {
+        let covers = self.fraction.iter().any(|w| *w < 1.0);
+        if covers { LEAST_MASS * self.node_mass.iter().sum::<Real>() / self.node_mass.len() as Real } else { 0.0 }
+    }
+
     /// Volume inside the body [m³].
     pub fn volume(&self) -> Real {
         (0..self.mesh.elements.len()).map(|e| self.fraction[e] * self.mesh.volume(e)).sum()
@@ -81,6 +88,9 @@ impl Level {
         moment / self.node_mass.iter().sum::<Real>()
     }
 }
+
+/// Least mass of a node over the mean of its level.
+const LEAST_MASS: Real = 0.2;
 
 /// Mean edge length of a mesh [m].
 pub fn mean_edge(mesh: &TetMesh) -> Real {

@@ -254,8 +254,14 @@ impl ActiveMesh {
             self.attach(body, v);
         }
         self.weigh_springs(body);
+        let mut calm = state.calm.iter();
         for (class, ids) in state.classes.iter().enumerate() {
-            ids.iter().for_each(|e| self.set_calm(body, *e, class));
+            for &e in ids {
+                match calm.next() {
+                    Some(calm) => self.pool.set_calm(e, *calm),
+                    None => self.set_calm(body, e, class),
+                }
+            }
         }
         self.revision.iter_mut().for_each(|r| *r = r.wrapping_add(1));
         Ok(())
@@ -266,7 +272,8 @@ impl ActiveMesh {
         if state.position.len() != nodes || state.velocity.len() != nodes || state.fade.len() != self.fade.len() {
             return Err(format!("the state's arrays do not fit {nodes} active nodes and the body's surface"));
         }
-        if state.classes.len() != CLASSES || state.history.len() != state.classes.iter().map(Vec::len).sum::<usize>() {
+        let calm = state.calm.len();
+        if state.classes.len() != CLASSES || (calm > 0 && calm != state.history.len()) || state.history.len() != state.classes.iter().map(Vec::len).sum::<usize>() {
             return Err("the state's elements do not fit its step classes".into());
         }
         let elements = state.history.len();
@@ -310,11 +317,13 @@ impl ActiveMesh {
         state.interface.clear();
         state.interface.extend(self.interface.iter().map(|s| self.node[*s as usize]));
         state.history.clear();
+        state.calm.clear();
         for (class, ids) in state.classes.iter_mut().enumerate() {
             ids.clear();
             for e in self.pool.ids(class) {
                 ids.push(e);
                 state.history.push(self.pool.history(e).unwrap_or(History::REST));
+                state.calm.push(self.pool.calm(e).unwrap_or(0.0));
             }
         }
         state.fade.clear();
@@ -570,9 +579,9 @@ impl ActiveMesh {
         self.normalise(body);
         self.place_interface();
         self.correct_momenta(body, &momenta);
+        self.reattach(body, &before);
         self.swap_elements(body);
         self.release_unused(body);
-        self.reattach(body, &before);
         self.work.before = before;
         self.revision.iter_mut().for_each(|r| *r = r.wrapping_add(1));
         Upkeep {
@@ -846,7 +855,8 @@ impl ActiveMesh {
     fn set_calm(&mut self, body: &Body, e: u32, class: usize) {
         let springs = self.springs_at(body.element(e).map(|n| self.slot[n as usize]));
         let omega_squared = self.omega_squared[e as usize];
-        self.pool.set_calm(e, step_class::calm_strain(class, omega_squared, body.damping_time(), springs));
+        let strain = step_class::calm_strain(class, omega_squared, body.damping_time(), springs);
+        self.pool.set_calm(e, 4.0 * strain * strain);
     }
 
     /// [`ActiveMesh::reclass`] for the elements that their last evaluation found strained beyond what their step
@@ -972,7 +982,7 @@ impl ActiveMesh {
         let (mut sum, mut first, mut second) = (0.0, Vec3::zeros(), Mat3::zeros());
         for &slot in &self.active {
             let s = slot as usize;
-            let m = (self.own_mass[s] + self.gathered_mass[s]) as Real * self.mass_unit;
+            let m = self.raw_mass(body, s);
             let d = body.rest(self.node[s]) - centre;
             sum += m;
             first += d * m;
@@ -984,11 +994,17 @@ impl ActiveMesh {
         let b = along * q;
         for &slot in &self.active {
             let s = slot as usize;
-            let m = (self.own_mass[s] + self.gathered_mass[s]) as Real * self.mass_unit;
+            let m = self.raw_mass(body, s);
             let mass = m * (q + b.dot(&(body.rest(self.node[s]) - centre)));
             self.motion.mass[s] = mass;
             self.motion.inverse_mass[s] = if body.is_fixed(self.node[s]) { 0.0 } else { 1.0 / mass };
         }
+    }
+
+    /// Mass [kg] of the active node in slot `s` before the body's mass and centre are restored.
+    fn raw_mass(&self, body: &Body, s: usize) -> Real {
+        let mass = (self.own_mass[s] + self.gathered_mass[s]) as Real * self.mass_unit;
+        mass.max(body.least_mass(body.level_of(self.node[s])))
     }
 
     /// One rigid motion of the nodes concerned, so that the momenta are what they were.

@@ -71,6 +71,7 @@ pub struct Body {
     fixed: Vec<bool>,
     mass: Real,
     centre: Vec3,
+    least_mass: Vec<Real>,
     vertex_area: Vec<Real>,
     adjacency: Csr,
     bytes: Vec<u8>,
@@ -140,6 +141,7 @@ impl Body {
             fixed,
             mass: finest.node_mass.iter().sum(),
             centre: finest.centre_of_mass(),
+            least_mass: parts.levels.iter().map(Level::least_mass).collect(),
             vertex_area: parts.surface.vertex_areas(),
             adjacency: Csr::new(
                 parts.surface.vertices.len(),
@@ -341,6 +343,11 @@ impl Body {
     /// Mass [kg], the same for every set of active nodes.
     pub fn mass(&self) -> Real {
         self.mass
+    }
+
+    /// Least mass of an active node of level `r` [kg].
+    pub fn least_mass(&self, r: usize) -> Real {
+        self.least_mass[r]
     }
 
     /// Centre of mass at rest [m], the same for every set of active nodes.

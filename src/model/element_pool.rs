@@ -239,12 +239,17 @@ impl ElementPool {
             .then(|| self.owners[self.classes[class].blocks[place / LANES] as usize][place % LANES])
     }
 
-    /// Strain `|E|` up to which element `id` may keep its step: beyond it, and when crushed, it is among the
-    /// [`ElementPool::alarmed`].
-    pub fn set_calm(&mut self, id: u32, strain: Real) {
+    /// Square of twice the strain, `|2E|²`, up to which element `id` may keep its step: beyond it, and when crushed, it
+    /// is among the [`ElementPool::alarmed`].
+    pub fn set_calm(&mut self, id: u32, squared: Real) {
         if let Some((block, lane)) = self.find(id) {
-            self.blocks[block].calm[lane] = 4.0 * strain * strain;
+            self.blocks[block].calm[lane] = squared;
         }
+    }
+
+    /// What [`ElementPool::set_calm`] has set.
+    pub fn calm(&self, id: u32) -> Option<Real> {
+        self.find(id).map(|(block, lane)| self.blocks[block].calm[lane])
     }
 
     /// Elements of the blocks of `class` in which the last evaluation found one beyond its calm.

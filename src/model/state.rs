@@ -22,6 +22,9 @@ pub struct State {
     pub classes: Vec<Vec<u32>>,
     /// What each of them remembers, class by class.
     pub history: Vec<History>,
+    /// Up to which strain each of them may keep its step, as [`super::element_pool::ElementPool::set_calm`] takes it;
+    /// empty to have it found.
+    pub calm: Vec<Real>,
     /// By display vertex: what changes of resolution have left to fade, see
     /// [`super::active_mesh::ActiveMesh::fade`].
     pub fade: Vec<[Real; 4]>,
@@ -64,6 +67,7 @@ impl State {
         }
         Self {
             velocity: vec![Vec3::zeros(); position.len()],
+            calm: Vec::new(),
             history: vec![History::REST; classes.iter().map(Vec::len).sum()],
             fade: vec![[0.0; 4]; body.surface().vertices.len()],
             nodes,
@@ -83,6 +87,7 @@ impl State {
             interface: Vec::with_capacity(slots),
             classes: (0..CLASSES).map(|_| Vec::with_capacity(elements)).collect(),
             history: Vec::with_capacity(elements),
+            calm: Vec::with_capacity(elements),
             fade: Vec::with_capacity(body.surface().vertices.len()),
         }
     }
@@ -99,6 +104,7 @@ impl State {
         copy(&mut self.interface, &other.interface);
         self.classes.iter_mut().zip(&other.classes).for_each(|(to, from)| copy(to, from));
         copy(&mut self.history, &other.history);
+        copy(&mut self.calm, &other.calm);
         copy(&mut self.fade, &other.fade);
     }
 

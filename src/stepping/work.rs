@@ -12,14 +12,17 @@ const ROW_ENTRY: u32 = 4;
 /// A node, moved and kicked once, in 1/16 units.
 const NODE: u32 = 4;
 
+/// Units of looking for contacts near the surface, and of holding one point for a tick.
+const CONTACT: u32 = 1_000;
+const POINT: u32 = 150;
 /// Units per element put in or taken out.
-pub const ELEMENT_UPKEEP: u32 = 10;
+pub const ELEMENT_UPKEEP: u32 = 20;
 /// Units per interface row made.
-pub const ROW_UPKEEP: u32 = 40;
+pub const ROW_UPKEEP: u32 = 80;
 /// Units of a batch of changes of resolution, whatever is in it: momenta, masses and the surface before and after.
-pub const BATCH_UPKEEP: u32 = 4_000;
+pub const BATCH_UPKEEP: u32 = 7_000;
 /// Units of one change in a batch, for plans.
-pub const CHANGE_UPKEEP: u32 = 2_500;
+pub const CHANGE_UPKEEP: u32 = 4_500;
 
 /// Work of one event in which `elements` of a class are due [units]; all nodes and interface rows may be concerned.
 fn event(mesh: &ActiveMesh, elements: u32) -> u32 {
@@ -31,9 +34,10 @@ fn event(mesh: &ActiveMesh, elements: u32) -> u32 {
     elements + (part(mesh.active().len() as u32) * NODE + part(mesh.row_entries()) * ROW_ENTRY) / 16
 }
 
-/// Units of work of a tick.
-pub fn of_tick(mesh: &ActiveMesh) -> u32 {
-    (0..CLASSES).map(|c| event(mesh, mesh.pool().count(c) as u32) << c).sum()
+/// Units of work of a tick in which `contacts` points are held.
+pub fn of_tick(mesh: &ActiveMesh, contacts: usize) -> u32 {
+    let elements: u32 = (0..CLASSES).map(|c| event(mesh, mesh.pool().count(c) as u32) << c).sum();
+    elements + if contacts > 0 { CONTACT + POINT * contacts as u32 } else { 0 }
 }
 
 /// Element evaluations of a tick.
