@@ -5,8 +5,10 @@
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use palpate::contact::tool::{PoseSample, ToolEvent};
 use palpate::math::{Pose, Vec3};
-use palpate::model::element_kernel::{Path as KernelPath, add_forces};
-use palpate::model::skin;
+use palpate::model::active_set::Change;
+use palpate::model::element_kernel::{Path as KernelPath, Rates};
+use palpate::model::element_pool::CLASSES;
+use palpate::model::{ActiveMesh, Body, State};
 use palpate::scene::LoadedScene;
 use palpate::simulation::{Inputs, Simulation, Snapshot};
 use palpate::wire;
@@ -15,6 +17,18 @@ use std::hint::black_box;
 use std::path::Path;
 use std::sync::Arc;
 
+/// Elements of the body that the kernel runs on, at least.
+const ELEMENTS: usize = 20_000;
+
+fn load(overrides: &[&str]) -> LoadedScene {
+    let overrides: Vec<String> = overrides.iter().map(|s| (*s).to_owned()).collect();
+    LoadedScene::load(Path::new("liver"), &overrides).unwrap()
+}
+
+fn build(loaded: &LoadedScene) -> Arc<Body> {
+    Arc::new(loaded.build(&mut |_, _, _| {}).unwrap())
+}
+
 fn pose(sequence: u32, position: Vec3) -> Option<ToolEvent> {
     let zero = Vec3::zeros();
     let pose = Pose { position, ..Pose::default() };
@@ -22,28 +36,33 @@ fn pose(sequence: u32, position: Vec3) -> Option<ToolEvent> {
     Some(ToolEvent::Pose(sample))
 }
 
-fn hot_paths(c: &mut Criterion) {
-    let loaded = LoadedScene::load(Path::new("liver"), &["world.gravity=[0,0,0]".into()]).unwrap();
-    let body = Arc::new(loaded.build(&mut |_, _, _| {}).unwrap());
-    let level = body.level();
-    let elements = level.mesh.elements.len() as u64;
-    let position = level.mesh.nodes.clone();
-    let velocity = vec![Vec3::zeros(); position.len()];
-
-    let mut kernel = c.benchmark_group("element kernel");
-    kernel.throughput(Throughput::Elements(elements));
-    for path in KernelPath::available() {
-        let mut force = vec![[0.0; 4]; position.len()];
-        kernel.bench_function(format!("{path:?}"), |b| {
-            b.iter(|| add_forces(path, body.elements(), black_box(&position), &velocity, &mut force));
-        });
+/// All elements of the coarsest level that has enough of them, in one class of steps, a little strained.
+fn element_kernel(c: &mut Criterion) {
+    let mut group = c.benchmark_group("element kernel");
+    for damping_ratio in ["0.0", "0.15"] {
+        let body = build(&load(&[&format!("material.damping_ratio={damping_ratio}")]));
+        let level = (0..body.levels().len()).find(|r| body.elements_of(*r).len() >= ELEMENTS).unwrap();
+        let mut state = State::at_rest(&body, level);
+        let all = state.classes.concat();
+        let elements = all.len() as u64;
+        state.classes = vec![Vec::new(); CLASSES];
+        state.classes[0] = all;
+        let mut mesh = ActiveMesh::new(&body, &state, usize::MAX).unwrap();
+        mesh.change_motion(|_, x, _| *x *= 1.01);
+        let rates = Rates { volume: 0.1, shear: 0.1, decay: [0.98, 0.9], share: [0.2, 0.3] };
+        group.throughput(Throughput::Elements(elements));
+        for path in KernelPath::available() {
+            let name = format!("{path:?}, {} branches, {elements} elements", body.maxwell().len());
+            group.bench_function(name, |b| b.iter(|| mesh.add_forces(path, 0, black_box(&rates))));
+        }
     }
-    kernel.finish();
+    group.finish();
+}
 
-    let simulation = || {
-        let start = Snapshot::at_rest(&body, loaded.scene.tool.len());
-        Simulation::new(body.clone(), loaded.scene.settings(), start).unwrap()
-    };
+fn ticks(c: &mut Criterion) {
+    let loaded = load(&["world.gravity=[0,0,0]"]);
+    let body = build(&loaded);
+    let simulation = || Simulation::new(body.clone(), loaded.scene.settings(), loaded.scene.at_rest(&body)).unwrap();
     let top = body.surface().vertices.iter().copied().max_by(|a, b| a.z.total_cmp(&b.z)).unwrap();
     let radius = loaded.scene.tool[0].radius;
     let mut tick = c.benchmark_group("tick");
@@ -60,10 +79,14 @@ fn hot_paths(c: &mut Criterion) {
         inputs.tools[0] = pose(sequence, top + Vec3::new(0.0, 0.0, radius + height));
         simulation.advance(&inputs).tools[0].contact_points
     };
-    (0..300).for_each(|i| {
-        press(&mut touched, 0.01 - 6e-5 * f64::from(i));
+    (0..1000).for_each(|i| {
+        press(&mut touched, 0.01 - 6e-5 * f64::from(i.min(300)));
     });
     assert!(press(&mut touched, -0.008) > 0, "the bench touches");
+    let mesh = touched.mesh();
+    let counts = (mesh.pool().len(), mesh.set().count().to_vec(), mesh.interface().len());
+    println!("pressed: {} elements, {:?} active nodes by level, {} interface nodes", counts.0, counts.1, counts.2);
+    assert!(counts.1.iter().skip(1).any(|n| *n > 0), "the bench refines");
     tick.bench_function("pressed", |b| b.iter(|| press(&mut touched, -0.008)));
     let mut lapsing = simulation();
     let none = Inputs { budget: 0, ..Inputs::default() };
@@ -72,8 +95,10 @@ fn hot_paths(c: &mut Criterion) {
 
     let mut frame = c.benchmark_group("frame");
     let mut vertices = vec![Vec3::zeros(); body.surface().vertices.len()];
-    frame.bench_function("skin", |b| b.iter(|| skin::skin(level, black_box(&position), &mut vertices)));
-    frame.bench_function("state hash", |b| b.iter(|| touched.snapshot().hash()));
+    frame.bench_function("skin", |b| b.iter(|| black_box(touched.mesh()).skin(&mut vertices)));
+    frame.bench_function("state hash", |b| b.iter(|| touched.hash()));
+    let mut room = Snapshot::with_room(&body, touched.settings());
+    frame.bench_function("snapshot", |b| b.iter(|| touched.save_into(black_box(&mut room))));
     let outputs = touched.advance(&Inputs::default()).clone();
     let tools: Vec<_> = outputs.tools.iter().map(|t| t.state).collect();
     frame.bench_function("encode surface", |b| {
@@ -85,5 +110,25 @@ fn hot_paths(c: &mut Criterion) {
     frame.finish();
 }
 
-criterion_group!(benches, hot_paths);
+/// A family in the middle of the body is split and merged again.
+fn change_of_resolution(c: &mut Criterion) {
+    let body = build(&load(&[]));
+    let mut mesh = ActiveMesh::new(&body, &State::at_rest(&body, 0), usize::MAX).unwrap();
+    let centre = body.centre_of_mass();
+    let away = |n: &u32| (body.rest(*n) - centre).norm_squared();
+    let middle = body.nodes_of(0).min_by(|a, b| away(a).total_cmp(&away(b))).unwrap();
+    assert_eq!(mesh.set().first_needed(&body, middle), None);
+    let changed = mesh.apply(&body, &[Change::Split(middle)]);
+    assert!(mesh.set().may_merge(&body, middle));
+    mesh.apply(&body, &[Change::Merge(middle)]);
+    println!("split: {} children, {changed:?}", body.children(middle).len());
+    c.bench_function("split and merge of a family", |b| {
+        b.iter(|| {
+            mesh.apply(&body, &[Change::Split(middle)]);
+            mesh.apply(&body, &[Change::Merge(middle)])
+        });
+    });
+}
+
+criterion_group!(benches, element_kernel, ticks, change_of_resolution);
 criterion_main!(benches);

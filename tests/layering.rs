@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Module, and what it may use beside `math`.
-const MAY_USE: [(&str, &[&str]); 15] = [
+const MAY_USE: [(&str, &[&str]); 16] = [
     ("math", &[]),
     ("geometry", &[]),
     ("hierarchy", &["geometry"]),
@@ -19,7 +19,11 @@ const MAY_USE: [(&str, &[&str]); 15] = [
     ("offline", &["geometry", "model", "contact", "simulation", "scene"]),
     ("wire", &["model", "contact", "simulation"]),
     ("recording", &["model", "contact", "simulation", "scene", "wire"]),
-    ("realtime", &["model", "adaptation", "contact", "simulation"]),
+    (
+        "study",
+        &["geometry", "hierarchy", "model", "stepping", "adaptation", "contact", "simulation", "prepare", "scene", "offline"],
+    ),
+    ("realtime", &["model", "stepping", "adaptation", "contact", "simulation"]),
     ("server", &["model", "contact", "simulation", "scene", "wire", "recording", "realtime"]),
 ];
 
@@ -109,7 +113,7 @@ fn clients_know_no_server_and_nothing_that_only_linux_has() {
 fn the_core_reads_no_clock_file_environment_or_chance() {
     let src = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
     let mut files = vec![src.join("simulation.rs"), src.join("math.rs")];
-    for folder in ["model", "stepping", "contact"] {
+    for folder in ["model", "stepping", "adaptation", "contact"] {
         sources(&src.join(folder), &mut files);
     }
     for file in files {

@@ -12,7 +12,7 @@ use palpate::model::active_set::{ActiveSet, Change};
 use palpate::model::element_kernel::{Path, Rates};
 use palpate::model::element_pool::CLASSES;
 use palpate::model::energy::energy;
-use palpate::model::step_class::{TICK, TICK_CLASS, step_of};
+use palpate::model::step_class::{TICK, class_for, step_of};
 use palpate::model::{ActiveMesh, Body, Material, State};
 use palpate::prepare::{Recipe, Region, Shape, prepare};
 use palpate::stepping::step::{self, Workspace};
@@ -27,7 +27,7 @@ fn cube_of(cells: &[u32], material: Material, clamped: bool) -> Body {
         shape: Shape::Meshes(cells.iter().map(|n| box_mesh(Vec3::repeat(SIDE), [*n; 3])).collect()),
         material,
         holds: if clamped { vec![clamp] } else { vec![] },
-        maxwell: vec![],
+        damping_ratio: 0.0,
     };
     prepare(&recipe, &mut |_, _, _| {}).unwrap()
 }
@@ -42,7 +42,7 @@ fn at_rest(body: &Body, per_tick: u32) -> ActiveMesh {
     let mut state = State::at_rest(body, 0);
     let all = state.classes.concat();
     state.classes = vec![Vec::new(); CLASSES];
-    let class = TICK_CLASS + per_tick.trailing_zeros() as usize;
+    let class = class_for(TICK / Real::from(per_tick));
     assert_eq!(step_of(class) * Real::from(per_tick), TICK);
     state.classes[class] = all;
     ActiveMesh::new(body, &state, usize::MAX).unwrap()
@@ -196,7 +196,7 @@ fn trajectory_error(body: &Body, gravity: Real, traces: &[Trace], per_tick: u32)
     let last = traces.iter().flat_map(|t| t.1).map(|p| p.0).max().unwrap_or(0);
     let (mut worst, mut least_det) = (0.0 as Real, Real::INFINITY);
     for tick in 1..=last {
-        let extremes = step::tick(Path::best(), body, &mut mesh, &mut [], gravity, tick as u64 - 1, &mut work);
+        let extremes = step::tick(Path::best(), body, &mut mesh, &mut [], gravity, &mut work);
         least_det = least_det.min(extremes.det_f);
         for (node, points) in traces {
             for (_, value) in points.iter().filter(|p| p.0 == tick) {
@@ -244,7 +244,7 @@ fn a_clamped_cube_swings_as_the_reference_and_half_the_step_quarters_the_error()
     ];
     let errors: Vec<Real> = [2, 4, 8, 16].map(|n| trajectory_error(&body, 9.81, &traces, n).0).into();
     second_order("R2 n=2", &errors, 1e-9);
-    assert!(errors[3] < 2e-6);
+    assert!(errors[3] < 1e-6);
 }
 
 #[test]
@@ -326,8 +326,8 @@ fn a_free_spinning_cube_keeps_its_momentum_to_rounding_and_its_energy_to_the_ste
         assert!((e0 - 0.005).abs() < 1e-12);
         let mut work = Workspace::new(&mesh, 0);
         let (mut linear, mut angular, mut drift) = (0.0 as Real, 0.0 as Real, 0.0 as Real);
-        for ticks in 0..5000 {
-            step::tick(Path::best(), &body, &mut mesh, &mut [], Vec3::zeros(), ticks, &mut work);
+        for _ in 0..5000 {
+            step::tick(Path::best(), &body, &mut mesh, &mut [], Vec3::zeros(), &mut work);
             let (p, l, e) = momentum(&mesh);
             linear = linear.max((p - p0).norm());
             angular = angular.max((l - l0).norm());
@@ -338,7 +338,7 @@ fn a_free_spinning_cube_keeps_its_momentum_to_rounding_and_its_energy_to_the_ste
         drifts.push(drift);
     }
     // Second order, and far below the energy itself.
-    assert!(drifts[0] < 1e-3 * 0.005);
+    assert!(drifts[0] < 1e-5 * 0.005);
     assert!(drifts[1] < 0.3 * drifts[0] && drifts[2] < 0.3 * drifts[1], "{drifts:?}");
 }
 
@@ -422,8 +422,8 @@ fn viscosity_damps_the_lowest_mode_as_the_reference() {
                 };
                 let mut work = Workspace::new(&mesh, 0);
                 let mut track = vec![amplitude(&mesh)];
-                for ticks in 0..600 {
-                    step::tick(Path::best(), &body, &mut mesh, &mut [], Vec3::zeros(), ticks, &mut work);
+                for _ in 0..600 {
+                    step::tick(Path::best(), &body, &mut mesh, &mut [], Vec3::zeros(), &mut work);
                     track.push(amplitude(&mesh));
                 }
                 // Peaks by the parabola through three samples.
@@ -437,7 +437,7 @@ fn viscosity_damps_the_lowest_mode_as_the_reference() {
             })
             .into();
         println!("R6 ψ = {psi}: decrement errors {errors:?} as the step halves");
-        assert!(errors[2] < 2e-3 * log_decrement, "{errors:?}");
+        assert!(errors[2] < 2e-4 * log_decrement, "{errors:?}");
         for pair in errors.windows(2) {
             assert!(pair[1] < 0.6 * pair[0] || pair[1] < 5e-5, "{errors:?}");
         }

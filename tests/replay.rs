@@ -43,7 +43,17 @@ struct Cube {
 
 /// The bundled cube with its middle level moving, come to rest under gravity.
 fn cube() -> Cube {
-    let loaded = LoadedScene::load(Path::new("cube"), &["body.active_level=1".to_owned()]).unwrap();
+    cube_with(&["body.active_level=1"])
+}
+
+/// The same with all its levels, between which it adapts itself.
+fn adaptive_cube() -> Cube {
+    cube_with(&[])
+}
+
+fn cube_with(overrides: &[&str]) -> Cube {
+    let overrides: Vec<String> = overrides.iter().map(|s| (*s).to_owned()).collect();
+    let loaded = LoadedScene::load(Path::new("cube"), &overrides).unwrap();
     let body = Arc::new(loaded.build(&mut |_, _, _| {}).unwrap());
     let start = loaded.scene.settled(&body, &mut |_, _, _| {});
     Cube { loaded, body, start }
@@ -68,7 +78,7 @@ impl Cube {
             Ok::<(), Infallible>(())
         })
         .unwrap();
-        (forces, hashes, simulation.snapshot().hash())
+        (forces, hashes, simulation.hash())
     }
 
     /// Records the trajectory into `file`.
@@ -92,34 +102,37 @@ impl Cube {
 
 #[test]
 fn recorded_trajectories_give_their_forces_and_their_bits_again() {
-    let cube = cube();
     let hash_file = folder("regressions").join("hashes.txt");
     let mut hashes = String::new();
     let known = fs::read_to_string(&hash_file).unwrap_or_default();
-    for name in NAMES {
-        let trajectory = trajectory(name);
-        let (forces, frames, hash) = cube.run(KernelPath::best(), &trajectory);
-        writeln!(hashes, "{name} {hash:016x}").unwrap();
-        let trace_file = folder("trajectories").join(format!("{name}.force.csv"));
-        if writing() {
-            let mut text = String::from("tick,force_z_N\n");
-            for (i, f) in forces.iter().enumerate() {
-                writeln!(text, "{},{f:.6}", (i as u64 + 1) * TRACE).unwrap();
+    for (kind, cube) in [("", cube()), ("adaptive.", adaptive_cube())] {
+        for name in NAMES {
+            let trajectory = trajectory(name);
+            let (forces, frames, hash) = cube.run(KernelPath::best(), &trajectory);
+            writeln!(hashes, "{kind}{name} {hash:016x}").unwrap();
+            let trace_file = folder("trajectories").join(format!("{name}.{kind}force.csv"));
+            if writing() {
+                let mut text = String::from("tick,force_z_N\n");
+                for (i, f) in forces.iter().enumerate() {
+                    writeln!(text, "{},{f:.6}", (i as u64 + 1) * TRACE).unwrap();
+                }
+                fs::write(&trace_file, text).unwrap();
             }
-            fs::write(&trace_file, text).unwrap();
-        }
-        let trace = fs::read_to_string(&trace_file).unwrap();
-        let trace: Vec<f64> = trace.lines().skip(1).map(|l| l.split_once(',').unwrap().1.parse().unwrap()).collect();
-        assert_eq!(trace.len(), forces.len(), "{name}");
-        let peak = trace.iter().copied().fold(0.0, f64::max);
-        assert!(peak > 0.1, "{name} touches: {peak} N");
-        let worst = trace.iter().zip(&forces).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-        println!("{name}: peak {peak:.3} N, largest difference from the trace {worst:.6} N");
-        assert!(worst <= 0.03 * peak + 0.002, "{name}: {worst} N of {peak} N");
+            let trace = fs::read_to_string(&trace_file).unwrap();
+            let trace: Vec<f64> =
+                trace.lines().skip(1).map(|l| l.split_once(',').unwrap().1.parse().unwrap()).collect();
+            assert_eq!(trace.len(), forces.len(), "{kind}{name}");
+            let peak = trace.iter().copied().fold(0.0, f64::max);
+            assert!(peak > 0.1, "{kind}{name} touches: {peak} N");
+            let worst = trace.iter().zip(&forces).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            println!("{kind}{name}: peak {peak:.3} N, largest difference from the trace {worst:.6} N");
+            assert!(worst <= 0.03 * peak + 0.002, "{kind}{name}: {worst} N of {peak} N");
 
-        // The other forms of the kernel give the same bits at every frame.
-        for path in KernelPath::available() {
-            assert_eq!(cube.run(path, &trajectory), (forces.clone(), frames.clone(), hash), "{name} on {path:?}");
+            // The other forms of the kernel give the same bits at every frame.
+            for path in KernelPath::available() {
+                let again = cube.run(path, &trajectory);
+                assert_eq!(again, (forces.clone(), frames.clone(), hash), "{kind}{name} on {path:?}");
+            }
         }
     }
     if writing() {
@@ -133,7 +146,7 @@ fn recorded_trajectories_give_their_forces_and_their_bits_again() {
 
 #[test]
 fn a_recording_replays_identical_in_the_library_and_on_the_command_line() {
-    let cube = cube();
+    let cube = adaptive_cube();
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("tap.mcap");
     let ticks = cube.record(&trajectory("tap"), &file);

@@ -25,17 +25,17 @@ struct Running {
     folder: tempfile::TempDir,
 }
 
-/// A small cube, clamped at the bottom, with two ball tools.
+/// A small cube that adapts its resolution, clamped at the bottom, with two ball tools.
 fn serve() -> Running {
     let given = [
-        "body.cells=[[3,3,3],[4,4,4]]",
+        "body.cells=[[2,2,2],[4,4,4]]",
         "world.gravity=[0,0,0]",
         "tool=[{name=\"left\", radius=0.02}, {name=\"right\", radius=0.02}]",
     ]
     .map(String::from);
     let loaded = LoadedScene::load(Path::new("cube"), &given).unwrap();
     let body = Arc::new(loaded.build(&mut |_, _, _| {}).unwrap());
-    let start = palpate::simulation::Snapshot::at_rest(&body, 2);
+    let start = loaded.scene.at_rest(&body);
     let (force, surface) = free_endpoints();
     let folder = tempfile::tempdir().unwrap();
     let options = Options {
@@ -411,7 +411,7 @@ fn a_taken_port_is_named() {
     let given = ["body.cells=[[2,2,2]]", "world.settle=0"].map(String::from);
     let loaded = LoadedScene::load(Path::new("cube"), &given).unwrap();
     let body = Arc::new(loaded.build(&mut |_, _, _| {}).unwrap());
-    let start = palpate::simulation::Snapshot::at_rest(&body, 1);
+    let start = loaded.scene.at_rest(&body);
     let options = Options { force_endpoint: running.endpoints.force.clone(), ..Options::default() };
     let outcome = running.runtime.block_on(Server::start(loaded.scene, body, start, options));
     let e = outcome.err().unwrap().to_string();

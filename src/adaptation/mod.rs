@@ -66,7 +66,7 @@ const TOUCHED: Real = 2.0;
 /// Part of the budget that changes of resolution may take in one tick, one in this many, where that pays for a change.
 const UPKEEP_PART: u32 = 6;
 /// Part of the budget, in 1/16, up to which refinement fills it: the rest is for strains that shorten steps.
-const FILLED: u32 = 13;
+const FILLED: u32 = 11;
 
 /// What was done in one tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

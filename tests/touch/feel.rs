@@ -5,22 +5,25 @@ use super::*;
 // ---- What a press gives and takes ----
 
 /// A cube that nothing holds, under one tool.
-fn free_cube(shape: ToolShape) -> (Arc<Body>, Settings) {
+fn free_cube(shape: ToolShape) -> Setup {
     let elastic = Material::from_young(1e4, 0.35, 1000.0);
     let recipe = Recipe {
         name: "free".into(),
         shape: Shape::Meshes(vec![box_mesh(Vec3::repeat(SIDE), [4; 3])]),
         material: Material { phi: elastic.lambda * 1e-3, psi: elastic.mu * 1e-3, ..elastic },
         holds: vec![],
-        active_level: None,
+        damping_ratio: 0.0,
     };
     let settings = Settings {
         gravity: Vec3::zeros(),
         tools: vec![Tool { name: "tool".into(), shape }],
         following: Following { speed: 1.0, engage_ticks: 100 },
         limits: ForceLimits { force: 3.3, torque: 0.2, slew: 1000.0 },
+        adaptivity: None,
+        most_elements: usize::MAX,
     };
-    (Arc::new(prepare(&recipe, &mut |_, _, _| {}).unwrap()), settings)
+    let body = Arc::new(prepare(&recipe, &mut |_, _, _| {}).unwrap());
+    Setup { rest: Snapshot::at_rest(&body, 0, 1), body, settings }
 }
 
 /// Largest error of the momentum balance over any tick, against the largest momentum, and largest error of the
@@ -30,9 +33,9 @@ fn momentum_errors(shape: ToolShape, pose_at: impl Fn(Real) -> ToolEvent) -> (Re
     tick(&mut free, attach());
     let (mut worst, mut most_momentum, mut worst_lever, mut pushed) = (0.0 as Real, 0.0 as Real, 0.0 as Real, 0);
     for i in 0..400 {
-        let before = energy(free.body(), &free.snapshot().body, Vec3::zeros());
+        let before = energy(free.body(), free.mesh(), Vec3::zeros());
         let tool = tick(&mut free, pose_at(i as Real * TICK)).tools[0].state;
-        let after = energy(free.body(), &free.snapshot().body, Vec3::zeros());
+        let after = energy(free.body(), free.mesh(), Vec3::zeros());
         let given = tool.physical_force * TICK;
         worst = worst.max((after.linear_momentum - before.linear_momentum + given).norm());
         most_momentum = most_momentum.max(after.linear_momentum.norm());
@@ -41,7 +44,7 @@ fn momentum_errors(shape: ToolShape, pose_at: impl Fn(Real) -> ToolEvent) -> (Re
             let middle = (tool.previous.position + tool.pose.position) * 0.5;
             let moment = (tool.physical_torque + middle.cross(&tool.physical_force)) * TICK;
             let error = (after.angular_momentum - before.angular_momentum + moment).norm();
-            let way = free.snapshot().body.velocity.iter().map(|v| v.norm()).fold(0.0, Real::max) * TICK;
+            let way = fastest(&free) * TICK;
             worst_lever = worst_lever.max(error / given.norm() / way);
         }
     }
@@ -201,7 +204,7 @@ fn a_capsule_on_its_side_feels_its_force_in_its_middle() {
 fn overlap(simulation: &Simulation, centre: Vec3, radius: Real) -> Real {
     let body = simulation.body();
     let mut vertices = vec![Vec3::zeros(); body.surface().vertices.len()];
-    skin(body.level(), &simulation.snapshot().body.position, &mut vertices);
+    simulation.mesh().skin(&mut vertices);
     let at_rest = &body.surface().vertices;
     let top = |t: &&[u32; 3]| t.iter().all(|v| at_rest[*v as usize].z == SIDE);
     let (mut nearest, mut above) = (Real::INFINITY, 0.0);
@@ -231,7 +234,7 @@ fn between_vertices(body: &Body) -> Vec3 {
 fn a_thin_tip_between_vertices_is_felt_and_does_not_sink_through() {
     let radius = 1e-3;
     let cube = cube(&["tool.radius=0.001"]);
-    let middle = between_vertices(&cube.0);
+    let middle = between_vertices(&cube.body);
     let mut press = simulation(&cube);
     tick(&mut press, attach());
     let mut rows = Vec::new();
@@ -254,7 +257,7 @@ fn a_thin_tip_between_vertices_is_felt_and_does_not_sink_through() {
 fn a_thin_tip_that_slides_keeps_its_force() {
     for (radius, depth) in [(0.001, 0.001), (0.001, 0.003), (0.003, 0.003)] {
         let cube = cube(&[&format!("tool.radius={radius}"), "material.damping_time=0.01"]);
-        let start = between_vertices(&cube.0) - Vec3::new(0.0125, 0.0, 0.0);
+        let start = between_vertices(&cube.body) - Vec3::new(0.0125, 0.0, 0.0);
         let mut press = simulation(&cube);
         tick(&mut press, attach());
         let mut last = Vec3::zeros();
@@ -293,7 +296,7 @@ fn a_larger_ball_pushes_harder_at_the_same_depth_wherever_it_touches() {
             let mut press = simulation(&cube);
             tick(&mut press, attach());
             let forces = [0.002, 0.005].map(|depth| {
-                let start = press.snapshot().tools[0].pose.position.z;
+                let start = press.tools()[0].pose.position.z;
                 let above = if start > SIDE { start } else { SIDE + radius + 5e-4 };
                 let mut force = 0.0;
                 for i in 0..250 {

@@ -8,11 +8,11 @@ use palpate::geometry::primitives::box_mesh;
 use palpate::math::{Pose, Real, Vec3, is_finite, normalized_quaternion};
 use palpate::model::element_kernel;
 use palpate::model::energy::energy;
-use palpate::model::skin::skin;
 use palpate::model::{Body, Material};
 use palpate::prepare::{Recipe, Shape, prepare};
 use palpate::scene::LoadedScene;
 use palpate::simulation::{Inputs, Outputs, Settings, Simulation, Snapshot, TICK, TICKS_PER_FRAME};
+use palpate::stepping::work;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -27,17 +27,34 @@ const UPRIGHT: [Real; 4] = [0.0, 0.0, 0.0, 1.0];
 /// Turns a tool's own +z to +x.
 const ALONG_X: [Real; 4] = [0.0, std::f64::consts::FRAC_1_SQRT_2, 0.0, std::f64::consts::FRAC_1_SQRT_2];
 
-/// The bundled cube without gravity, held fast at its bottom; `overrides` as for `--set`.
-fn cube(overrides: &[&str]) -> (Arc<Body>, Settings) {
-    let small = ["body.cells=[[4,4,4],[8,8,8]]", "body.active_level=1", "world.gravity=[0,0,0]", "world.settle=0"];
-    let all: Vec<String> = small.iter().chain(overrides).map(|s| (*s).to_owned()).collect();
-    let loaded = LoadedScene::load(Path::new("cube"), &all).unwrap();
-    (Arc::new(loaded.build(&mut |_, _, _| {}).unwrap()), loaded.scene.settings())
+/// A body, what it is told, and how it starts.
+struct Setup {
+    body: Arc<Body>,
+    settings: Settings,
+    rest: Snapshot,
 }
 
-fn simulation((body, settings): &(Arc<Body>, Settings)) -> Simulation {
-    let rest = Snapshot::at_rest(body, settings.tools.len());
-    Simulation::new(body.clone(), settings.clone(), rest).unwrap()
+/// The bundled cube without gravity, held fast at its bottom, its finer level moving; `overrides` as for `--set`.
+fn cube(overrides: &[&str]) -> Setup {
+    let small = ["body.cells=[[4,4,4],[8,8,8]]", "body.active_level=1"];
+    scene(&small.iter().chain(overrides).copied().collect::<Vec<_>>())
+}
+
+/// The same with a coarser level, adapting itself between the three.
+fn adaptive_cube(overrides: &[&str]) -> Setup {
+    scene(&["body.cells=[[2,2,2],[4,4,4],[8,8,8]]"].iter().chain(overrides).copied().collect::<Vec<_>>())
+}
+
+fn scene(overrides: &[&str]) -> Setup {
+    let still = ["world.gravity=[0,0,0]", "world.settle=0"];
+    let all: Vec<String> = still.iter().chain(overrides).map(|s| (*s).to_owned()).collect();
+    let loaded = LoadedScene::load(Path::new("cube"), &all).unwrap();
+    let body = Arc::new(loaded.build(&mut |_, _, _| {}).unwrap());
+    Setup { settings: loaded.scene.settings(), rest: loaded.scene.at_rest(&body), body }
+}
+
+fn simulation(setup: &Setup) -> Simulation {
+    Simulation::new(setup.body.clone(), setup.settings.clone(), setup.rest.clone()).unwrap()
 }
 
 fn attach() -> ToolEvent {
@@ -77,7 +94,15 @@ fn ease(t: Real, from: Real, to: Real) -> Real {
     s * s * (3.0 - 2.0 * s)
 }
 
+/// How far the farthest active node is from where it is at rest [m].
 fn rest_distance(simulation: &Simulation) -> Real {
-    let rest = &simulation.body().level().mesh.nodes;
-    simulation.snapshot().body.position.iter().zip(rest).map(|(x, u)| (x - u).norm()).fold(0.0, Real::max)
+    let (body, mesh) = (simulation.body(), simulation.mesh());
+    mesh.active().iter().map(|s| (mesh.position(*s) - body.rest(mesh.node(*s))).norm()).fold(0.0, Real::max)
+}
+
+/// Speed of the fastest node [m/s].
+fn fastest(simulation: &Simulation) -> Real {
+    let mesh = simulation.mesh();
+    let speed = |s: &u32| mesh.motion.velocity[*s as usize].iter().map(|c| c * c).sum::<Real>().sqrt();
+    mesh.active().iter().map(speed).fold(0.0, Real::max)
 }

@@ -1,0 +1,89 @@
+//! The work budget: resolution gives way to it, the rate and the hand's safety never do.
+
+use super::*;
+use palpate::math::is_finite;
+use palpate::simulation::Outputs;
+
+fn hold(i: u64) -> Inputs {
+    if i == 0 {
+        return inputs(ATTACH);
+    }
+    let t = i as Real * TICK;
+    inputs(ball_at(Vec3::new(0.05, 0.05, SIDE + 0.01 - (-0.003 + 0.009 * ease(t, 0.0, 0.4)))))
+}
+
+#[test]
+fn a_budget_cut_tenfold_coarsens_and_no_tick_is_lost_or_too_dear() {
+    let mut cube = elastic_cube(2e4, true);
+    (cube.damping_ratio, cube.spacings) = (0.15, vec![0.060, 0.034, 0.020, 0.0115]);
+    let body = cube.body();
+    report(&body);
+    let mut settings = settings(Some(Adaptivity { split: 0.02, ..Adaptivity::default() }));
+    settings.limits = ForceLimits { force: 3.3, torque: 0.2, slew: 1000.0 };
+    let mut press = simulation(&body, &settings, uniform(&body, 0));
+    let active = |o: &Outputs| o.active.iter().sum::<u32>();
+
+    // What it takes when nothing is scarce.
+    (0..900).for_each(|i| {
+        press.advance(&hold(i));
+    });
+    let full = press.advance(&hold(900)).clone();
+    let (budget, before) = (full.plan.needed * 5 / 4, active(&full));
+    println!("{before} active, {} elements, {:?}; budget {budget}", full.elements, full.plan);
+
+    let (mut over, mut worst, mut fewest, mut still) = (0, 0, u32::MAX, 0);
+    let mut last = full.tools[0].state;
+    let mut physical = 0.0 as Real;
+    let mut recovered = 0;
+    for i in 901..3500 {
+        let allowed = if (1200..2200).contains(&i) { budget / 10 } else { budget };
+        let o = press.advance(&Inputs { budget: allowed, ..hold(i) });
+        assert_eq!(o.tick, i + 1, "no tick is lost");
+        assert!(!o.restored);
+        let spent = o.plan.taken + o.adapted.work;
+        if spent > allowed {
+            over += 1;
+            worst = worst.max(spent * 100 / allowed);
+        }
+        if (1200..2200).contains(&i) {
+            fewest = fewest.min(active(o));
+            still += u32::from(o.plan.taken < o.plan.needed);
+            if i % 200 == 0 || i < 1205 {
+                println!("tick {i}: {:?} of {allowed}, {:?}, {} active", o.plan, o.adapted, active(o));
+            }
+        }
+        let tool = o.tools[0].state;
+        assert!(is_finite(&tool.force) && is_finite(&tool.physical_force));
+        assert!((tool.force - last.force).norm() <= settings.limits.slew * TICK * (1.0 + 1e-9));
+        assert!(tool.force.norm() <= settings.limits.force * (1.0 + 1e-9));
+        physical = physical.max((tool.physical_force - last.physical_force).norm());
+        last = tool;
+        recovered = active(o);
+    }
+    println!(
+        "{over} ticks over the budget, by up to {worst} %; with a tenth {fewest} active at least and {still} ticks \
+         without a step; {recovered} active in the end; the force changes by up to {:.1} mN a tick",
+        physical * 1e3
+    );
+    assert!(fewest < before / 2, "resolution gives way");
+    assert!(recovered > before * 3 / 4, "and comes back");
+    // Standing still for longer than a fiftieth of a second could be felt as a stick.
+    assert!(still < 20, "{still} ticks without a step");
+    assert_eq!(over, 0, "{over} ticks took more than was allowed, up to {worst} % of it");
+}
+
+/// Room for elements is what a session is given, not a part of it: a press reaches the finest level on a small body, too.
+#[test]
+fn a_small_body_is_refined_as_far_as_a_large_one() {
+    for spacings in [vec![0.034, 0.021], vec![0.040, 0.024, 0.0145], vec![0.034, 0.020, 0.012]] {
+        let body = Cube { spacings, damping_ratio: 0.15, ..elastic_cube(1e4, true) }.body();
+        report(&body);
+        let mut press = simulation(&body, &settings(Some(Adaptivity::default())), uniform(&body, 0));
+        (0..800).for_each(|i| {
+            press.advance(&hold(i));
+        });
+        let count = press.mesh().set().count();
+        println!("active by level under the tool: {count:?}");
+        assert!(count[body.finest()] >= 8, "the contact is not on the finest level: {count:?}");
+    }
+}

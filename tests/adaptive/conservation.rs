@@ -1,0 +1,86 @@
+//! One energy for the whole body: without damping it stays, and a free body keeps its momenta, whatever is active.
+
+use super::*;
+use palpate::model::energy::energy;
+
+/// What an undamped run kept.
+struct Kept {
+    /// Largest change of the total energy over the largest that was exchanged.
+    energy: Real,
+    linear: Real,
+    angular: Real,
+    elements: usize,
+}
+
+/// `seconds` of the cube with the set `nodes`, from rest shape and a smooth motion.
+///
+/// The body is so soft that the fastest modes turn by a fraction of a radian in a tick: what is left of the step's own
+/// error (proportional to its square, and bounded) is then below what is asked.
+fn run(body: &Arc<Body>, nodes: Vec<u32>, held: bool, seconds: Real) -> Kept {
+    let mut free = simulation(body, &settings(None), nodes);
+    let centre = body.centre_of_mass();
+    free.mesh_mut().change_motion(|n, _, v| {
+        let d = body.rest(n) - centre;
+        *v = if held {
+            Vec3::new(0.0, 0.12, 0.04) * (body.rest(n).x / SIDE)
+        } else {
+            Vec3::new(0.1, 0.0, 0.05) + Vec3::new(0.6, -0.4, 0.7).cross(&d) + Vec3::new(d.x, -d.y, 0.0)
+        };
+    });
+    let before = energy(body, free.mesh(), Vec3::zeros());
+    // What the momenta are relative to: all of the motion, in whatever direction.
+    let scale = (2.0 * before.kinetic * body.mass()).sqrt();
+    let (mut drift, mut exchanged, mut linear, mut angular) = (0.0 as Real, 0.0 as Real, 0.0 as Real, 0.0 as Real);
+    for i in 0..(seconds / TICK) as u32 {
+        assert!(!free.advance(&Inputs::default()).restored, "tick {i}");
+        if i % 16 == 15 {
+            let now = energy(body, free.mesh(), Vec3::zeros());
+            exchanged = exchanged.max(now.elastic);
+            drift = drift.max((now.total() - before.total()).abs());
+            linear = linear.max((now.linear_momentum - before.linear_momentum).norm() / scale);
+            angular = angular.max((now.angular_momentum - before.angular_momentum).norm() / (scale * SIDE));
+        }
+    }
+    Kept { energy: drift / exchanged, linear, angular, elements: free.mesh().pool().len() }
+}
+
+fn thirty_sets(held: bool, most: Real) {
+    let body = elastic_cube(2e3, held).body();
+    report(&body);
+    let (mut worst, mut mean) = (Kept { energy: 0.0, linear: 0.0, angular: 0.0, elements: 0 }, 0.0);
+    let sets = seeds(30);
+    for seed in 0..sets {
+        let nodes = random_set(&body, &mut Random(seed));
+        let active = nodes.len();
+        // Every tenth for longer: what grows slowly shows there.
+        let kept = run(&body, nodes, held, if seed % 10 == 0 { 20.0 } else { 4.0 });
+        println!(
+            "set {seed}, {active} active nodes, {} elements: energy {:.1e}, momenta {:.1e} {:.1e}",
+            kept.elements, kept.energy, kept.linear, kept.angular
+        );
+        assert!(kept.elements > body.elements_of(0).len() / 2);
+        mean += kept.energy / sets as Real;
+        worst.energy = worst.energy.max(kept.energy);
+        worst.linear = worst.linear.max(kept.linear);
+        worst.angular = worst.angular.max(kept.angular);
+    }
+    println!(
+        "held {held}: energy within {:.2e} of what is exchanged (mean {mean:.2e}); momenta within {:.1e} and {:.1e}",
+        worst.energy, worst.linear, worst.angular
+    );
+    assert!(worst.energy < most, "energy changed by {:.2e} of what is exchanged", worst.energy);
+    if !held {
+        // Some 1e4 roundings of 1e-16 a second, of random sign.
+        assert!(worst.linear < 1e-11 && worst.angular < 1e-11, "{:.1e} {:.1e}", worst.linear, worst.angular);
+    }
+}
+
+#[test]
+fn thirty_random_sets_of_a_held_cube_keep_their_energy() {
+    thirty_sets(true, 1e-3);
+}
+
+#[test]
+fn thirty_random_sets_of_a_free_cube_keep_energy_and_momenta() {
+    thirty_sets(false, 2e-3);
+}

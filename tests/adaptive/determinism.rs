@@ -1,0 +1,97 @@
+//! A simulation that was saved and restored while its resolution changes goes on bit for bit.
+
+use super::*;
+use palpate::model::element_kernel::Path;
+
+/// Ticks that are compared after a restore.
+const COMPARED: u64 = 500;
+
+fn body(young: Real) -> Arc<Body> {
+    let mut cube = elastic_cube(young, true);
+    cube.damping_ratio = 0.15;
+    cube.spacings = vec![0.034, 0.020, 0.012];
+    cube.body()
+}
+
+/// As [`press_and_stroke`], but towards the face that springs hold, where they shorten steps, too.
+fn stroke_to_the_hold(i: u64) -> Inputs {
+    if i == 0 {
+        return inputs(ATTACH);
+    }
+    let t = i as Real * TICK;
+    let depth = -0.003 + 0.010 * ease(t, 0.0, 0.3);
+    let x = 0.035 - 0.033 * ease(t, 0.4, 1.0);
+    inputs(ball_at(Vec3::new(x, 0.05, SIDE + 0.01 - depth)))
+}
+
+/// What a tick says that must be the same.
+type Row = (u64, [u64; 6], u64, [u32; 4], bool);
+
+fn advance(simulation: &mut Simulation, script: fn(u64) -> Inputs, from: u64, ticks: u64) -> Vec<Row> {
+    let row = |i| {
+        let o = simulation.advance(&script(i));
+        let (f, t) = (o.tools[0].state.physical_force, o.tools[0].state.physical_torque);
+        let changes = o.adapted.splits + o.adapted.merges > 0;
+        let counts = [o.elements, o.element_evaluations, o.adapted.splits, o.adapted.merges];
+        let wrench = [f.x, f.y, f.z, t.x, t.y, t.z].map(Real::to_bits);
+        (o.tick, wrench, simulation.hash(), counts, changes)
+    };
+    (from..from + ticks).map(row).collect()
+}
+
+#[test]
+fn restored_at_any_moment_it_goes_on_bit_for_bit() {
+    restored_at_any_moment(press_and_stroke, 1e4);
+}
+
+#[test]
+fn restored_at_any_moment_near_a_hold_it_goes_on_bit_for_bit() {
+    restored_at_any_moment(stroke_to_the_hold, 3e4);
+}
+
+fn restored_at_any_moment(script: fn(u64) -> Inputs, young: Real) {
+    let body = body(young);
+    report(&body);
+    let settings = settings(Some(Adaptivity::default()));
+    let start = || simulation(&body, &settings, uniform(&body, 0));
+    let all = advance(&mut start(), script, 0, 1500);
+    let changing: Vec<u64> = (0..all.len() as u64).filter(|i| all[*i as usize].4).collect();
+    println!("{} of {} ticks change the resolution, at {:?} …", changing.len(), all.len(), &changing[..8]);
+    assert!(changing.len() > 30, "there is something to get wrong");
+
+    // Before the first change, right after changes while pressing, holding and stroking, and between changes.
+    let mut moments: Vec<u64> = changing.iter().map(|i| i + 1).filter(|i| *i <= 1000).step_by(5).collect();
+    moments.extend([3, 450, 1000]);
+    for &moment in &moments {
+        let mut half = start();
+        advance(&mut half, script, 0, moment);
+        let bytes = postcard::to_stdvec(&half.snapshot()).unwrap();
+        let snapshot: Snapshot = postcard::from_bytes(&bytes).unwrap();
+        assert_eq!(snapshot, half.snapshot(), "postcard");
+        for path in [Path::Portable, Path::best()] {
+            let mut restored =
+                Simulation::new(body.clone(), settings.clone(), snapshot.clone()).unwrap().with_path(path);
+            assert_eq!(restored.hash(), half.hash());
+            let rows = advance(&mut restored, script, moment, COMPARED);
+            for (row, expected) in rows.iter().zip(&all[moment as usize..]) {
+                assert_eq!(row, expected, "restored after {moment} ticks on {path:?}");
+            }
+        }
+        println!("restored after {moment} ticks ({:?} before): {COMPARED} ticks alike", all[moment as usize - 1].3);
+    }
+}
+
+#[test]
+fn every_path_of_the_kernel_gives_the_same_bits() {
+    let body = body(1e4);
+    let settings = settings(Some(Adaptivity::default()));
+    let run = |path| {
+        let mut pressed = simulation(&body, &settings, uniform(&body, 0)).with_path(path);
+        advance(&mut pressed, press_and_stroke, 0, 900)
+    };
+    let portable = run(Path::Portable);
+    for path in Path::available() {
+        assert!(run(path) == portable, "{path:?}");
+    }
+    println!("{:?}: {} ticks alike", Path::available(), portable.len());
+}
