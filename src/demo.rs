@@ -233,7 +233,7 @@ pub fn summary(s: &proto::Status) -> String {
         format!(
             "{} active nodes ({} by level), {} elements, {} evaluations, {} units of work per tick of {}; {} splits, {} merges",
             s.nodes,
-            by_level(&s),
+            by_level(s),
             s.elements,
             s.element_evaluations,
             s.work,
@@ -403,7 +403,7 @@ mod tests {
             "99.0",
             "1234.5",
             "205.0",
-            "777 nodes",
+            "active nodes 777",
             "3456 elements",
             "31.2 frames/s",
             "deadlines missed 3",

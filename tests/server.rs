@@ -28,7 +28,7 @@ struct Running {
 /// A small cube that adapts its resolution, clamped at the bottom, with two ball tools.
 fn serve() -> Running {
     let given = [
-        "body.cells=[[2,2,2],[4,4,4]]",
+        "body.cells=[[3,3,3],[5,5,5]]",
         "world.gravity=[0,0,0]",
         "tool=[{name=\"left\", radius=0.02}, {name=\"right\", radius=0.02}]",
     ]

@@ -111,7 +111,8 @@ pub fn detect(
     let (low, high) = touch.axis.window(shape.radius + MARGIN + work.longest_edge);
     work.near.clear();
     for (v, p) in on.vertices.iter().enumerate() {
-        let inside = (p.x >= low.x) & (p.x <= high.x) & (p.y >= low.y) & (p.y <= high.y) & (p.z >= low.z) & (p.z <= high.z);
+        let inside =
+            (p.x >= low.x) & (p.x <= high.x) & (p.y >= low.y) & (p.y <= high.y) & (p.z >= low.z) & (p.z <= high.z);
         if inside {
             work.near.push(v as u32);
         }
@@ -186,7 +187,8 @@ fn subgrid_compliance(on: &Touchable, stencil: &[(u32, Real)], area: Real) -> Re
     let material = on.body.material();
     let nu = material.poisson_ratio();
     // Each vertex hangs on a level of its own; after a change of resolution its spacing, too, fades over.
-    let spacing: Real = stencil.iter().map(|(v, w)| w * (on.mesh.attachment(*v).spacing + on.mesh.fade[*v as usize][3])).sum();
+    let spacing: Real =
+        stencil.iter().map(|(v, w)| w * (on.mesh.attachment(*v).spacing + on.mesh.fade[*v as usize][3])).sum();
     let cut = KAPPA * spacing;
     let s = (area / std::f64::consts::PI).sqrt();
     let mean = if s < cut { 2.0 / s - 1.0 / cut } else { cut / (s * s) };

@@ -1,6 +1,6 @@
 //! Safety of the hand: the rendered force is bounded, changes at a bounded rate, and rises and falls on ramps.
 
-use super::tool::{Phase, ToolState};
+use super::tool::{Phase, SETTLING_TICKS, ToolState};
 use super::wrench::Wrench;
 use crate::math::{Real, is_finite};
 
@@ -16,10 +16,10 @@ pub struct ForceLimits {
     pub slew: Real,
 }
 
-/// Part of the force by which it may change in a tick while the tool settles, and the least such change [N]: less than
-/// what a hand can tell.
-const SETTLING_CHANGE: Real = 0.05;
-const LEAST_SETTLING_CHANGE: Real = 0.01;
+/// Part of the force by which it may change in the first tick while the tool settles, and the least such change [N]; in
+/// the last it is five times as much, 5 % or 10 mN: less than what a hand can tell.
+const SETTLING_CHANGE: Real = 0.01;
+const LEAST_SETTLING_CHANGE: Real = 0.002;
 
 /// Why the rendered force differs from the physical one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -57,7 +57,9 @@ pub fn render(tool: &mut ToolState, physical: &Wrench, limits: &ForceLimits, tic
     let mut slew = limits.slew;
     if tool.settling > 0 {
         tool.settling -= 1;
-        slew = slew.min((SETTLING_CHANGE * tool.force.norm()).max(LEAST_SETTLING_CHANGE) / tick);
+        // Ever faster, so that nothing is left to catch up with in the end.
+        let faster = 1.0 + Real::from(SETTLING_TICKS - tool.settling.min(SETTLING_TICKS)) / 8.0;
+        slew = slew.min(faster * (SETTLING_CHANGE * tool.force.norm()).max(LEAST_SETTLING_CHANGE) / tick);
     }
     for (now, before, rate) in
         [(&mut force, tool.force, slew), (&mut torque, tool.torque, slew * limits.torque / limits.force)]

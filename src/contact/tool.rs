@@ -145,7 +145,7 @@ pub struct Following {
 }
 
 /// Ticks in which a change of resolution under a tool rings down.
-const SETTLING_TICKS: u32 = 32;
+pub const SETTLING_TICKS: u32 = 32;
 
 /// Fastest that an engaged tool turns [rad/s]: two turns a second is more than a wrist does.
 const MOST_TURN: Real = 12.0;

@@ -19,6 +19,9 @@ pub struct Level {
     pub node_mass: Vec<Real>,
     /// Smallest altitude of any element [m]: the Courant length.
     pub altitude: Real,
+    /// Least mass [kg] that an active node is given. At the rim of a cover a node may have next to none: whatever pushes
+    /// it, a tool or a spring, would throw it about. 0 on meshes that fill their body.
+    pub least_mass: Real,
     /// Density [kg/m³] with which the node masses sum to the body's mass: that of the material on a mesh that fills the
     /// body, a little more where elements were dropped.
     pub density: Real,
@@ -52,6 +55,15 @@ impl Level {
         let mut factor = 1.0;
         if let Some(mass) = mass {
             factor = mass / node_mass.iter().sum::<Real>();
+        }
+        let least_mass = if fraction.iter().any(|w| *w < 1.0) {
+            LEAST_MASS * factor * node_mass.iter().sum::<Real>() / node_mass.len() as Real
+        } else {
+            0.0
+        };
+        node_mass.iter_mut().for_each(|m| *m = (*m * factor).max(least_mass));
+        if let Some(mass) = mass {
+            let factor = mass / node_mass.iter().sum::<Real>();
             node_mass.iter_mut().for_each(|m| *m *= factor);
         }
         Self {
@@ -60,6 +72,7 @@ impl Level {
             fraction,
             node_mass,
             altitude,
+            least_mass,
             density: density * factor,
             stiffness_factor: 1.0,
             parent: Vec::new(),
@@ -68,13 +81,6 @@ impl Level {
             embedding: Vec::new(),
             fixed: Vec::new(),
         }
-    }
-
-    /// Least mass [kg] that a node is given. At the rim of a cover a node may have next to none: whatever pushes it, a tool
-    /// or a spring, would throw it about. Meshes that fill their body are left as they are.
-    pub fn least_mass(&self) -> Real {
-        let covers = self.fraction.iter().any(|w| *w < 1.0);
-        if covers { LEAST_MASS * self.node_mass.iter().sum::<Real>() / self.node_mass.len() as Real } else { 0.0 }
     }
 
     /// Volume inside the body [m³].
@@ -90,7 +96,7 @@ impl Level {
 }
 
 /// Least mass of a node over the mean of its level.
-const LEAST_MASS: Real = 0.2;
+const LEAST_MASS: Real = 0.1;
 
 /// Mean edge length of a mesh [m].
 pub fn mean_edge(mesh: &TetMesh) -> Real {

@@ -190,20 +190,18 @@ impl ActiveMesh {
                 rehung: Vec::with_capacity(vertices * body.levels().len()),
             },
         };
-        mesh.restore(body, state)?;
+        let set = ActiveSet::from_nodes(body, &state.nodes)
+            .ok_or_else(|| format!("the {} active nodes of the state do not cover the body once", state.nodes.len()))?;
+        mesh.check(body, &set, state)?;
+        mesh.restore(body, state);
         Ok(mesh)
     }
 
-    /// Takes over `state`, without allocating when it is of the same body. Everything that is not part of it follows
-    /// from it, bit for bit.
-    ///
-    /// # Errors
-    /// When the state does not fit the body; the mesh is then as it was.
-    pub fn restore(&mut self, body: &Body, state: &State) -> Result<(), String> {
-        let set = ActiveSet::from_nodes(body, &state.nodes)
-            .ok_or_else(|| format!("the {} active nodes of the state do not cover the body once", state.nodes.len()))?;
-        self.check(body, &set, state)?;
-        self.set = set;
+    /// Takes over `state`, from which a mesh of this body has been made before; allocates nothing. Everything that is not
+    /// part of it follows from it, bit for bit.
+    pub fn restore(&mut self, body: &Body, state: &State) {
+        let covers = self.set.assign(body, &state.nodes);
+        debug_assert!(covers, "a state is checked when a mesh is first made from it");
         self.pool.clear();
         self.slot.fill(NONE);
         self.active_vertices.fill(0);
@@ -264,7 +262,6 @@ impl ActiveMesh {
             }
         }
         self.revision.iter_mut().for_each(|r| *r = r.wrapping_add(1));
-        Ok(())
     }
 
     fn check(&self, body: &Body, set: &ActiveSet, state: &State) -> Result<(), String> {
@@ -273,7 +270,10 @@ impl ActiveMesh {
             return Err(format!("the state's arrays do not fit {nodes} active nodes and the body's surface"));
         }
         let calm = state.calm.len();
-        if state.classes.len() != CLASSES || (calm > 0 && calm != state.history.len()) || state.history.len() != state.classes.iter().map(Vec::len).sum::<usize>() {
+        if state.classes.len() != CLASSES
+            || (calm > 0 && calm != state.history.len())
+            || state.history.len() != state.classes.iter().map(Vec::len).sum::<usize>()
+        {
             return Err("the state's elements do not fit its step classes".into());
         }
         let elements = state.history.len();
@@ -636,7 +636,8 @@ impl ActiveMesh {
         let mut x = Vec3::zeros();
         let mut v = Vec3::zeros();
         let nodes = host.map(|h| (body.element(h.element), h.weights));
-        if let Some((nodes, weights)) = nodes.filter(|(nodes, _)| nodes.iter().all(|n| self.slot[*n as usize] != NONE)) {
+        if let Some((nodes, weights)) = nodes.filter(|(nodes, _)| nodes.iter().all(|n| self.slot[*n as usize] != NONE))
+        {
             for (node, w) in nodes.iter().zip(weights) {
                 let slot = self.slot[*node as usize];
                 x += vec3(&self.motion.position[slot as usize]) * w;
@@ -816,10 +817,8 @@ impl ActiveMesh {
             for host in [body.coarser_host(n), body.finer_host(n)].into_iter().flatten() {
                 if let Some(history) = self.pool.history(host.element) {
                     count += 1.0;
-                    for b in 0..2 {
-                        for c in 0..6 {
-                            sum[b][c] += history.branch[b][c];
-                        }
+                    for (to, from) in sum.iter_mut().flatten().zip(history.branch.iter().flatten()) {
+                        *to += from;
                     }
                 }
             }
@@ -866,6 +865,7 @@ impl ActiveMesh {
         for class in 0..CLASSES {
             self.work.elements.extend(self.pool.alarmed(class));
         }
+        self.pool.calm_down();
         for i in 0..self.work.elements.len() {
             self.reclass(body, self.work.elements[i]);
         }
@@ -1160,8 +1160,8 @@ impl ActiveMesh {
     }
 }
 
-/// Part of the fade of a place that is left after a tick: a time constant of 200 ms, slow enough for the eye.
-const FADE_KEPT: Real = 0.995;
+/// Part of the fade of a place that is left after a tick: a time constant of 285 ms, slow enough for the eye.
+const FADE_KEPT: Real = 0.9965;
 /// Part of the fade of a spacing that is left after a tick: 20 ms are slow enough for the hand, and a surface that was
 /// refined because a tool comes near must not feel as soft as the coarse one when it arrives.
 const SPACING_FADE_KEPT: Real = 0.95;

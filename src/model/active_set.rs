@@ -51,27 +51,35 @@ impl ActiveSet {
     /// The set whose active nodes are `nodes`; `None` unless they cover every part of the body exactly once.
     pub fn from_nodes(body: &Body, nodes: &[u32]) -> Option<Self> {
         let mut set = Self { status: vec![Status::Coarser; body.node_count()], count: vec![0; body.levels().len()] };
+        set.assign(body, nodes).then_some(set)
+    }
+
+    /// Makes `nodes` the active ones; false, and the set is of no use, unless they cover every part of the body exactly
+    /// once. Allocates nothing.
+    pub fn assign(&mut self, body: &Body, nodes: &[u32]) -> bool {
+        self.status.fill(Status::Coarser);
+        self.count.fill(0);
         for &n in nodes {
-            if n as usize >= set.status.len() || set.status[n as usize] != Status::Coarser {
-                return None;
+            if n as usize >= self.status.len() || self.status[n as usize] != Status::Coarser {
+                return false;
             }
-            set.status[n as usize] = Status::Active;
-            set.count[body.level_of(n)] += 1;
+            self.status[n as usize] = Status::Active;
+            self.count[body.level_of(n)] += 1;
             let mut above = body.parent(n);
-            while above != NONE && set.status[above as usize] != Status::Refined {
-                if set.status[above as usize] == Status::Active {
-                    return None;
+            while above != NONE && self.status[above as usize] != Status::Refined {
+                if self.status[above as usize] == Status::Active {
+                    return false;
                 }
-                set.status[above as usize] = Status::Refined;
+                self.status[above as usize] = Status::Refined;
                 above = body.parent(above);
             }
         }
-        let covered = |n: u32| match set.status(n) {
+        let covered = |n: u32| match self.status(n) {
             Status::Active => true,
-            Status::Refined => body.children(n).iter().all(|c| set.status(*c) != Status::Coarser),
+            Status::Refined => body.children(n).iter().all(|c| self.status(*c) != Status::Coarser),
             Status::Coarser => body.level_of(n) > 0,
         };
-        (0..body.node_count() as u32).all(covered).then_some(set)
+        (0..body.node_count() as u32).all(covered)
     }
 
     /// How the region of node `n` is represented.

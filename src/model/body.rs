@@ -71,7 +71,6 @@ pub struct Body {
     fixed: Vec<bool>,
     mass: Real,
     centre: Vec3,
-    least_mass: Vec<Real>,
     vertex_area: Vec<Real>,
     adjacency: Csr,
     bytes: Vec<u8>,
@@ -108,7 +107,12 @@ impl Body {
 
         let sums = |count: &dyn Fn(&Level) -> usize| {
             let mut sum = 0;
-            std::iter::once(0).chain(parts.levels.iter().map(|l| { sum += count(l) as u32; sum })).collect::<Vec<u32>>()
+            std::iter::once(0)
+                .chain(parts.levels.iter().map(|l| {
+                    sum += count(l) as u32;
+                    sum
+                }))
+                .collect::<Vec<u32>>()
         };
         let first_node = sums(&|l| l.mesh.nodes.len());
         let first_element = sums(&|l| l.mesh.elements.len());
@@ -141,7 +145,6 @@ impl Body {
             fixed,
             mass: finest.node_mass.iter().sum(),
             centre: finest.centre_of_mass(),
-            least_mass: parts.levels.iter().map(Level::least_mass).collect(),
             vertex_area: parts.surface.vertex_areas(),
             adjacency: Csr::new(
                 parts.surface.vertices.len(),
@@ -347,7 +350,7 @@ impl Body {
 
     /// Least mass of an active node of level `r` [kg].
     pub fn least_mass(&self, r: usize) -> Real {
-        self.least_mass[r]
+        self.level(r).least_mass
     }
 
     /// Centre of mass at rest [m], the same for every set of active nodes.

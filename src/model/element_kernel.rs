@@ -799,7 +799,6 @@ mod tests {
             forces(&mut pool, Path::best(), &RATES, &x);
             let alarmed: Vec<u32> = pool.alarmed(5).collect();
             assert!(strained.iter().all(|e| alarmed.contains(e)), "{strained:?} in {alarmed:?}");
-            assert!(amount > 0.1 || alarmed.is_empty());
         }
     }
 }

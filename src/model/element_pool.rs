@@ -257,6 +257,11 @@ impl ElementPool {
         self.alarmed[class].iter().flat_map(|b| self.owners[*b as usize]).filter(|e| *e != NONE)
     }
 
+    /// Forgets who is alarmed: what was found in one tick says nothing in the next.
+    pub fn calm_down(&mut self) {
+        self.alarmed.iter_mut().for_each(Vec::clear);
+    }
+
     /// Most elements in use at once.
     pub fn capacity(&self) -> usize {
         self.capacity

@@ -237,8 +237,8 @@ fn solve(a: [[Real; 4]; 4]) -> Option<[Real; 4]> {
     for i in 0..4 {
         for j in 0..=i {
             let mut s = a[i][j];
-            for k in 0..j {
-                s -= l[i][k] * l[j][k];
+            for (a, b) in l[i][..j].iter().zip(&l[j][..j]) {
+                s -= a * b;
             }
             if i == j {
                 #[expect(clippy::neg_cmp_op_on_partial_ord, reason = "NaN, too, must leave here")]

@@ -153,7 +153,6 @@ pub fn prepare(recipe: &Recipe, progress: &mut dyn FnMut(&str, usize, usize)) ->
 /// With `k = 4ζ` one branch of modulus `g = (k² + k√(k²+4))/2` and time `T = 1/(ω₁√(1+g))` damps ω₁ at ζ, the most that
 /// so small a modulus can. A second branch eight times as fast carries on where the first has faded.
 pub fn maxwell_branches(zeta: Real, slowest: Real) -> Vec<MaxwellBranch> {
-    #[expect(clippy::neg_cmp_op_on_partial_ord, reason = "NaN, too, gives none")]
     if !(zeta > 0.0 && slowest > 0.0) {
         return Vec::new();
     }
@@ -161,7 +160,11 @@ pub fn maxwell_branches(zeta: Real, slowest: Real) -> Vec<MaxwellBranch> {
     let first = (k * k + k * (k * k + 4.0).sqrt()) / 2.0;
     let time = 1.0 / (slowest * (1.0 + first).sqrt());
     let branch = |modulus: Real, time: Real| MaxwellBranch { modulus, time };
-    if zeta > 0.2 { vec![branch(first, time)] } else { vec![branch(first * 0.65, time), branch(first * 1.35, time / 8.0)] }
+    if zeta > 0.2 {
+        vec![branch(first, time)]
+    } else {
+        vec![branch(first * 0.65, time), branch(first * 1.35, time / 8.0)]
+    }
 }
 
 /// Four lattice constants [m], coarse to fine, 1.7 apart: the coarsest makes about 200 nodes (2 per a³).

@@ -2,10 +2,10 @@
 //!
 //! No side ever waits for another. A full ring is an ordinary answer: the entry is dropped and counted.
 
+use crate::adaptation::Adapted;
 use crate::contact::tool::{MOST_TOOLS, PoseSample, ToolState};
 use crate::math::Vec3;
-use crate::adaptation::Adapted;
-use crate::simulation::{MOST_LEVELS, Plan, Inputs, Snapshot, TickFlags, ToolOutput};
+use crate::simulation::{Inputs, MOST_LEVELS, Plan, Snapshot, TickFlags, ToolOutput};
 use rustix::event::{EventfdFlags, eventfd};
 use rustix::fd::OwnedFd;
 use std::sync::Arc;

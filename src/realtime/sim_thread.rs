@@ -5,8 +5,8 @@ use super::governor::Governor;
 use super::mailbox::{Command, Frame, RecordTap, RecordedTick, SimulationEnds, TickReport, TickTiming};
 use super::pacer::{Begin, Pacer};
 use crate::contact::tool::{MOST_TOOLS, ToolEvent};
-use crate::stepping::work;
 use crate::simulation::{Inputs, Outputs, Simulation, TICKS_PER_FRAME, ToolOutput};
+use crate::stepping::work;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Everything that the thread owns.

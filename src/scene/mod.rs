@@ -77,6 +77,18 @@ pub enum SceneError {
         /// What is missing, with an example.
         needs: &'static str,
     },
+    /// A level that the body does not have.
+    #[error("{origin}: {key} is {level}, but the body has the levels 0 to {last}")]
+    NoSuchLevel {
+        /// File or bundled scene.
+        origin: String,
+        /// The key.
+        key: &'static str,
+        /// Level asked for.
+        level: u32,
+        /// Finest level.
+        last: usize,
+    },
     /// Shapes and parameters that make no body.
     #[error("{origin}: {source}")]
     Prepare {
@@ -147,8 +159,16 @@ impl LoadedScene {
             holds: self.scene.hold.iter().map(|h| h.region(bounds)).collect(),
             damping_ratio: self.scene.material.damping_ratio,
         };
-        prepare::prepare(&recipe, progress)
-            .map_err(|source| SceneError::Prepare { origin: self.origin.clone(), source: Box::new(source) })
+        let body = prepare::prepare(&recipe, progress)
+            .map_err(|source| SceneError::Prepare { origin: self.origin.clone(), source: Box::new(source) })?;
+        let keys =
+            [("active_level", self.scene.body.active_level), ("finest_level", self.scene.resolution.finest_level)];
+        for (key, level) in keys {
+            if let Some(level) = level.filter(|r| *r as usize > body.finest()) {
+                return Err(SceneError::NoSuchLevel { origin: self.origin.clone(), key, level, last: body.finest() });
+            }
+        }
+        Ok(body)
     }
 
     fn shape(&self) -> Result<prepare::Shape, SceneError> {

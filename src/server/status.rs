@@ -193,7 +193,8 @@ fn compose(shared: &Shared, sums: &Sums, second: &Second, dropped: &Dropped) -> 
             .collect(),
         recording: shared.recorder.status(),
         scheduling: shared.scheduling.clone(),
-        active_nodes: last.map_or(vec![], |t| t.active[..shared.body.levels().len()].iter().map(|n| u64::from(*n)).collect()),
+        active_nodes: last
+            .map_or(vec![], |t| t.active[..shared.body.levels().len()].iter().map(|n| u64::from(*n)).collect()),
         splits: sums.splits,
         merges: sums.merges,
         work: last.map_or(0, |t| u64::from(t.plan.taken + t.adapted.work)),

@@ -25,13 +25,7 @@ pub struct Prepared {
 
 /// Changes the velocities so that no surface point ends the sub-step inside a tool, and leaves each point's
 /// multiplier [N] in `constraint.multiplier`. `end` [s]: end of the sub-step, from the start of the tick.
-pub fn solve(
-    mesh: &mut ActiveMesh,
-    constraints: &mut [Constraint],
-    prepared: &mut [Prepared],
-    step: Real,
-    end: Real,
-) {
+pub fn solve(mesh: &mut ActiveMesh, constraints: &mut [Constraint], prepared: &mut [Prepared], step: Real, end: Real) {
     let motion = &mut mesh.motion;
     let inverse_mass = &motion.inverse_mass;
     for (c, p) in constraints.iter_mut().zip(prepared.iter_mut()) {

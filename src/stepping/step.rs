@@ -45,9 +45,7 @@ impl Workspace {
         Self {
             time: vec![0.0; slots],
             prepared: vec![Prepared::default(); constraints],
-            concerned: (0..CLASSES)
-                .map(|_| Concerned { active: list(), interface: list(), revision: None })
-                .collect(),
+            concerned: (0..CLASSES).map(|_| Concerned { active: list(), interface: list(), revision: None }).collect(),
             stamp: vec![0; slots],
             turn: 0,
             contact_nodes: list(),

@@ -3,9 +3,9 @@
 //! One unit is one element evaluation. The other weights are costs relative to it as the benchmarks measure them; the
 //! governor turns units into time.
 
+use crate::model::element_pool::CLASSES;
 use crate::model::step_class::{self, Strained};
 use crate::model::{ActiveMesh, Body};
-use crate::model::element_pool::CLASSES;
 
 /// An entry of an interface row, placed and handed back once, in 1/16 units.
 const ROW_ENTRY: u32 = 4;
@@ -54,5 +54,5 @@ pub fn floor(body: &Body) -> u32 {
         1u32 << step_class::class_for(step)
     };
     let elements: u32 = body.elements_of(0).map(one).sum();
-    2 * elements + body.nodes_of(0).len() as u32 + BATCH_UPKEEP + 2 * CHANGE_UPKEEP
+    2 * elements + body.nodes_of(0).len() as u32 + CONTACT + 32 * POINT + BATCH_UPKEEP + CHANGE_UPKEEP
 }

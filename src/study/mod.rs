@@ -52,9 +52,17 @@ pub const STUDIES: [Study; 9] = [
     Study { name: "patch", about: "interface patch test: four kinds of weights", work: compare::patch_tests },
     Study { name: "steps", about: "steps per node and the filter of eq. 10 and 11", work: printed::steps },
     Study { name: "adaptive", about: "splitting and merging by eq. 9, as printed", work: printed::adaptive },
-    Study { name: "speed", about: "error of the tool force against cost, adaptive against uniform", work: touch::speed },
+    Study {
+        name: "speed",
+        about: "error of the tool force against cost, adaptive against uniform",
+        work: touch::speed,
+    },
     Study { name: "overload", about: "the work budget cut tenfold in a press", work: touch::overload },
-    Study { name: "figure8", about: "figure 8 of the paper: soft to stiff, coloured by level", work: touch::stiffnesses },
+    Study {
+        name: "figure8",
+        about: "figure 8 of the paper: soft to stiff, coloured by level",
+        work: touch::stiffnesses,
+    },
 ];
 
 /// Why a study did not run.

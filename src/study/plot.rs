@@ -116,13 +116,7 @@ pub const LEVELS: [RGBColor; 5] = [
 ];
 
 /// Writes `name.png` with the `shapes`, `columns` in a row, each triangle in the colour of its level.
-pub fn coloured(
-    out: &Path,
-    name: &str,
-    title: &str,
-    shapes: &[(Shape, Vec<usize>)],
-    columns: usize,
-) -> Result<()> {
+pub fn coloured(out: &Path, name: &str, title: &str, shapes: &[(Shape, Vec<usize>)], columns: usize) -> Result<()> {
     let rows = shapes.len().div_ceil(columns);
     let (width, height) = (560 * columns as u32, 400 * rows as u32);
     picture(&out.join(format!("{name}.png")), width, HEAD + height, |area| {
@@ -134,7 +128,12 @@ pub fn coloured(
             let low = all().fold(Vec3::repeat(Real::INFINITY), |a, v| a.inf(v));
             let high = all().fold(Vec3::repeat(Real::NEG_INFINITY), |a, v| a.sup(v));
             // From the front, well above, so that the place that is pressed shows.
-            let view = View::new(Vec3::new(0.15, -0.75, 0.75), 0.5 * (low + high), Real::from(w) / (1.25 * (high - low).norm()), (w, h));
+            let view = View::new(
+                Vec3::new(0.15, -0.75, 0.75),
+                0.5 * (low + high),
+                Real::from(w) / (1.25 * (high - low).norm()),
+                (w, h),
+            );
             let most = levels.iter().copied().max().unwrap_or(0);
             draw_triangles(cell, shape, &view, |t| LEVELS[levels[t].min(LEVELS.len() - 1)])?;
             for level in 0..=most {

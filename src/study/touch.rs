@@ -224,8 +224,16 @@ pub fn speed(out: &Path, progress: Progress) -> Result<String> {
     };
     let panels = [chart("against one global step", global), chart("against steps per element", local)];
     charts(out, "speed", "Speed-up at equal accuracy: press and stroke", &panels)?;
-    let header =
-        ["case", "finest nodes", "run", "elements", "error %", "evaluations, global", "evaluations, local", "wall time"];
+    let header = [
+        "case",
+        "finest nodes",
+        "run",
+        "elements",
+        "error %",
+        "evaluations, global",
+        "evaluations, local",
+        "wall time",
+    ];
     table(out, "speed-table", &header, &rows)
 }
 
@@ -236,7 +244,8 @@ const BUDGET: [u32; 3] = [120_000, 12_000, 120_000];
 pub fn overload(out: &Path, progress: Progress) -> Result<String> {
     progress("a press with the budget cut tenfold");
     let on = organ_stroke(&[0.026, 0.015, 0.0085, 0.005], 5e3)?;
-    let mut simulation = begin(&on.body, settings(on.radius, Some(Adaptivity { reach: 3.0, ..Adaptivity::default() })), 0)?;
+    let mut simulation =
+        begin(&on.body, settings(on.radius, Some(Adaptivity { reach: 3.0, ..Adaptivity::default() })), 0)?;
     let (mut force, mut rendered, mut nodes) = (Vec::new(), Vec::new(), Vec::new());
     let (mut needed, mut budget) = (Vec::new(), Vec::new());
     let (mut stood, mut overspent, mut longest, mut now) = (0u32, 0u32, 0u32, 0u32);
@@ -321,8 +330,15 @@ pub fn stiffnesses(out: &Path, progress: Progress) -> Result<String> {
         }
     }
     coloured(out, "figure8", "Pressed 10 mm: from very soft to stiff, coloured by level of detail", &pictures, 3)?;
-    let header =
-        ["mu [Pa]", "finest level used", "active nodes by level", "elements", "evaluations", "peak force [N]", "restored"];
+    let header = [
+        "mu [Pa]",
+        "finest level used",
+        "active nodes by level",
+        "elements",
+        "evaluations",
+        "peak force [N]",
+        "restored",
+    ];
     table(out, "figure8-table", &header, &rows)
 }
 

@@ -40,9 +40,9 @@ fn cube(overrides: &[&str]) -> Setup {
     scene(&small.iter().chain(overrides).copied().collect::<Vec<_>>())
 }
 
-/// The same with a coarser level, adapting itself between the three.
+/// The same with three levels, adapting itself between them. Their nodes do not coincide, as on no real body.
 fn adaptive_cube(overrides: &[&str]) -> Setup {
-    scene(&["body.cells=[[2,2,2],[4,4,4],[8,8,8]]"].iter().chain(overrides).copied().collect::<Vec<_>>())
+    scene(&["body.cells=[[3,3,3],[5,5,5],[9,9,9]]"].iter().chain(overrides).copied().collect::<Vec<_>>())
 }
 
 fn scene(overrides: &[&str]) -> Setup {
