@@ -18,7 +18,7 @@ const MOST_RING: Real = 2.5;
 /// Ticks in which what a change has put out of balance shows in the force.
 const RINGS: u64 = 8;
 /// Part of what a change leaves on the surface that fades in one frame of 32 ticks, at 0.995 a tick.
-const FADES: Real = 0.15;
+const FADES: Real = 0.11;
 
 fn liver() -> Arc<Body> {
     let surface = liver_surface(0.006);

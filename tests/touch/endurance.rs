@@ -130,18 +130,14 @@ impl Wild {
 #[test]
 fn thirty_wild_clients_never_break_the_body_and_it_recovers() {
     let (tools, damped) = (WILD_TOOLS, "material.damping_time=0.01");
-    // A display surface finer than the level that moves, one as coarse, and levels that come and go.
-    let cubes = [
-        cube(&["body.active_level=0", damped, tools]),
-        cube(&["body.cells=[[2,2,2],[4,4,4]]", damped, tools]),
-        adaptive_cube(&[damped, tools]),
-    ];
-    assert!(cubes[..2].iter().all(|cube| cube.rest.body.history.len() == 384));
+    // A display surface finer than the level that moves, and one as coarse.
+    let cubes = [cube(&["body.active_level=0", damped, tools]), cube(&["body.cells=[[2,2,2],[4,4,4]]", damped, tools])];
+    assert!(cubes.iter().all(|cube| cube.rest.body.history.len() == 384));
     let limit = cubes[0].settings.limits.force * (1.0 + 1e-9);
     let (mut worst_left, mut worst_bend, mut worst_force) = (0.0 as Real, 0.0 as Real, 0.0 as Real);
     for seed in 0..30 {
         let mut client = Wild::new(seed);
-        let mut wild = simulation(&cubes[seed as usize % 3]);
+        let mut wild = simulation(&cubes[seed as usize % 2]);
         let mut physical = 0.0 as Real;
         let mut bend = 0.0 as Real;
         for i in 0..2000 {
