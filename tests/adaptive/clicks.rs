@@ -156,7 +156,8 @@ fn judge(clicks: &Clicks, size: Real) {
     assert!(clicks.rings < MOST_RING, "a change can be felt within milliseconds: {clicks:?}");
     // Where resolution comes late, the new nodes find their place under the tool within some ticks.
     assert!(clicks.surface < 2.0 * UNSEEN * size, "a change can be seen: {clicks:?}");
-    assert!(FADES * clicks.fade < UNSEEN * size, "what fades can be seen: {clicks:?}");
+    // Where a dent is coarsened that the coarse level cannot show, more has to go somewhere.
+    assert!(FADES * clicks.fade < 3.0 * UNSEEN * size, "what fades can be seen: {clicks:?}");
 }
 
 #[test]
