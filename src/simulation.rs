@@ -5,7 +5,7 @@
 //! the simulation is built. Nothing but [`Inputs`] enters a tick, nothing but [`Outputs`] leaves it, and a
 //! [`Snapshot`] is all that it carries over: restored, the same inputs give the same bits.
 
-use crate::adaptation::{self, Adaptivity, Focus};
+use crate::adaptation::{self, Adaptivity, Focus, Means};
 use crate::contact::detection::{self, Touchable};
 use crate::contact::safety::{self, ForceLimits, Limited};
 use crate::contact::tool::{Following, MOST_POINTS, MOST_TOOLS, Phase, Tool, ToolEvent, ToolState};
@@ -64,6 +64,9 @@ impl Default for Inputs {
 pub struct Snapshot {
     /// Ticks since the start of the session.
     pub tick: u64,
+    /// Units of work that ticks in which the body stood still have left over, or that a change of resolution took beyond
+    /// the budget (negative).
+    pub credit: i64,
     /// Motion of the body.
     pub body: State,
     /// Each tool, by id.
@@ -82,6 +85,7 @@ impl Snapshot {
     pub fn with_state(state: State, tools: usize) -> Self {
         Self {
             tick: 0,
+            credit: 0,
             body: state,
             tools: vec![ToolState::default(); tools],
             points: (0..tools).map(|_| Vec::with_capacity(MOST_POINTS)).collect(),
@@ -170,6 +174,7 @@ pub struct Simulation {
     settings: Settings,
     path: Path,
     tick: u64,
+    credit: i64,
     mesh: ActiveMesh,
     tools: Vec<ToolState>,
     points: Vec<Vec<PointMemory>>,
@@ -203,6 +208,7 @@ impl Simulation {
         Ok(Self {
             path: Path::best(),
             tick: start.tick,
+            credit: start.credit,
             tools: start.tools,
             points,
             vertices: vec![Vec3::zeros(); vertices],
@@ -290,6 +296,7 @@ impl Simulation {
     /// Saves what [`Simulation::snapshot`] gives without allocating; `snapshot` was made by [`Snapshot::with_room`].
     pub fn save_into(&self, snapshot: &mut Snapshot) {
         snapshot.tick = self.tick;
+        snapshot.credit = self.credit;
         self.mesh.save_into(&mut snapshot.body);
         snapshot.tools.copy_from_slice(&self.tools);
         for (to, from) in snapshot.points.iter_mut().zip(&self.points) {
@@ -380,8 +387,10 @@ impl Simulation {
             }
             let (body, mesh) = (&self.body, &mut self.mesh);
             let contacts = self.points.iter().map(Vec::len).sum();
+            let allowed = (i64::from(budget) + self.credit).clamp(0, i64::from(u32::MAX)) as u32;
+            let means = Means { budget, allowed, contacts };
             self.outputs.adapted =
-                adaptation::adapt(body, mesh, adaptivity, (&self.focus, contacts), budget, ticks, &mut self.adaptation);
+                adaptation::adapt(body, mesh, adaptivity, &self.focus, &means, ticks, &mut self.adaptation);
             if self.outputs.adapted.work > 0 {
                 self.settle_tools();
             }
@@ -431,8 +440,11 @@ impl Simulation {
 
     fn step(&mut self, budget: u32) {
         let needed = work::of_tick(&self.mesh, self.constraints.len());
-        let left = budget.saturating_sub(self.outputs.adapted.work);
-        let moves = needed <= left;
+        // A body that takes more than a tick affords saves up for it, and moves every few ticks.
+        let left = i64::from(budget) + self.credit - i64::from(self.outputs.adapted.work);
+        let moves = i64::from(needed) <= left && !self.outputs.adapted.saving;
+        // What is left of a tick in which the body moves is lost, what was saved before is not.
+        self.credit = if moves { (left - i64::from(needed)).min(self.credit.max(0)) } else { left };
         self.outputs.plan = Plan { needed, taken: if moves { needed } else { 0 } };
         self.outputs.element_evaluations = 0;
         if moves {

@@ -65,6 +65,8 @@ const STAY: Real = 1.3;
 const TOUCHED: Real = 2.0;
 /// Part of the budget that changes of resolution may take in one tick, one in this many, where that pays for a change.
 const UPKEEP_PART: u32 = 6;
+/// Units of work of one merge among many, which share the rows that they make.
+const SHED_UPKEEP: u32 = 1_500;
 /// Part of the budget, in 1/16, up to which refinement fills it: the rest is for strains that shorten steps.
 const FILLED: u32 = 11;
 
@@ -77,6 +79,8 @@ pub struct Adapted {
     pub merges: u32,
     /// Units of work it took.
     pub work: u32,
+    /// The body is to stand still and save up for the next change.
+    pub saving: bool,
 }
 
 /// Memory that decisions need and no one keeps.
@@ -102,19 +106,11 @@ impl Workspace {
             finest: adaptivity.finest.min(finest_steppable(body)),
         }
     }
-
-    /// Finest level that can be stepped and is allowed.
-    pub fn finest(&self) -> usize {
-        self.finest
-    }
 }
 
 /// Class of the longest stable step of level `r` at rest, or `None` when even the shortest class is too long.
 pub fn class_at_rest(body: &Body, r: usize) -> Option<usize> {
-    let stiffest = body
-        .elements_of(r)
-        .map(|e| step_class::omega_squared(body, e) * step_class::instantaneous(body, e))
-        .fold(0.0, Real::max);
+    let stiffest = body.elements_of(r).map(|e| step_class::omega_squared(body, e)).fold(0.0, Real::max);
     let step = step_class::stable_step(stiffest, Strained::REST, body.damping_time(), 0.0);
     (step >= step_class::step_of(CLASSES - 1)).then(|| step_class::class_for(step))
 }
@@ -124,14 +120,24 @@ pub fn finest_steppable(body: &Body) -> usize {
     (0..body.levels().len()).take_while(|r| *r == 0 || class_at_rest(body, *r).is_some()).last().unwrap_or(0)
 }
 
-/// Decides what to change after `ticks` completed ticks, with tools in `focus` and `contacts` points held, and has it
-/// done.
+/// What may be spent.
+#[derive(Clone, Copy, Debug)]
+pub struct Means {
+    /// Units of work that a tick may take.
+    pub budget: u32,
+    /// Units that this one may take: less after one that took more, more after some in which the body stood still.
+    pub allowed: u32,
+    /// Contact points that are held.
+    pub contacts: usize,
+}
+
+/// Decides what to change after `ticks` completed ticks, with tools in `focus`, and has it done.
 pub fn adapt(
     body: &Body,
     mesh: &mut ActiveMesh,
     adaptivity: &Adaptivity,
-    (focus, contacts): (&[Focus], usize),
-    budget: u32,
+    focus: &[Focus],
+    means: &Means,
     ticks: u64,
     work: &mut Workspace,
 ) -> Adapted {
@@ -141,23 +147,27 @@ pub fn adapt(
     work.wanted.clear();
     work.spare.clear();
     work.changes.clear();
-    let load = work::of_tick(mesh, contacts);
+    let (budget, load) = (means.budget, work::of_tick(mesh, means.contacts));
     let full = (u64::from(budget) * u64::from(FILLED) / 16) as u32;
     let look = Look { body, adaptivity, focus };
     if load > budget {
-        // The body cannot move this tick: all of it goes into shedding. After a deep cut that is as much as ticks took
-        // until now, so that the body soon moves again.
+        // Before it moves again the body sheds what is too much, in batches as large as may be: they share the rows that
+        // they make, so few large ones take less than many small ones, even if they have to be saved up for.
         look.spare_families(mesh, 0, 1, Real::INFINITY, &mut work.spare);
-        plan_merges(body, mesh, most_changes(load).max(1), load - full, work);
+        plan_merges(body, mesh, MOST_CHANGES, load - full, work);
+        let needed = BATCH_UPKEEP + SHED_UPKEEP * work.changes.len() as u32;
+        if !work.changes.is_empty() && needed > means.allowed {
+            return Adapted { saving: true, ..Adapted::default() };
+        }
     } else {
-        let upkeep = (budget - load).min((budget / UPKEEP_PART).max(BATCH_UPKEEP + CHANGE_UPKEEP));
+        let upkeep = means.allowed.saturating_sub(load).min((budget / UPKEEP_PART).max(BATCH_UPKEEP + CHANGE_UPKEEP));
         look.wanted_nodes(mesh, ticks, work.finest, &mut work.wanted);
-        plan_splits(&look, mesh, most_changes(upkeep), full.saturating_sub(load), work);
+        plan_splits(&look, mesh, most_changes(upkeep, CHANGE_UPKEEP), full.saturating_sub(load), work);
         if work.changes.is_empty() {
             // What is wanted and does not fit may take the place of what is worth less.
             let limit = work.wanted.first().map_or(adaptivity.merge, |w| 0.5 * w.0);
             look.spare_families(mesh, ticks % INDICATOR_TICKS, INDICATOR_TICKS, limit, &mut work.spare);
-            plan_merges(body, mesh, most_changes(upkeep), u32::MAX, work);
+            plan_merges(body, mesh, most_changes(upkeep, CHANGE_UPKEEP), u32::MAX, work);
         }
     }
     if work.changes.is_empty() {
@@ -169,12 +179,13 @@ pub fn adapt(
         splits,
         merges: work.changes.len() as u32 - splits,
         work: BATCH_UPKEEP + elements * ELEMENT_UPKEEP + rows * ROW_UPKEEP,
+        saving: false,
     }
 }
 
-/// Changes that `units` of work pay for.
-fn most_changes(units: u32) -> usize {
-    ((units.saturating_sub(BATCH_UPKEEP) / CHANGE_UPKEEP) as usize).min(MOST_CHANGES)
+/// Changes of `each` units that `units` of work pay for.
+fn most_changes(units: u32, each: u32) -> usize {
+    ((units.saturating_sub(BATCH_UPKEEP) / each) as usize).min(MOST_CHANGES)
 }
 
 /// Splits at most `most` nodes whose elements take no more than `room` units of work a tick.
@@ -206,10 +217,7 @@ fn plan_splits(look: &Look, mesh: &mut ActiveMesh, most: usize, mut room: u32, w
 /// Class at rest of the level that the children of `n` are on, from any of their elements.
 fn class_of_level(body: &Body, n: u32) -> usize {
     let element = body.children(n).first().and_then(|c| body.elements_around(*c).first());
-    element.map_or(0, |e| {
-        let omega_squared = step_class::omega_squared(body, *e) * step_class::instantaneous(body, *e);
-        step_class::class_for(step_class::stable_step(omega_squared, Strained::REST, body.damping_time(), 0.0))
-    })
+    element.map_or(0, |e| step_class::class_at_rest(body, *e))
 }
 
 /// Merges at most `most` families, the least valuable first, until about `excess` units of work a tick are saved.

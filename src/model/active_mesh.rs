@@ -83,6 +83,8 @@ pub struct ActiveMesh {
     /// Counts up with every change of a class's elements, and with every change of interface rows (all classes).
     revision: [u32; CLASSES],
     mass_unit: Real,
+    /// Longest side of the surface's bounding box at rest [m].
+    size: Real,
     row_entries: u32,
     stiffest_spring: Real,
     work: Work,
@@ -142,6 +144,7 @@ impl ActiveMesh {
         // A connected mesh of tetrahedra has at most as many nodes as elements, and three more.
         let slots = (capacity + 64).min(body.node_count());
         let vertices = body.surface().vertices.len();
+        let (low, high) = body.surface().bounds();
         let nowhere = Attachment { element: NONE, slots: [0; 4], weights: [0.0; 4], spacing: 0.0 };
         let list = || Vec::with_capacity(slots);
         let mut mesh = Self {
@@ -171,6 +174,7 @@ impl ActiveMesh {
             fade: vec![[0.0; 4]; vertices],
             revision: [0; CLASSES],
             mass_unit: body.mass() / MASS_UNITS,
+            size: (high - low).max(),
             row_entries: 0,
             stiffest_spring: 0.0,
             work: Work {
@@ -236,8 +240,7 @@ impl ActiveMesh {
                 let constants = constants(body, e, k);
                 self.pool.insert(e, class, nodes.map(|n| self.slot[n as usize]), &constants, &state.history[next]);
                 self.weigh(body, e, i64::from(k));
-                self.omega_squared[e as usize] =
-                    step_class::omega_squared(body, e) * step_class::instantaneous(body, e);
+                self.omega_squared[e as usize] = step_class::omega_squared(body, e);
                 next += 1;
             }
         }
@@ -558,8 +561,8 @@ impl ActiveMesh {
 
     /// Makes `changes`, which are allowed side by side: splits or merges of nodes that are there.
     ///
-    /// New nodes take over position and velocity from what stood for them, then the nodes concerned are given the one
-    /// rigid motion that leaves linear and angular momentum as they were. What the displayed surface would jump by goes
+    /// New nodes take over position and velocity from what stood for them, then the body is given the one rigid motion
+    /// that leaves linear and angular momentum as they were. What the displayed surface would jump by goes
     /// into the fade.
     pub fn apply(&mut self, body: &Body, changes: &[Change]) -> Upkeep {
         if changes.is_empty() {
@@ -578,7 +581,7 @@ impl ActiveMesh {
         self.remake_rows(body);
         self.normalise(body);
         self.place_interface();
-        self.correct_momenta(body, &momenta);
+        self.correct_momenta(&momenta);
         self.reattach(body, &before);
         self.swap_elements(body);
         self.release_unused(body);
@@ -778,7 +781,7 @@ impl ActiveMesh {
             let constants = constants(body, e, self.active_vertices[e as usize]);
             let (strain, det) = self.strain(&constants, slots);
             let history = History { strain, det, branch: self.inherited_branches(body, e) };
-            self.omega_squared[e as usize] = step_class::omega_squared(body, e) * step_class::instantaneous(body, e);
+            self.omega_squared[e as usize] = step_class::omega_squared(body, e);
             let strained = Strained::of(body.material_of(e), &history);
             let step = step_class::stable_step(
                 self.omega_squared[e as usize],
@@ -902,6 +905,7 @@ impl ActiveMesh {
     /// An unused slot, for node `n`; its motion and masses start from nothing.
     fn take_slot(&mut self, n: u32) -> u32 {
         // Whoever plans a change asks for room first, and restoring counts.
+        debug_assert!(!self.free.is_empty());
         let slot = self.free.pop().unwrap_or(0);
         let s = slot as usize;
         self.slot[n as usize] = slot;
@@ -1007,40 +1011,40 @@ impl ActiveMesh {
         mass.max(body.least_mass(body.level_of(self.node[s])))
     }
 
-    /// One rigid motion of the nodes concerned, so that the momenta are what they were.
-    fn correct_momenta(&mut self, body: &Body, before: &Momenta) {
-        let after = self.momenta();
-        let moved = std::mem::take(&mut self.work.nodes);
-        let concerned = |mesh: &Self, n: u32| mesh.set.is_active(n) && !body.is_fixed(n);
-        let (mut mass, mut centre) = (0.0, Vec3::zeros());
-        for &n in moved.iter().filter(|n| concerned(self, **n)) {
-            let s = self.slot[n as usize] as usize;
-            mass += self.motion.mass[s];
-            centre += vec3(&self.motion.position[s]) * self.motion.mass[s];
+    /// One rigid motion of all nodes that can move, so that the momenta are what they were. Of all, because those near
+    /// the change may be so few, or so nearly in a line, that turning them takes any speed.
+    fn correct_momenta(&mut self, before: &Momenta) {
+        let now = self.momenta();
+        let motion = &mut self.motion;
+        let free = || self.active.iter().map(|s| *s as usize).filter(|s| motion.inverse_mass[*s] > 0.0);
+        let (mut mass, mut first) = (0.0, Vec3::zeros());
+        for s in free() {
+            mass += motion.mass[s];
+            first += vec3(&motion.position[s]) * motion.mass[s];
         }
-        if mass > 0.0 {
-            centre /= mass;
-            let mut inertia = Mat3::zeros();
-            for &n in moved.iter().filter(|n| concerned(self, **n)) {
-                let s = self.slot[n as usize] as usize;
-                let d = vec3(&self.motion.position[s]) - centre;
-                inertia += (Mat3::identity() * d.norm_squared() - d * d.transpose()) * self.motion.mass[s];
-            }
-            let linear = before.linear - after.linear;
-            let angular = before.angular - after.angular - centre.cross(&linear);
-            let shift = linear / mass;
-            let turn = inertia.try_inverse().map_or(Vec3::zeros(), |inverse| inverse * angular);
-            for &n in &moved {
-                if !concerned(self, n) {
-                    continue;
-                }
-                let s = self.slot[n as usize] as usize;
-                let d = vec3(&self.motion.position[s]) - centre;
-                let v = vec3(&self.motion.velocity[s]) + shift + turn.cross(&d);
-                self.motion.velocity[s] = padded(v);
+        if mass == 0.0 {
+            return;
+        }
+        let centre = first / mass;
+        let mut inertia = Mat3::zeros();
+        for s in free() {
+            let d = vec3(&motion.position[s]) - centre;
+            inertia += (Mat3::identity() * d.norm_squared() - d * d.transpose()) * motion.mass[s];
+        }
+        let linear = before.linear - now.linear;
+        let angular = before.angular - now.angular - centre.cross(&linear);
+        // Free nodes in a line cannot be given every angular momentum.
+        let mean = inertia.trace() / 3.0;
+        let turns = inertia.determinant() > LEAST_INERTIA * mean * mean * mean;
+        let turn = if turns { inertia.try_inverse().map_or(Vec3::zeros(), |i| i * angular) } else { Vec3::zeros() };
+        for &slot in &self.active {
+            let s = slot as usize;
+            if motion.inverse_mass[s] > 0.0 {
+                let d = vec3(&motion.position[s]) - centre;
+                let v = vec3(&motion.velocity[s]) + linear / mass + turn.cross(&d);
+                motion.velocity[s] = padded(v);
             }
         }
-        self.work.nodes = moved;
     }
 
     /// Display vertices hang on the element whose vertices are active the most, the finer one of two alike; what they
@@ -1148,23 +1152,34 @@ impl ActiveMesh {
 
     /// Fades what changes of resolution have left, by one tick.
     pub fn fade_out(&mut self) {
+        let most = FASTEST_FADE * self.size;
         for fade in &mut self.fade {
-            let size = fade[0].abs() + fade[1].abs() + fade[2].abs() + fade[3].abs();
-            if size > 1e-9 {
-                fade[..3].iter_mut().for_each(|x| *x *= FADE_KEPT);
-                fade[3] *= SPACING_FADE_KEPT;
-            } else if size > 0.0 {
-                *fade = [0.0; 4];
+            let away = vec3(fade).norm();
+            if away > 1e-9 {
+                let far = (away - FAR_FADE * self.size).max(0.0);
+                let faded = ((away - far) * (1.0 - FADE_KEPT)).min(most) + far * (1.0 - FADE_KEPT);
+                let kept = 1.0 - faded / away;
+                fade[..3].iter_mut().for_each(|x| *x *= kept);
+            } else if away > 0.0 {
+                fade[..3].fill(0.0);
             }
+            fade[3] = if fade[3].abs() > 1e-9 { fade[3] * SPACING_FADE_KEPT } else { 0.0 };
         }
     }
 }
 
 /// Part of the fade of a place that is left after a tick: a time constant of 285 ms, slow enough for the eye.
 const FADE_KEPT: Real = 0.9965;
+/// What a place moves by at most in a tick because of it, over the body's size: 1e-3 in a frame cannot be seen.
+const FASTEST_FADE: Real = 2.8e-5;
+/// Beyond this part of the body's size, which only the wildest motion leaves, the fade is faster.
+const FAR_FADE: Real = 0.045;
 /// Part of the fade of a spacing that is left after a tick: 20 ms are slow enough for the hand, and a surface that was
 /// refined because a tool comes near must not feel as soft as the coarse one when it arrives.
 const SPACING_FADE_KEPT: Real = 0.95;
+
+/// Determinant of an inertia over the cube of its mean moment below which it is as good as singular.
+const LEAST_INERTIA: Real = 1e-3;
 
 /// An element takes a longer step only when it could take one this much longer still.
 const LENGTHENING_MARGIN: Real = 1.15;

@@ -76,21 +76,15 @@ pub struct Extremes {
     pub strain_squared: Real,
     /// Smallest `det F` of any element, at most 1.
     pub det_f: Real,
-    /// Largest `|cof F|²` of an element whose compression term acts, else 0.
-    pub collapse_cofactor_squared: Real,
 }
 
 impl Extremes {
     /// A body at rest.
-    pub const REST: Extremes = Extremes { strain_squared: 0.0, det_f: 1.0, collapse_cofactor_squared: 0.0 };
+    pub const REST: Extremes = Extremes { strain_squared: 0.0, det_f: 1.0 };
 
     /// The farther from rest of both, measure by measure.
     pub fn join(&self, other: &Extremes) -> Extremes {
-        Extremes {
-            strain_squared: self.strain_squared.max(other.strain_squared),
-            det_f: self.det_f.min(other.det_f),
-            collapse_cofactor_squared: self.collapse_cofactor_squared.max(other.collapse_cofactor_squared),
-        }
+        Extremes { strain_squared: self.strain_squared.max(other.strain_squared), det_f: self.det_f.min(other.det_f) }
     }
 }
 
@@ -229,7 +223,6 @@ unsafe fn add_forces_here<L: Lanes, const B: usize>(
     }
     let mut strain_squared = zero;
     let mut least_det = one;
-    let mut cofactor_squared = zero;
     for (i, index) in batch.order.iter().enumerate() {
         let index = *index as usize;
         let block = &mut batch.blocks[index];
@@ -308,14 +301,11 @@ unsafe fn add_forces_here<L: Lanes, const B: usize>(
                     let k = stiffness.mul(lambda.add(mu.add(mu)));
                     let squeeze = k.mul(det.sub(onset).min(zero));
                     let cofactor = [cofactor_0, cross(&f[2], &f[0]), cross(&f[0], &f[1])];
-                    let mut norm = zero;
                     for r in 0..3 {
                         for c in 0..3 {
                             p[r][c] = p[r][c].add(squeeze.mul(cofactor[r][c]));
-                            norm = norm.add(cofactor[r][c].mul(cofactor[r][c]));
                         }
                     }
-                    cofactor_squared = cofactor_squared.max(norm.where_less(det, onset));
                 }
 
                 // f_i = −P ∇L_i; the fourth is minus their sum, so that no force is left over.
@@ -346,7 +336,6 @@ unsafe fn add_forces_here<L: Lanes, const B: usize>(
         // The strains above are doubled.
         strain_squared: 0.25 * lanes(strain_squared).into_iter().fold(0.0, Real::max),
         det_f: lanes(least_det).into_iter().fold(1.0, Real::min),
-        collapse_cofactor_squared: lanes(cofactor_squared).into_iter().fold(0.0, Real::max),
     }
 }
 
@@ -572,7 +561,7 @@ mod tests {
                         let (f, e) = expected.get_or_insert((force.clone(), extremes));
                         assert_eq!(bits(f.as_flattened()), bits(force.as_flattened()), "{path:?}");
                         assert_eq!(*e, extremes, "{path:?}");
-                        crushed |= extremes.collapse_cofactor_squared > 0.0;
+                        crushed |= extremes.det_f < COLLAPSE_ONSET;
                     }
                     for id in 0..count as u32 {
                         let expected = history_bits(&pools[0].1, id);
@@ -738,7 +727,7 @@ mod tests {
                     assert_eq!(force[0], [0.0; 4]);
                     // E = 0.105 I, J = 1.331.
                     assert!((extremes.strain_squared - 3.0 * 0.105 * 0.105).abs() < 1e-12);
-                    assert_eq!((extremes.det_f, extremes.collapse_cofactor_squared), (1.0, 0.0));
+                    assert_eq!(extremes.det_f, 1.0);
                 }
             }
         }
@@ -774,17 +763,7 @@ mod tests {
                 let f = soup.deformation(e, &x);
                 let strain = (f.transpose() * f - Mat3::identity()) * 0.5;
                 let det = f.determinant();
-                let cofactor_squared = if det < COLLAPSE_ONSET {
-                    let c = f.transpose() * f;
-                    0.5 * (c.trace() * c.trace() - c.dot(&c))
-                } else {
-                    0.0
-                };
-                let own = Extremes {
-                    strain_squared: strain.dot(&strain),
-                    det_f: det,
-                    collapse_cofactor_squared: cofactor_squared,
-                };
+                let own = Extremes { strain_squared: strain.dot(&strain), det_f: det };
                 if strain.dot(&strain) > 0.09 || det < COLLAPSE_ONSET {
                     strained.push(e as u32);
                 }
@@ -793,7 +772,6 @@ mod tests {
             let near = |a: Real, b: Real| (a - b).abs() < 1e-11 * (1.0 + b.abs());
             assert!(near(extremes.strain_squared, expected.strain_squared));
             assert!(near(extremes.det_f, expected.det_f));
-            assert!(near(extremes.collapse_cofactor_squared, expected.collapse_cofactor_squared));
             // Twice a strain of 0.3, squared.
             (0..soup.elements.len() as u32).for_each(|e| pool.set_calm(e, 0.36));
             forces(&mut pool, Path::best(), &RATES, &x);

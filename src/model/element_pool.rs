@@ -8,7 +8,6 @@ use super::element_kernel::{self, Batch, Block, Extremes, MAX_BRANCHES, Memory, 
 use super::lanes::{LANES, Padded};
 use crate::math::Real;
 use serde::{Deserialize, Serialize};
-use std::ops::Range;
 
 /// Step classes.
 pub const CLASSES: usize = 8;
@@ -195,19 +194,6 @@ impl ElementPool {
         true
     }
 
-    /// Ties element `id` to other nodes. False when the pool does not have it.
-    ///
-    /// # Panics
-    /// When a node is beyond what the pool was made for.
-    pub fn set_nodes(&mut self, id: u32, nodes: [u32; 4]) -> bool {
-        self.check_nodes(nodes);
-        let Some((block, lane)) = self.find(id) else { return false };
-        for (row, node) in self.blocks[block].node.iter_mut().zip(nodes) {
-            row[lane] = node;
-        }
-        true
-    }
-
     /// Gives element `id` another stiffness: `λ·w·vol` and `μ·w·vol` [N·m]. False when the pool does not have it.
     pub fn set_stiffness(&mut self, id: u32, lambda: Real, mu: Real) -> bool {
         let Some((block, lane)) = self.find(id) else { return false };
@@ -219,13 +205,6 @@ impl ElementPool {
     /// What element `id` remembers.
     pub fn history(&self, id: u32) -> Option<History> {
         self.find(id).map(|(block, lane)| self.read_history(block, lane))
-    }
-
-    /// Has element `id` remember `history`. False when the pool does not have it.
-    pub fn set_history(&mut self, id: u32, history: &History) -> bool {
-        let Some((block, lane)) = self.find(id) else { return false };
-        self.write_history(block, lane, history);
-        true
     }
 
     /// Strain of element `id` at its last evaluation: xx, yy, zz, yz, xz, xy.
@@ -297,20 +276,10 @@ impl ElementPool {
         self.len == 0
     }
 
-    /// Maxwell branches of each element.
-    pub fn branches(&self) -> usize {
-        self.branches
-    }
-
     /// The elements of a class in the order of its sequence: inserted in this order, they make up the same sequence.
     pub fn ids(&self, class: usize) -> impl Iterator<Item = u32> + '_ {
-        self.ids_in(class, 0..self.count(class))
-    }
-
-    /// Those elements of a class whose places in its sequence lie in `range`; it may reach beyond the end.
-    pub fn ids_in(&self, class: usize, range: Range<usize>) -> impl Iterator<Item = u32> + '_ {
         let of = &self.classes[class];
-        (range.start..range.end.min(of.count)).map(|s| self.owners[of.blocks[s / LANES] as usize][s % LANES])
+        (0..of.count).map(|s| self.owners[of.blocks[s / LANES] as usize][s % LANES])
     }
 
     /// Adds the forces of the elements of a class to `force` [N] and has them remember this evaluation.
@@ -371,7 +340,8 @@ impl ElementPool {
     fn append(&mut self, id: u32, class: usize) -> (usize, usize) {
         let to = &mut self.classes[class];
         if to.count.is_multiple_of(LANES) {
-            to.blocks.push(self.free.pop().expect("a block for every class beside the full ones"));
+            debug_assert!(!self.free.is_empty());
+            to.blocks.push(self.free.pop().unwrap_or_default());
         }
         let place = Place { class: class as u8, sequence: to.count as u32 };
         to.count += 1;
@@ -482,9 +452,7 @@ mod tests {
         Insert(u32, usize, [u32; 4]),
         Remove(u32),
         SetClass(u32, usize),
-        SetNodes(u32, [u32; 4]),
         SetStiffness(u32, Real),
-        SetHistory(u32, Real),
         Evaluate(usize, Real),
         Clear,
     }
@@ -497,9 +465,7 @@ mod tests {
             12 => (id(), class(), nodes()).prop_map(|(i, c, n)| Op::Insert(i, c, n)),
             4 => id().prop_map(Op::Remove),
             6 => (id(), class()).prop_map(|(i, c)| Op::SetClass(i, c)),
-            2 => (id(), nodes()).prop_map(|(i, n)| Op::SetNodes(i, n)),
             1 => (id(), 0.1..2.0).prop_map(|(i, k)| Op::SetStiffness(i, k)),
-            1 => (id(), -0.1..0.1).prop_map(|(i, x)| Op::SetHistory(i, x)),
             2 => (class(), 0.5..1.5).prop_map(|(c, x)| Op::Evaluate(c, x)),
             1 => Just(Op::Clear),
         ]
@@ -574,22 +540,10 @@ mod tests {
                             classes[class].push(id);
                         }
                     }
-                    Op::SetNodes(id, nodes) => {
-                        prop_assert_eq!(pool.set_nodes(id, nodes), known[id as usize].is_some());
-                        if let Some(known) = &mut known[id as usize] {
-                            known.nodes = nodes;
-                        }
-                    }
                     Op::SetStiffness(id, k) => {
                         prop_assert_eq!(pool.set_stiffness(id, k, 0.5 * k), known[id as usize].is_some());
                         if let Some(known) = &mut known[id as usize] {
                             (known.constants.lambda, known.constants.mu) = (k, 0.5 * k);
-                        }
-                    }
-                    Op::SetHistory(id, x) => {
-                        prop_assert_eq!(pool.set_history(id, &history(x)), known[id as usize].is_some());
-                        if known[id as usize].is_some() {
-                            prop_assert_eq!(pool.history(id), Some(history(x)));
                         }
                     }
                     Op::Evaluate(class, x) => {
@@ -635,17 +589,6 @@ mod tests {
                 }
             }
         }
-    }
-
-    #[test]
-    fn a_range_of_a_class_is_a_part_of_its_sequence() {
-        let mut pool = ElementPool::new(TOTAL, CAPACITY, NODES, 0);
-        for id in 0..30 {
-            assert!(pool.insert(id, 4, [0, 1, 2, 3], &constants(id), &History::REST));
-        }
-        assert!(pool.ids_in(4, 6..11).eq(6..11));
-        assert!(pool.ids_in(4, 25..40).eq(25..30));
-        assert_eq!(pool.ids_in(4, 40..50).count() + pool.ids_in(3, 0..5).count(), 0);
     }
 
     #[test]

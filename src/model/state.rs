@@ -3,7 +3,7 @@
 use super::active_set::ActiveSet;
 use super::body::Body;
 use super::element_pool::{CLASSES, History};
-use super::step_class::{self, Strained};
+use super::step_class;
 use crate::math::{Real, Vec3, is_finite};
 use serde::{Deserialize, Serialize};
 
@@ -56,9 +56,7 @@ impl State {
             if !corners.iter().any(|n| active[*n as usize]) {
                 continue;
             }
-            let omega_squared = step_class::omega_squared(body, e) * step_class::instantaneous(body, e);
-            let step = step_class::stable_step(omega_squared, Strained::REST, body.damping_time(), 0.0);
-            classes[step_class::class_for(step)].push(e);
+            classes[step_class::class_at_rest(body, e)].push(e);
             for n in corners {
                 if !active[n as usize] && !std::mem::replace(&mut listed[n as usize], true) {
                     interface.push(n);
@@ -90,22 +88,6 @@ impl State {
             calm: Vec::with_capacity(elements),
             fade: Vec::with_capacity(body.surface().vertices.len()),
         }
-    }
-
-    /// Takes over `other`; allocates nothing when there is room.
-    pub fn copy_from(&mut self, other: &State) {
-        fn copy<T: Clone>(to: &mut Vec<T>, from: &[T]) {
-            to.clear();
-            to.extend_from_slice(from);
-        }
-        copy(&mut self.nodes, &other.nodes);
-        copy(&mut self.position, &other.position);
-        copy(&mut self.velocity, &other.velocity);
-        copy(&mut self.interface, &other.interface);
-        self.classes.iter_mut().zip(&other.classes).for_each(|(to, from)| copy(to, from));
-        copy(&mut self.history, &other.history);
-        copy(&mut self.calm, &other.calm);
-        copy(&mut self.fade, &other.fade);
     }
 
     /// True when no number is infinite or not a number.

@@ -76,12 +76,18 @@ pub fn calm_strain(class: usize, omega_squared: Real, damping_time: Real, spring
 
 const SQRT_TWO_THIRDS: Real = 0.816_496_580_927_726;
 
-/// `ω²` [1/s²] of element `e` at rest: `2/ω` is its longest stable step, with the safety factor.
+/// `ω²` [1/s²] of element `e` at rest, its Maxwell branches at their stiffest: `2/ω` is its longest stable step, with the
+/// safety factor.
 pub fn omega_squared(body: &Body, e: u32) -> Real {
     let level = body.level(body.level_of_element(e));
     let altitude = smallest_altitude(body, e);
     let wave_speed_squared = level.stiffness_factor * body.material_of(e).pressure_modulus() / level.density;
-    4.0 * wave_speed_squared / (SAFETY * SAFETY * altitude * altitude)
+    4.0 * wave_speed_squared / (SAFETY * SAFETY * altitude * altitude) * instantaneous(body, e)
+}
+
+/// Class of the longest stable step of element `e` at rest.
+pub fn class_at_rest(body: &Body, e: u32) -> usize {
+    class_for(stable_step(omega_squared(body, e), Strained::REST, body.damping_time(), 0.0))
 }
 
 fn smallest_altitude(body: &Body, e: u32) -> Real {
@@ -90,7 +96,7 @@ fn smallest_altitude(body: &Body, e: u32) -> Real {
 }
 
 /// Stiffness at once over that after relaxation, with the strain-difference term.
-pub fn instantaneous(body: &Body, e: u32) -> Real {
+fn instantaneous(body: &Body, e: u32) -> Real {
     if body.maxwell().is_empty() {
         return 1.0;
     }

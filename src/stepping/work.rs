@@ -4,7 +4,7 @@
 //! governor turns units into time.
 
 use crate::model::element_pool::CLASSES;
-use crate::model::step_class::{self, Strained};
+use crate::model::step_class;
 use crate::model::{ActiveMesh, Body};
 
 /// An entry of an interface row, placed and handed back once, in 1/16 units.
@@ -48,11 +48,6 @@ pub fn evaluations(mesh: &ActiveMesh) -> u32 {
 /// Units of work of a tick, at rest, in which only the coarsest level is used, with room for strains and for one change of
 /// resolution: what a body cannot do with less than.
 pub fn floor(body: &Body) -> u32 {
-    let one = |e: u32| {
-        let omega_squared = step_class::omega_squared(body, e) * step_class::instantaneous(body, e);
-        let step = step_class::stable_step(omega_squared, Strained::REST, body.damping_time(), 0.0);
-        1u32 << step_class::class_for(step)
-    };
-    let elements: u32 = body.elements_of(0).map(one).sum();
+    let elements: u32 = body.elements_of(0).map(|e| 1 << step_class::class_at_rest(body, e)).sum();
     2 * elements + body.nodes_of(0).len() as u32 + CONTACT + 32 * POINT + BATCH_UPKEEP + CHANGE_UPKEEP
 }

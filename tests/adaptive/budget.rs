@@ -3,6 +3,7 @@
 use super::*;
 use palpate::math::is_finite;
 use palpate::simulation::Outputs;
+use palpate::stepping::work::BATCH_UPKEEP;
 
 fn hold(i: u64) -> Inputs {
     if i == 0 {
@@ -38,7 +39,7 @@ fn a_budget_cut_tenfold_coarsens_and_no_tick_is_lost_or_too_dear() {
     let (budget, least) = (60_000, coarse.advance(&hold(900)).plan.needed * 5 / 4);
     println!("{before} active, {} elements, {:?}; budget {budget}, then {least}", full.elements, full.plan);
 
-    let (mut over, mut worst, mut fewest, mut still) = (0, 0, u32::MAX, 0);
+    let (mut beyond, mut worst, mut dearest, mut fewest, mut still) = (0i64, 0i64, 0, u32::MAX, 0);
     let mut last = full.tools[0].state;
     let mut physical = 0.0 as Real;
     let mut recovered = 0;
@@ -47,12 +48,11 @@ fn a_budget_cut_tenfold_coarsens_and_no_tick_is_lost_or_too_dear() {
         let o = press.advance(&Inputs { budget: allowed, ..hold(i) });
         assert_eq!(o.tick, i + 1, "no tick is lost");
         assert!(!o.restored);
-        let spent = o.plan.taken + o.adapted.work;
-        if spent > allowed {
-            over += 1;
-            worst = worst.max(spent * 100 / allowed);
-        }
         if (1200..2200).contains(&i) {
+            let spent = o.plan.taken + o.adapted.work;
+            beyond += i64::from(spent) - i64::from(allowed);
+            worst = worst.max(beyond);
+            dearest = dearest.max(spent);
             fewest = fewest.min(active(o));
             still += u32::from(o.plan.taken < o.plan.needed);
             if i % 200 == 0 || i < 1205 {
@@ -68,16 +68,18 @@ fn a_budget_cut_tenfold_coarsens_and_no_tick_is_lost_or_too_dear() {
         recovered = active(o);
     }
     println!(
-        "{over} ticks over the budget, by up to {worst} %; with a tenth {fewest} active at least and {still} ticks \
-         without a step; {recovered} active in the end; the force changes by up to {:.1} mN a tick",
+        "with a tenth up to {worst} units beyond what was allowed until then, {dearest} in the dearest tick; {fewest} \
+         active at least and {still} ticks without a step; {recovered} active in the end; the force changes by up to \
+         {:.1} mN a tick",
         physical * 1e3
     );
     assert!(fewest < before / 2, "resolution gives way");
     assert!(recovered > before * 3 / 4, "and comes back");
-    // While what is too much is shed the body stands still and the force keeps its value; that must end soon. Only in
-    // these ticks may more than the budget be spent, and never more than a tick took before the cut.
-    assert!(still < 150, "{still} ticks without a step");
-    assert!(over <= still && worst <= 1000, "{over} ticks took more than was allowed, up to {worst} % of it");
+    // While what is too much is shed the body stands still and the force keeps its value; that must end soon.
+    assert!(still < 50, "{still} ticks without a step");
+    // Changes are saved up for; what one of them takes is foreseen but for the rows that it makes.
+    assert!(worst < 2 * i64::from(BATCH_UPKEEP), "{worst} units more than was allowed until then");
+    assert!(dearest < budget, "{dearest} units in one tick");
 }
 
 /// Room for elements is what a session is given, not a part of it: a press reaches the finest level on a small body, too.

@@ -17,8 +17,6 @@ const UNSEEN: Real = 1e-3;
 const MOST_RING: Real = 2.5;
 /// Ticks in which what a change has put out of balance shows in the force.
 const RINGS: u64 = 8;
-/// Part of what a change leaves on the surface that fades in one frame of 32 ticks, at 0.995 a tick.
-const FADES: Real = 0.11;
 
 fn liver() -> Arc<Body> {
     let surface = liver_surface(0.006);
@@ -54,8 +52,15 @@ fn most_apart(a: &[Vec3], b: &[Vec3]) -> Real {
     a.iter().zip(b).map(|(a, b)| (a - b).norm()).fold(0.0, Real::max)
 }
 
-fn most_fade(simulation: &Simulation) -> Real {
-    simulation.mesh().fade.iter().map(|f| Vec3::new(f[0], f[1], f[2]).norm()).fold(0.0, Real::max)
+/// What the surface moves by at most within a frame because of what changes have left to fade [m].
+fn most_fade(simulation: &mut Simulation) -> Real {
+    let mesh = simulation.mesh_mut();
+    let before = mesh.fade.clone();
+    (0..TICKS_PER_FRAME).for_each(|_| mesh.fade_out());
+    let moved = before.iter().zip(&mesh.fade).map(|(a, b)| Vec3::new(a[0] - b[0], a[1] - b[1], a[2] - b[2]).norm());
+    let most = moved.fold(0.0, Real::max);
+    mesh.fade = before;
+    most
 }
 
 /// Largest clicks of a run.
@@ -72,7 +77,7 @@ struct Clicks {
     rings: Real,
     /// Display vertex with the change less that without it [m].
     surface: Real,
-    /// What is left to fade [m].
+    /// What fades within a frame [m].
     fade: Real,
 }
 
@@ -98,10 +103,10 @@ fn compare(press: &mut Simulation, from: u64, ticks: u64, at: impl Fn(u64) -> In
         let force = outputs.tools[0].state.force;
         assert!(!outputs.restored);
         peak = peak.max(force.norm());
-        clicks.fade = clicks.fade.max(most_fade(press));
         if changes == 0 {
             continue;
         }
+        clicks.fade = clicks.fade.max(most_fade(press));
         let mut without = Simulation::new(press.body().clone(), settings(None), before.clone()).unwrap();
         let expected = without.advance(&at(i)).tools[0].state.force;
         let jump = (force - expected).norm();
@@ -147,29 +152,30 @@ fn resolution_that_comes_late_and_goes_early_is_not_felt() {
     let away = Adaptivity { split: 10.0, reach: 0.0, ..Adaptivity::default() };
     let mut hold = with_settings(&hold, &settings(Some(away)));
     let going = compare(&mut hold, 1300, 600, held);
-    judge(&coming, SIDE);
-    judge(&going, SIDE);
+    // The load that lay on few heavy nodes now lies on many light ones, or the other way round: they find their place
+    // within some ticks.
+    judge(&coming, SIDE, 2.0);
+    judge(&going, SIDE, 2.0);
 }
 
-fn judge(clicks: &Clicks, size: Real) {
+/// `seen`: how much of the surface's motion in one tick the changes may be, over [`UNSEEN`].
+fn judge(clicks: &Clicks, size: Real, seen: Real) {
     assert!(clicks.over < 1.0, "a change can be felt at once: {clicks:?}");
     assert!(clicks.rings < MOST_RING, "a change can be felt within milliseconds: {clicks:?}");
-    // Where resolution comes late, the new nodes find their place under the tool within some ticks.
-    assert!(clicks.surface < 2.0 * UNSEEN * size, "a change can be seen: {clicks:?}");
-    // Where a dent is coarsened that the coarse level cannot show, more has to go somewhere.
-    assert!(FADES * clicks.fade < 3.0 * UNSEEN * size, "what fades can be seen: {clicks:?}");
+    assert!(clicks.surface < seen * UNSEEN * size, "a change can be seen: {clicks:?}");
+    assert!(clicks.fade < UNSEEN * size, "what fades can be seen: {clicks:?}");
 }
 
 #[test]
 fn a_press_and_a_stroke_on_the_cube_feel_and_show_no_change() {
-    judge(&press(&damped_cube(), Vec3::new(0.03, 0.05, SIDE), Vec3::x()), SIDE);
+    judge(&press(&damped_cube(), Vec3::new(0.03, 0.05, SIDE), Vec3::x()), SIDE, 1.0);
 }
 
 #[test]
 fn a_press_and_a_stroke_on_the_liver_feel_and_show_no_change() {
     let body = liver();
     let (low, high) = body.surface().bounds();
-    judge(&press(&body, summit(&body), Vec3::x()), (high - low).norm());
+    judge(&press(&body, summit(&body), Vec3::x()), (high - low).max(), 1.0);
 }
 
 /// The whole contact region refined by hand, and coarsened again, in one tick each: far more than adaptation does.
@@ -211,7 +217,7 @@ fn refining_and_coarsening_the_whole_contact_in_one_tick_is_not_felt() {
             batches += 1;
         });
         jumped = jumped.max(most_apart(&skin(&hold), &seen));
-        let fade = most_fade(&hold);
+        let fade = most_fade(&mut hold);
         let (before, mut force) = (hold.tools()[0].physical_force.norm(), 0.0 as Real);
         let mut after = 0.0;
         // The change acts at once; what is out of balance shows within a few milliseconds.
@@ -226,7 +232,7 @@ fn refining_and_coarsening_the_whole_contact_in_one_tick_is_not_felt() {
         }
         println!(
             "round {round}, {batches} batches: {before:.4} N, {:.1} mN in the first tick, {:.1} mN within 8; the surface \
-             jumps by {jumped:.1e} m, {:.3} mm to fade",
+             jumps by {jumped:.1e} m, {:.3} mm fade in a frame",
             after * 1e3,
             force * 1e3,
             fade * 1e3
@@ -237,8 +243,7 @@ fn refining_and_coarsening_the_whole_contact_in_one_tick_is_not_felt() {
         worst.force = worst.force.max(after / UNFELT.max(UNFELT_PART * before));
         worst.fade = worst.fade.max(fade);
     }
-    // A dent that the coarse level cannot show at all, 4 mm deep, fills in over some frames.
-    assert!(FADES * worst.fade < 10.0 * UNSEEN * SIDE, "{} mm to fade", worst.fade * 1e3);
+    assert!(worst.fade < UNSEEN * SIDE, "{} mm fade in a frame", worst.fade * 1e3);
     // Far more at once than the core ever does under a tool; what is rendered then follows slowly besides.
-    assert!(worst.force < 6.0, "the force jumps by {:.2} of what is not felt", worst.force);
+    assert!(worst.force < 5.0, "the force jumps by {:.2} of what is not felt", worst.force);
 }

@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 /// Ticks of wild motion.
 const WILD: u64 = 400;
 /// Ticks in which the body has to come to rest.
-const REST: u64 = 2_600;
+const REST: u64 = 4_000;
 
 /// What a wild client does for a while.
 enum Way {

