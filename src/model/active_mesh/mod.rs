@@ -7,7 +7,13 @@
 //!
 //! Everything here is sized once. What changes with the resolution changes where it changes, and only there.
 
-use super::active_set::{ActiveSet, Change, Status};
+mod display;
+mod reshape;
+
+pub use display::Attachment;
+pub use reshape::Upkeep;
+
+use super::active_set::ActiveSet;
 use super::body::{Body, NONE};
 use super::element_kernel::Padded;
 use super::element_pool::{CLASSES, ElementConstants, ElementPool, History};
@@ -19,19 +25,6 @@ use crate::math::{Mat3, Real, Vec3};
 /// Units of mass in the body's mass: sums of whole numbers do not depend on their order, so a node's mass does not
 /// depend on how the set of active nodes came about.
 const MASS_UNITS: Real = (1u64 << 50) as Real;
-
-/// Where a display vertex hangs.
-#[derive(Clone, Copy, Debug)]
-pub struct Attachment {
-    /// Its element.
-    pub element: u32,
-    /// Slots of the element's nodes.
-    pub slots: [u32; 4],
-    /// Barycentric weights.
-    pub weights: [Real; 4],
-    /// Spacing of the element's level [m].
-    pub spacing: Real,
-}
 
 /// Motion and mass by slot: active nodes and interface nodes alike.
 #[derive(Debug)]
@@ -106,15 +99,6 @@ struct Work {
     turn: u32,
     before: Vec<Vec3>,
     rehung: Vec<u32>,
-}
-
-/// What a change cost, for the governor: counts of the same things that the budget is made of.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Upkeep {
-    /// Elements put in or taken out.
-    pub elements: u32,
-    /// Interface rows made.
-    pub rows: u32,
 }
 
 /// Momenta about the origin.
@@ -393,16 +377,6 @@ impl ActiveMesh {
         self.active_vertices[e as usize]
     }
 
-    /// Display vertices that the last change hung on another element.
-    pub fn rehung(&self) -> &[u32] {
-        &self.work.rehung
-    }
-
-    /// Where display vertex `v` hangs.
-    pub fn attachment(&self, v: u32) -> &Attachment {
-        &self.attachment[v as usize]
-    }
-
     /// Changes whenever the elements of `class`, or what they hang on, change.
     pub fn revision(&self, class: usize) -> u32 {
         self.revision[class]
@@ -457,30 +431,6 @@ impl ActiveMesh {
     /// World position of node `n` [m], if it has a slot.
     pub fn position_of(&self, n: u32) -> Option<Vec3> {
         self.slot(n).map(|s| vec3(&self.motion.position[s as usize]))
-    }
-
-    /// Position of display vertex `v` [m], fade included.
-    pub fn vertex(&self, v: u32) -> Vec3 {
-        vec3(&self.embedded(v)) + vec3(&self.fade[v as usize])
-    }
-
-    fn embedded(&self, v: u32) -> Padded {
-        let a = &self.attachment[v as usize];
-        let mut sum = [0.0; 4];
-        for (slot, w) in a.slots.iter().zip(a.weights) {
-            let x = &self.motion.position[*slot as usize];
-            for c in 0..4 {
-                sum[c] += w * x[c];
-            }
-        }
-        sum
-    }
-
-    /// Positions of all display vertices [m].
-    pub fn skin(&self, vertices: &mut [Vec3]) {
-        for (v, place) in vertices.iter_mut().enumerate() {
-            *place = self.vertex(v as u32);
-        }
     }
 
     /// World position of the node in `slot` [m].
@@ -538,297 +488,6 @@ impl ActiveMesh {
         sum
     }
 
-    /// Elements that a split of `n` would add.
-    pub fn added_by_split(&mut self, body: &Body, n: u32) -> u32 {
-        self.next_turn();
-        let mut added = 0;
-        for &c in body.children(n) {
-            for &e in body.elements_around(c) {
-                if self.active_vertices[e as usize] == 0 && self.work.element_stamp[e as usize] != self.work.turn {
-                    self.work.element_stamp[e as usize] = self.work.turn;
-                    added += 1;
-                }
-            }
-        }
-        added
-    }
-
-    /// True when there is room for a change that adds `elements`.
-    pub fn has_room(&self, elements: u32) -> bool {
-        // Each new element brings at most four new nodes.
-        self.pool.len() + elements as usize <= self.pool.capacity() && self.free.len() >= 4 * elements as usize
-    }
-
-    /// Makes `changes`, which are allowed side by side: splits or merges of nodes that are there.
-    ///
-    /// New nodes take over position and velocity from what stood for them, then the body is given the one rigid motion
-    /// that leaves linear and angular momentum as they were. What the displayed surface would jump by goes
-    /// into the fade.
-    pub fn apply(&mut self, body: &Body, changes: &[Change]) -> Upkeep {
-        if changes.is_empty() {
-            return Upkeep::default();
-        }
-        let mut before = std::mem::take(&mut self.work.before);
-        self.skin(&mut before);
-        let momenta = self.momenta();
-        self.next_turn();
-        self.collect_arrivals(body, changes);
-        for &change in changes {
-            self.set.apply(body, change);
-        }
-        self.swap_nodes(body);
-        self.reweigh(body);
-        self.remake_rows(body);
-        self.normalise(body);
-        self.place_interface();
-        self.correct_momenta(&momenta);
-        self.reattach(body, &before);
-        self.swap_elements(body);
-        self.release_unused(body);
-        self.work.before = before;
-        self.revision.iter_mut().for_each(|r| *r = r.wrapping_add(1));
-        Upkeep {
-            elements: (self.work.entering.len() + self.work.leaving.len()) as u32,
-            rows: self.work.dirty.len() as u32,
-        }
-    }
-
-    fn next_turn(&mut self) {
-        self.work.turn = self.work.turn.wrapping_add(1);
-        if self.work.turn == 0 {
-            self.work.node_stamp.fill(0);
-            self.work.element_stamp.fill(0);
-            self.work.turn = 1;
-        }
-    }
-
-    /// What becomes active, with where and how fast it is, and what ceases to be.
-    fn collect_arrivals(&mut self, body: &Body, changes: &[Change]) {
-        self.work.on.clear();
-        self.work.off.clear();
-        for &change in changes {
-            match change {
-                Change::Split(n) => {
-                    for &c in body.children(n) {
-                        let (x, v) = self.interpolate(body, c, body.coarser_host(c));
-                        self.work.on.push((c, x, v));
-                    }
-                    self.work.off.push(n);
-                }
-                Change::Merge(n) => {
-                    let (x, _) = self.interpolate(body, n, body.finer_host(n));
-                    let (mut mass, mut momentum) = (0.0, Vec3::zeros());
-                    for &c in body.children(n) {
-                        let slot = self.slot[c as usize] as usize;
-                        mass += self.motion.mass[slot];
-                        momentum += vec3(&self.motion.velocity[slot]) * self.motion.mass[slot];
-                        self.work.off.push(c);
-                    }
-                    let v = if body.is_fixed(n) { Vec3::zeros() } else { momentum / mass };
-                    self.work.on.push((n, x, v));
-                }
-            }
-        }
-    }
-
-    /// Position and velocity of node `n`, which is not active: in its host where all of that is there, else by its row.
-    fn interpolate(&mut self, body: &Body, n: u32, host: Option<crate::geometry::locate::Host>) -> (Vec3, Vec3) {
-        if body.is_fixed(n) {
-            return (body.rest(n), Vec3::zeros());
-        }
-        let mut x = Vec3::zeros();
-        let mut v = Vec3::zeros();
-        let nodes = host.map(|h| (body.element(h.element), h.weights));
-        if let Some((nodes, weights)) = nodes.filter(|(nodes, _)| nodes.iter().all(|n| self.slot[*n as usize] != NONE))
-        {
-            for (node, w) in nodes.iter().zip(weights) {
-                let slot = self.slot[*node as usize];
-                x += vec3(&self.motion.position[slot as usize]) * w;
-                v += self.velocity_of(slot) * w;
-            }
-        } else {
-            let row = self.work.search.row(body, &self.set, n);
-            for (node, w) in row.entries() {
-                let slot = self.slot[node as usize];
-                x += vec3(&self.motion.position[slot as usize]) * w;
-                v += vec3(&self.motion.velocity[slot as usize]) * w;
-            }
-        }
-        (x, v)
-    }
-
-    fn velocity_of(&self, slot: u32) -> Vec3 {
-        if self.is_master(slot) {
-            return vec3(&self.motion.velocity[slot as usize]);
-        }
-        self.row[slot as usize].entries().map(|(m, w)| vec3(&self.motion.velocity[m as usize]) * w).sum()
-    }
-
-    /// Gives the nodes that become active their slots and motion, and takes the others off the list.
-    fn swap_nodes(&mut self, body: &Body) {
-        let off = std::mem::take(&mut self.work.off);
-        for &n in &off {
-            let slot = self.slot[n as usize];
-            self.delist(slot, true);
-            self.row[slot as usize] = InterfaceRow::EMPTY;
-            self.motion.velocity[slot as usize] = [0.0; 4];
-            self.enlist(slot, false);
-        }
-        let on = std::mem::take(&mut self.work.on);
-        for &(n, x, v) in &on {
-            let slot = match self.slot[n as usize] {
-                NONE => self.take_slot(n),
-                slot => {
-                    self.drop_row(slot);
-                    self.delist(slot, false);
-                    slot
-                }
-            };
-            self.enlist(slot, true);
-            self.motion.position[slot as usize] = padded(x);
-            self.motion.velocity[slot as usize] = if body.is_fixed(n) { [0.0; 4] } else { padded(v) };
-        }
-        self.work.off = off;
-        self.work.on = on;
-    }
-
-    /// New weights of the elements around changed nodes, and the masses that go with them.
-    fn reweigh(&mut self, body: &Body) {
-        self.work.elements.clear();
-        for n in self.work.on.iter().map(|o| o.0).chain(self.work.off.iter().copied()) {
-            for &e in body.elements_around(n) {
-                if self.work.element_stamp[e as usize] != self.work.turn {
-                    self.work.element_stamp[e as usize] = self.work.turn;
-                    self.work.elements.push(e);
-                }
-            }
-        }
-        self.work.entering.clear();
-        self.work.leaving.clear();
-        self.work.nodes.clear();
-        for i in 0..self.work.elements.len() {
-            let e = self.work.elements[i];
-            let nodes = body.element(e);
-            let now = nodes.iter().filter(|n| self.set.is_active(**n)).count() as u8;
-            let was = std::mem::replace(&mut self.active_vertices[e as usize], now);
-            if now == was {
-                continue;
-            }
-            for n in nodes {
-                if self.work.node_stamp[n as usize] != self.work.turn {
-                    self.work.node_stamp[n as usize] = self.work.turn;
-                    self.work.nodes.push(n);
-                }
-                if self.slot[n as usize] == NONE {
-                    let slot = self.take_slot(n);
-                    self.enlist(slot, false);
-                }
-            }
-            self.weigh(body, e, i64::from(now) - i64::from(was));
-            if was == 0 {
-                self.work.entering.push(e);
-            } else if now == 0 {
-                self.work.leaving.push(e);
-            } else {
-                let constants = constants(body, e, now);
-                self.pool.set_stiffness(e, constants.lambda, constants.mu);
-            }
-        }
-    }
-
-    /// Rows that looked at a changed node, new ones, and those whose node's mass has changed.
-    fn remake_rows(&mut self, body: &Body) {
-        self.work.dirty.clear();
-        let (mut low, mut high) = (Vec3::repeat(Real::INFINITY), Vec3::repeat(Real::NEG_INFINITY));
-        for n in self.work.on.iter().map(|o| o.0).chain(self.work.off.iter().copied()) {
-            low = low.inf(&body.rest(n));
-            high = high.sup(&body.rest(n));
-        }
-        for &slot in &self.interface {
-            let node = self.node[slot as usize];
-            let reach = self.row[slot as usize].reach_squared * (1.0 + 1e-12);
-            let u = body.rest(node);
-            let apart = (low - u).sup(&(u - high)).sup(&Vec3::zeros());
-            let mut changed = self.work.on.iter().map(|o| o.0).chain(self.work.off.iter().copied());
-            let dirty = self.row[slot as usize].is_empty()
-                || self.work.node_stamp[node as usize] == self.work.turn
-                || (apart.norm_squared() <= reach && changed.any(|n| (body.rest(n) - u).norm_squared() <= reach));
-            if dirty {
-                self.work.dirty.push(slot);
-            }
-        }
-        for i in 0..self.work.dirty.len() {
-            self.drop_row(self.work.dirty[i]);
-        }
-        for i in 0..self.work.dirty.len() {
-            let slot = self.work.dirty[i];
-            if self.is_needed(body, self.node[slot as usize]) {
-                self.make_row(body, slot);
-            }
-        }
-    }
-
-    /// True when an element in use has the node `n`.
-    fn is_needed(&self, body: &Body, n: u32) -> bool {
-        body.elements_around(n).iter().any(|e| self.active_vertices[*e as usize] > 0)
-    }
-
-    /// Puts in the elements that are needed now, strained as they lie there, and takes out the others.
-    fn swap_elements(&mut self, body: &Body) {
-        for i in 0..self.work.entering.len() {
-            let e = self.work.entering[i];
-            let slots = body.element(e).map(|n| self.slot[n as usize]);
-            let constants = constants(body, e, self.active_vertices[e as usize]);
-            let (strain, det) = self.strain(&constants, slots);
-            let history = History { strain, det, branch: self.inherited_branches(body, e) };
-            self.omega_squared[e as usize] = step_class::omega_squared(body, e);
-            let strained = Strained::of(body.material_of(e), &history);
-            let step = step_class::stable_step(
-                self.omega_squared[e as usize],
-                strained,
-                body.damping_time(),
-                self.springs_at(slots),
-            );
-            let class = step_class::class_for(step);
-            let taken = self.pool.insert(e, class, slots, &constants, &history);
-            debug_assert!(taken, "whoever plans a change asks for room first");
-            self.set_calm(body, e, class);
-        }
-        for i in 0..self.work.leaving.len() {
-            self.pool.remove(self.work.leaving[i]);
-        }
-    }
-
-    /// Green strain and determinant of an element where its nodes lie now.
-    fn strain(&self, constants: &ElementConstants, slots: [u32; 4]) -> ([Real; 6], Real) {
-        let x = slots.map(|s| vec3(&self.motion.position[s as usize]));
-        let g = constants.gradient.map(Vec3::from);
-        let f: Mat3 = (0..3).map(|i| (x[i + 1] - x[0]) * g[i].transpose()).sum();
-        let e = (f.transpose() * f - Mat3::identity()) * 0.5;
-        ([e[(0, 0)], e[(1, 1)], e[(2, 2)], e[(1, 2)], e[(0, 2)], e[(0, 1)]], f.determinant())
-    }
-
-    /// What the Maxwell branches of element `e` hold: the mean over the elements that contain its vertices on the
-    /// neighbouring levels. The branches' strain is carried, not what is left of it, so that the stress goes on.
-    fn inherited_branches(&self, body: &Body, e: u32) -> [[Real; 6]; 2] {
-        let mut sum = [[0.0; 6]; 2];
-        if body.maxwell().is_empty() {
-            return sum;
-        }
-        let mut count = 0.0;
-        for n in body.element(e) {
-            for host in [body.coarser_host(n), body.finer_host(n)].into_iter().flatten() {
-                if let Some(history) = self.pool.history(host.element) {
-                    count += 1.0;
-                    for (to, from) in sum.iter_mut().flatten().zip(history.branch.iter().flatten()) {
-                        *to += from;
-                    }
-                }
-            }
-        }
-        sum.map(|b| b.map(|x| if count > 0.0 { x / count } else { 0.0 }))
-    }
-
     /// Springs' share of `ω²` [1/s²] at the nodes in `slots`, at most.
     fn springs_at(&self, slots: [u32; 4]) -> Real {
         slots.iter().map(|s| self.springs[*s as usize]).fold(0.0, Real::max)
@@ -883,21 +542,6 @@ impl ActiveMesh {
                 if let Some(e) = self.pool.id_at(class, place) {
                     self.reclass(body, e);
                 }
-            }
-        }
-    }
-
-    /// Frees the slots of nodes that no element in use has any more.
-    fn release_unused(&mut self, body: &Body) {
-        for i in 0..self.work.nodes.len() {
-            let n = self.work.nodes[i];
-            let slot = self.slot[n as usize];
-            if slot != NONE && !self.set.is_active(n) && !self.is_needed(body, n) {
-                self.drop_row(slot);
-                self.delist(slot, false);
-                self.slot[n as usize] = NONE;
-                self.node[slot as usize] = NONE;
-                self.free.push(slot);
             }
         }
     }
@@ -1010,176 +654,7 @@ impl ActiveMesh {
         let mass = (self.own_mass[s] + self.gathered_mass[s]) as Real * self.mass_unit;
         mass.max(body.least_mass(body.level_of(self.node[s])))
     }
-
-    /// One rigid motion of all nodes that can move, so that the momenta are what they were. Of all, because those near
-    /// the change may be so few, or so nearly in a line, that turning them takes any speed.
-    fn correct_momenta(&mut self, before: &Momenta) {
-        let now = self.momenta();
-        let motion = &mut self.motion;
-        let free = || self.active.iter().map(|s| *s as usize).filter(|s| motion.inverse_mass[*s] > 0.0);
-        let (mut mass, mut first) = (0.0, Vec3::zeros());
-        for s in free() {
-            mass += motion.mass[s];
-            first += vec3(&motion.position[s]) * motion.mass[s];
-        }
-        if mass == 0.0 {
-            return;
-        }
-        let centre = first / mass;
-        let mut inertia = Mat3::zeros();
-        for s in free() {
-            let d = vec3(&motion.position[s]) - centre;
-            inertia += (Mat3::identity() * d.norm_squared() - d * d.transpose()) * motion.mass[s];
-        }
-        let linear = before.linear - now.linear;
-        let angular = before.angular - now.angular - centre.cross(&linear);
-        // Free nodes in a line cannot be given every angular momentum.
-        let mean = inertia.trace() / 3.0;
-        let turns = inertia.determinant() > LEAST_INERTIA * mean * mean * mean;
-        let turn = if turns { inertia.try_inverse().map_or(Vec3::zeros(), |i| i * angular) } else { Vec3::zeros() };
-        for &slot in &self.active {
-            let s = slot as usize;
-            if motion.inverse_mass[s] > 0.0 {
-                let d = vec3(&motion.position[s]) - centre;
-                let v = vec3(&motion.velocity[s]) + linear / mass + turn.cross(&d);
-                motion.velocity[s] = padded(v);
-            }
-        }
-    }
-
-    /// Display vertices hang on the element whose vertices are active the most, the finer one of two alike; what they
-    /// would jump by from `before` goes into the fade.
-    fn reattach(&mut self, body: &Body, before: &[Vec3]) {
-        self.work.rehung.clear();
-        for i in 0..self.work.elements.len() {
-            for &v in body.hosted(self.work.elements[i]) {
-                let before = self.attachment[v as usize];
-                self.attach(body, v);
-                let now = &self.attachment[v as usize];
-                self.fade[v as usize][3] += before.spacing - now.spacing;
-                if now.element != before.element {
-                    self.work.rehung.push(v);
-                }
-            }
-        }
-        for (v, place) in before.iter().enumerate() {
-            let jump = place - self.vertex(v as u32);
-            // What has not moved but by rounding stays exactly where it is.
-            if jump.norm_squared() > 1e-24 {
-                for c in 0..3 {
-                    self.fade[v][c] += jump[c];
-                }
-            }
-        }
-        self.weigh_springs(body);
-    }
-
-    fn attach(&mut self, body: &Body, v: u32) {
-        let (mut most, mut host) = (0, None);
-        for r in (0..body.levels().len()).rev() {
-            let candidate = body.embedding(r, v);
-            let active = self.active_vertices[candidate.element as usize];
-            if active > most {
-                (most, host) = (active, Some(candidate));
-            }
-        }
-        let host = host.unwrap_or_else(|| self.near_element(body, v));
-        let level = body.level_of_element(host.element);
-        self.attachment[v as usize] = Attachment {
-            element: host.element,
-            slots: body.element(host.element).map(|n| self.slot[n as usize]),
-            weights: host.weights,
-            spacing: body.level(level).spacing,
-        };
-    }
-
-    /// Where levels meet, none of the elements that contain a vertex may be in use: then one around an active node that
-    /// stands for their nodes is extrapolated.
-    fn near_element(&self, body: &Body, v: u32) -> crate::geometry::locate::Host {
-        let p = body.surface().vertices[v as usize];
-        let mut n = body.element(body.embedding(0, v).element)[0];
-        while self.set.status(n) == Status::Refined {
-            let distance = |c: &u32| (body.rest(*c) - p).norm_squared();
-            n = body.children(n).iter().copied().min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap_or(n);
-        }
-        let least = |e: u32| {
-            let weights = crate::geometry::tet_mesh::barycentric(&body.corners(e), p);
-            (weights.iter().copied().fold(Real::INFINITY, Real::min), weights)
-        };
-        let mut best = (Real::NEG_INFINITY, 0, [0.25; 4]);
-        for &e in body.elements_around(n) {
-            let (inside, weights) = least(e);
-            if inside > best.0 {
-                best = (inside, e, weights);
-            }
-        }
-        crate::geometry::locate::Host { element: best.1, weights: best.2 }
-    }
-
-    /// What the springs add to `ω²` at most: `Σ_h k |b_j| Σ_i|b_i| / m_j` by row sums.
-    fn weigh_springs(&mut self, body: &Body) {
-        if body.holds().is_empty() {
-            return;
-        }
-        self.active.iter().for_each(|s| self.springs[*s as usize] = 0.0);
-        for hold in body.holds() {
-            let a = self.attachment[hold.vertex as usize];
-            let amplification: Real = a
-                .slots
-                .iter()
-                .zip(a.weights)
-                .map(|(s, w)| w.abs() * if self.is_master(*s) { 1.0 } else { self.row[*s as usize].amplification() })
-                .sum();
-            for (slot, w) in a.slots.iter().zip(a.weights) {
-                let stiffness = hold.stiffness * w.abs() * amplification;
-                if self.is_master(*slot) {
-                    self.springs[*slot as usize] += stiffness * self.motion.inverse_mass[*slot as usize];
-                } else {
-                    for (master, p) in self.row[*slot as usize].entries() {
-                        self.springs[master as usize] +=
-                            stiffness * p.abs() * self.motion.inverse_mass[master as usize];
-                    }
-                }
-            }
-        }
-        self.stiffest_spring = self.active.iter().map(|s| self.springs[*s as usize]).fold(0.0, Real::max);
-    }
-
-    /// Bound on the springs' share of `ω²` [1/s²] of any node.
-    pub fn stiffest_spring(&self) -> Real {
-        self.stiffest_spring
-    }
-
-    /// Fades what changes of resolution have left, by one tick.
-    pub fn fade_out(&mut self) {
-        let most = FASTEST_FADE * self.size;
-        for fade in &mut self.fade {
-            let away = vec3(fade).norm();
-            if away > 1e-9 {
-                let far = (away - FAR_FADE * self.size).max(0.0);
-                let faded = ((away - far) * (1.0 - FADE_KEPT)).min(most) + far * (1.0 - FADE_KEPT);
-                let kept = 1.0 - faded / away;
-                fade[..3].iter_mut().for_each(|x| *x *= kept);
-            } else if away > 0.0 {
-                fade[..3].fill(0.0);
-            }
-            fade[3] = if fade[3].abs() > 1e-9 { fade[3] * SPACING_FADE_KEPT } else { 0.0 };
-        }
-    }
 }
-
-/// Part of the fade of a place that is left after a tick: a time constant of 285 ms, slow enough for the eye.
-const FADE_KEPT: Real = 0.9965;
-/// What a place moves by at most in a tick because of it, over the body's size: 1e-3 in a frame cannot be seen.
-const FASTEST_FADE: Real = 2.8e-5;
-/// Beyond this part of the body's size, which only the wildest motion leaves, the fade is faster.
-const FAR_FADE: Real = 0.045;
-/// Part of the fade of a spacing that is left after a tick: 20 ms are slow enough for the hand, and a surface that was
-/// refined because a tool comes near must not feel as soft as the coarse one when it arrives.
-const SPACING_FADE_KEPT: Real = 0.95;
-
-/// Determinant of an inertia over the cube of its mean moment below which it is as good as singular.
-const LEAST_INERTIA: Real = 1e-3;
 
 /// An element takes a longer step only when it could take one this much longer still.
 const LENGTHENING_MARGIN: Real = 1.15;

@@ -1,0 +1,366 @@
+//! Changes of resolution: what has to follow when nodes are split or merged, and only that.
+
+use super::{ActiveMesh, Momenta, constants, padded, vec3};
+use crate::geometry::locate::Host;
+use crate::math::{Mat3, Real, Vec3};
+use crate::model::active_set::Change;
+use crate::model::body::{Body, NONE};
+use crate::model::element_pool::{ElementConstants, History};
+use crate::model::interface::InterfaceRow;
+use crate::model::step_class::{self, Strained};
+
+/// What a change cost, for the governor: counts of the same things that the budget is made of.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Upkeep {
+    /// Elements put in or taken out.
+    pub elements: u32,
+    /// Interface rows made.
+    pub rows: u32,
+}
+
+impl ActiveMesh {
+    /// Elements that a split of `n` would add.
+    pub fn added_by_split(&mut self, body: &Body, n: u32) -> u32 {
+        self.next_turn();
+        let mut added = 0;
+        for &c in body.children(n) {
+            for &e in body.elements_around(c) {
+                if self.active_vertices[e as usize] == 0 && self.work.element_stamp[e as usize] != self.work.turn {
+                    self.work.element_stamp[e as usize] = self.work.turn;
+                    added += 1;
+                }
+            }
+        }
+        added
+    }
+
+    /// True when there is room for a change that adds `elements`.
+    pub fn has_room(&self, elements: u32) -> bool {
+        // Each new element brings at most four new nodes.
+        self.pool.len() + elements as usize <= self.pool.capacity() && self.free.len() >= 4 * elements as usize
+    }
+
+    /// Makes `changes`, which are allowed side by side: splits or merges of nodes that are there.
+    ///
+    /// New nodes take over position and velocity from what stood for them, then the body is given the one rigid motion
+    /// that leaves linear and angular momentum as they were. What the displayed surface would jump by goes
+    /// into the fade.
+    pub fn apply(&mut self, body: &Body, changes: &[Change]) -> Upkeep {
+        if changes.is_empty() {
+            return Upkeep::default();
+        }
+        let mut before = std::mem::take(&mut self.work.before);
+        self.skin(&mut before);
+        let momenta = self.momenta();
+        self.next_turn();
+        self.collect_arrivals(body, changes);
+        for &change in changes {
+            self.set.apply(body, change);
+        }
+        self.swap_nodes(body);
+        self.reweigh(body);
+        self.remake_rows(body);
+        self.normalise(body);
+        self.place_interface();
+        self.correct_momenta(&momenta);
+        self.reattach(body, &before);
+        self.swap_elements(body);
+        self.release_unused(body);
+        self.work.before = before;
+        self.revision.iter_mut().for_each(|r| *r = r.wrapping_add(1));
+        Upkeep {
+            elements: (self.work.entering.len() + self.work.leaving.len()) as u32,
+            rows: self.work.dirty.len() as u32,
+        }
+    }
+
+    fn next_turn(&mut self) {
+        self.work.turn = self.work.turn.wrapping_add(1);
+        if self.work.turn == 0 {
+            self.work.node_stamp.fill(0);
+            self.work.element_stamp.fill(0);
+            self.work.turn = 1;
+        }
+    }
+
+    /// What becomes active, with where and how fast it is, and what ceases to be.
+    fn collect_arrivals(&mut self, body: &Body, changes: &[Change]) {
+        self.work.on.clear();
+        self.work.off.clear();
+        for &change in changes {
+            match change {
+                Change::Split(n) => {
+                    for &c in body.children(n) {
+                        let (x, v) = self.interpolate(body, c, body.coarser_host(c));
+                        self.work.on.push((c, x, v));
+                    }
+                    self.work.off.push(n);
+                }
+                Change::Merge(n) => {
+                    let (x, _) = self.interpolate(body, n, body.finer_host(n));
+                    let (mut mass, mut momentum) = (0.0, Vec3::zeros());
+                    for &c in body.children(n) {
+                        let slot = self.slot[c as usize] as usize;
+                        mass += self.motion.mass[slot];
+                        momentum += vec3(&self.motion.velocity[slot]) * self.motion.mass[slot];
+                        self.work.off.push(c);
+                    }
+                    let v = if body.is_fixed(n) { Vec3::zeros() } else { momentum / mass };
+                    self.work.on.push((n, x, v));
+                }
+            }
+        }
+    }
+
+    /// Position and velocity of node `n`, which is not active: in its host where all of that is there, else by its row.
+    fn interpolate(&mut self, body: &Body, n: u32, host: Option<Host>) -> (Vec3, Vec3) {
+        if body.is_fixed(n) {
+            return (body.rest(n), Vec3::zeros());
+        }
+        let mut x = Vec3::zeros();
+        let mut v = Vec3::zeros();
+        let nodes = host.map(|h| (body.element(h.element), h.weights));
+        if let Some((nodes, weights)) = nodes.filter(|(nodes, _)| nodes.iter().all(|n| self.slot[*n as usize] != NONE))
+        {
+            for (node, w) in nodes.iter().zip(weights) {
+                let slot = self.slot[*node as usize];
+                x += vec3(&self.motion.position[slot as usize]) * w;
+                v += self.velocity_of(slot) * w;
+            }
+        } else {
+            let row = self.work.search.row(body, &self.set, n);
+            for (node, w) in row.entries() {
+                let slot = self.slot[node as usize];
+                x += vec3(&self.motion.position[slot as usize]) * w;
+                v += vec3(&self.motion.velocity[slot as usize]) * w;
+            }
+        }
+        (x, v)
+    }
+
+    fn velocity_of(&self, slot: u32) -> Vec3 {
+        if self.is_master(slot) {
+            return vec3(&self.motion.velocity[slot as usize]);
+        }
+        self.row[slot as usize].entries().map(|(m, w)| vec3(&self.motion.velocity[m as usize]) * w).sum()
+    }
+
+    /// Gives the nodes that become active their slots and motion, and takes the others off the list.
+    fn swap_nodes(&mut self, body: &Body) {
+        let off = std::mem::take(&mut self.work.off);
+        for &n in &off {
+            let slot = self.slot[n as usize];
+            self.delist(slot, true);
+            self.row[slot as usize] = InterfaceRow::EMPTY;
+            self.motion.velocity[slot as usize] = [0.0; 4];
+            self.enlist(slot, false);
+        }
+        let on = std::mem::take(&mut self.work.on);
+        for &(n, x, v) in &on {
+            let slot = match self.slot[n as usize] {
+                NONE => self.take_slot(n),
+                slot => {
+                    self.drop_row(slot);
+                    self.delist(slot, false);
+                    slot
+                }
+            };
+            self.enlist(slot, true);
+            self.motion.position[slot as usize] = padded(x);
+            self.motion.velocity[slot as usize] = if body.is_fixed(n) { [0.0; 4] } else { padded(v) };
+        }
+        self.work.off = off;
+        self.work.on = on;
+    }
+
+    /// New weights of the elements around changed nodes, and the masses that go with them.
+    fn reweigh(&mut self, body: &Body) {
+        self.work.elements.clear();
+        for n in self.work.on.iter().map(|o| o.0).chain(self.work.off.iter().copied()) {
+            for &e in body.elements_around(n) {
+                if self.work.element_stamp[e as usize] != self.work.turn {
+                    self.work.element_stamp[e as usize] = self.work.turn;
+                    self.work.elements.push(e);
+                }
+            }
+        }
+        self.work.entering.clear();
+        self.work.leaving.clear();
+        self.work.nodes.clear();
+        for i in 0..self.work.elements.len() {
+            let e = self.work.elements[i];
+            let nodes = body.element(e);
+            let now = nodes.iter().filter(|n| self.set.is_active(**n)).count() as u8;
+            let was = std::mem::replace(&mut self.active_vertices[e as usize], now);
+            if now == was {
+                continue;
+            }
+            for n in nodes {
+                if self.work.node_stamp[n as usize] != self.work.turn {
+                    self.work.node_stamp[n as usize] = self.work.turn;
+                    self.work.nodes.push(n);
+                }
+                if self.slot[n as usize] == NONE {
+                    let slot = self.take_slot(n);
+                    self.enlist(slot, false);
+                }
+            }
+            self.weigh(body, e, i64::from(now) - i64::from(was));
+            if was == 0 {
+                self.work.entering.push(e);
+            } else if now == 0 {
+                self.work.leaving.push(e);
+            } else {
+                let constants = constants(body, e, now);
+                self.pool.set_stiffness(e, constants.lambda, constants.mu);
+            }
+        }
+    }
+
+    /// Rows that looked at a changed node, new ones, and those whose node's mass has changed.
+    fn remake_rows(&mut self, body: &Body) {
+        self.work.dirty.clear();
+        let (mut low, mut high) = (Vec3::repeat(Real::INFINITY), Vec3::repeat(Real::NEG_INFINITY));
+        for n in self.work.on.iter().map(|o| o.0).chain(self.work.off.iter().copied()) {
+            low = low.inf(&body.rest(n));
+            high = high.sup(&body.rest(n));
+        }
+        for &slot in &self.interface {
+            let node = self.node[slot as usize];
+            let reach = self.row[slot as usize].reach_squared * (1.0 + 1e-12);
+            let u = body.rest(node);
+            let apart = (low - u).sup(&(u - high)).sup(&Vec3::zeros());
+            let mut changed = self.work.on.iter().map(|o| o.0).chain(self.work.off.iter().copied());
+            let dirty = self.row[slot as usize].is_empty()
+                || self.work.node_stamp[node as usize] == self.work.turn
+                || (apart.norm_squared() <= reach && changed.any(|n| (body.rest(n) - u).norm_squared() <= reach));
+            if dirty {
+                self.work.dirty.push(slot);
+            }
+        }
+        for i in 0..self.work.dirty.len() {
+            self.drop_row(self.work.dirty[i]);
+        }
+        for i in 0..self.work.dirty.len() {
+            let slot = self.work.dirty[i];
+            if self.is_needed(body, self.node[slot as usize]) {
+                self.make_row(body, slot);
+            }
+        }
+    }
+
+    /// True when an element in use has the node `n`.
+    fn is_needed(&self, body: &Body, n: u32) -> bool {
+        body.elements_around(n).iter().any(|e| self.active_vertices[*e as usize] > 0)
+    }
+
+    /// Puts in the elements that are needed now, strained as they lie there, and takes out the others.
+    fn swap_elements(&mut self, body: &Body) {
+        for i in 0..self.work.entering.len() {
+            let e = self.work.entering[i];
+            let slots = body.element(e).map(|n| self.slot[n as usize]);
+            let constants = constants(body, e, self.active_vertices[e as usize]);
+            let (strain, det) = self.strain(&constants, slots);
+            let history = History { strain, det, branch: self.inherited_branches(body, e) };
+            self.omega_squared[e as usize] = step_class::omega_squared(body, e);
+            let strained = Strained::of(body.material_of(e), &history);
+            let step = step_class::stable_step(
+                self.omega_squared[e as usize],
+                strained,
+                body.damping_time(),
+                self.springs_at(slots),
+            );
+            let class = step_class::class_for(step);
+            let taken = self.pool.insert(e, class, slots, &constants, &history);
+            debug_assert!(taken, "whoever plans a change asks for room first");
+            self.set_calm(body, e, class);
+        }
+        for i in 0..self.work.leaving.len() {
+            self.pool.remove(self.work.leaving[i]);
+        }
+    }
+
+    /// Green strain and determinant of an element where its nodes lie now.
+    fn strain(&self, constants: &ElementConstants, slots: [u32; 4]) -> ([Real; 6], Real) {
+        let x = slots.map(|s| vec3(&self.motion.position[s as usize]));
+        let g = constants.gradient.map(Vec3::from);
+        let f: Mat3 = (0..3).map(|i| (x[i + 1] - x[0]) * g[i].transpose()).sum();
+        let e = (f.transpose() * f - Mat3::identity()) * 0.5;
+        ([e[(0, 0)], e[(1, 1)], e[(2, 2)], e[(1, 2)], e[(0, 2)], e[(0, 1)]], f.determinant())
+    }
+
+    /// What the Maxwell branches of element `e` hold: the mean over the elements that contain its vertices on the
+    /// neighbouring levels. The branches' strain is carried, not what is left of it, so that the stress goes on.
+    fn inherited_branches(&self, body: &Body, e: u32) -> [[Real; 6]; 2] {
+        let mut sum = [[0.0; 6]; 2];
+        if body.maxwell().is_empty() {
+            return sum;
+        }
+        let mut count = 0.0;
+        for n in body.element(e) {
+            for host in [body.coarser_host(n), body.finer_host(n)].into_iter().flatten() {
+                if let Some(history) = self.pool.history(host.element) {
+                    count += 1.0;
+                    for (to, from) in sum.iter_mut().flatten().zip(history.branch.iter().flatten()) {
+                        *to += from;
+                    }
+                }
+            }
+        }
+        sum.map(|b| b.map(|x| if count > 0.0 { x / count } else { 0.0 }))
+    }
+
+    /// Frees the slots of nodes that no element in use has any more.
+    fn release_unused(&mut self, body: &Body) {
+        for i in 0..self.work.nodes.len() {
+            let n = self.work.nodes[i];
+            let slot = self.slot[n as usize];
+            if slot != NONE && !self.set.is_active(n) && !self.is_needed(body, n) {
+                self.drop_row(slot);
+                self.delist(slot, false);
+                self.slot[n as usize] = NONE;
+                self.node[slot as usize] = NONE;
+                self.free.push(slot);
+            }
+        }
+    }
+
+    /// One rigid motion of all nodes that can move, so that the momenta are what they were. Of all, because those near
+    /// the change may be so few, or so nearly in a line, that turning them takes any speed.
+    fn correct_momenta(&mut self, before: &Momenta) {
+        let now = self.momenta();
+        let motion = &mut self.motion;
+        let free = || self.active.iter().map(|s| *s as usize).filter(|s| motion.inverse_mass[*s] > 0.0);
+        let (mut mass, mut first) = (0.0, Vec3::zeros());
+        for s in free() {
+            mass += motion.mass[s];
+            first += vec3(&motion.position[s]) * motion.mass[s];
+        }
+        if mass == 0.0 {
+            return;
+        }
+        let centre = first / mass;
+        let mut inertia = Mat3::zeros();
+        for s in free() {
+            let d = vec3(&motion.position[s]) - centre;
+            inertia += (Mat3::identity() * d.norm_squared() - d * d.transpose()) * motion.mass[s];
+        }
+        let linear = before.linear - now.linear;
+        let angular = before.angular - now.angular - centre.cross(&linear);
+        // Free nodes in a line cannot be given every angular momentum.
+        let mean = inertia.trace() / 3.0;
+        let turns = inertia.determinant() > LEAST_INERTIA * mean * mean * mean;
+        let turn = if turns { inertia.try_inverse().map_or(Vec3::zeros(), |i| i * angular) } else { Vec3::zeros() };
+        for &slot in &self.active {
+            let s = slot as usize;
+            if motion.inverse_mass[s] > 0.0 {
+                let d = vec3(&motion.position[s]) - centre;
+                let v = vec3(&motion.velocity[s]) + linear / mass + turn.cross(&d);
+                motion.velocity[s] = padded(v);
+            }
+        }
+    }
+}
+
+/// Determinant of an inertia over the cube of its mean moment below which it is as good as singular.
+const LEAST_INERTIA: Real = 1e-3;
