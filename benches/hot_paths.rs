@@ -110,6 +110,36 @@ fn ticks(c: &mut Criterion) {
     frame.finish();
 }
 
+/// The same press on a body without and with a level ten times as large as its finest, which is not used.
+fn unused_level(c: &mut Criterion) {
+    let mut group = c.benchmark_group("unused level");
+    for (name, spacings) in [("without", "0.026, 0.015, 0.0085"), ("with", "0.026, 0.015, 0.0085, 0.0039")] {
+        let spacings = format!("body.spacings=[{spacings}]");
+        let loaded = load(&["world.gravity=[0,0,0]", "resolution.finest_level=2", &spacings]);
+        let body = build(&loaded);
+        let mut simulation =
+            Simulation::new(body.clone(), loaded.scene.settings(), loaded.scene.at_rest(&body)).unwrap();
+        let top = body.surface().vertices.iter().copied().max_by(|a, b| a.z.total_cmp(&b.z)).unwrap();
+        let radius = loaded.scene.tool[0].radius;
+        let mut inputs = Inputs::default();
+        inputs.tools[0] = Some(ToolEvent::Attach { epoch: 1, period_ticks: 1 });
+        simulation.advance(&inputs);
+        let mut sequence = 0;
+        let mut press = || {
+            sequence += 1;
+            let height = 0.01 - 6e-5 * f64::from(sequence.min(300));
+            inputs.tools[0] = pose(sequence, top + Vec3::new(0.0, 0.0, radius + height));
+            simulation.advance(&inputs).elements
+        };
+        (0..1000).for_each(|_| {
+            press();
+        });
+        println!("{name}: {} of {} elements in use", press(), body.element_count());
+        group.bench_function(name, |b| b.iter(&mut press));
+    }
+    group.finish();
+}
+
 /// A family in the middle of the body is split and merged again.
 fn change_of_resolution(c: &mut Criterion) {
     let body = build(&load(&[]));
@@ -130,5 +160,5 @@ fn change_of_resolution(c: &mut Criterion) {
     });
 }
 
-criterion_group!(benches, element_kernel, ticks, change_of_resolution);
+criterion_group!(benches, element_kernel, ticks, unused_level, change_of_resolution);
 criterion_main!(benches);
