@@ -166,7 +166,7 @@ pub fn couplings(out: &Path, progress: Progress) -> Result<String> {
                 if clamped { "–".into() } else { format!("{:.1e}", largest(runs.iter().map(|r| r.centre_speed))) },
             ]);
             let points = runs.into_iter().next().map(|r| r.energy).unwrap_or_default();
-            curves.push(Curve { name: format!("{}, {}", coupling.name(), kind.name()), points });
+            curves.push(Curve { name: format!("{}, {}", coupling.name(), kind.name()), points, ..Curve::default() });
         }
         panels.push(Chart {
             title: format!("{body}, refined around one point"),
@@ -175,6 +175,7 @@ pub fn couplings(out: &Path, progress: Progress) -> Result<String> {
             curves,
             y_range: Some((-6.0, 1.0)),
             powers: true,
+            ..Chart::default()
         });
     }
     charts(out, "couplings_energy", "Undamped bodies of mixed resolution", &panels)?;

@@ -11,6 +11,8 @@
 //! | [`patch`] | the interface patch test and weights that come nearer to passing it |
 //! | [`printed`] | the method as printed: steps per node, the filter of eq. 11, the criterion of eq. 9 |
 //! | [`compare`] | the tables: couplings, rows, weights |
+//! | [`press`] | a punch pressed deep into a cube, under every law |
+//! | [`relax`] | bodies brought to rest |
 //! | [`touch`] | the core under a tool: error against cost, a cut budget, the paper's figure 8 |
 //! | [`plot`] | pictures and tables |
 
@@ -21,7 +23,9 @@ pub mod levels;
 pub mod oscillate;
 pub mod patch;
 pub mod plot;
+pub mod press;
 pub mod printed;
+pub mod relax;
 pub mod rows;
 pub mod touch;
 
@@ -41,8 +45,9 @@ pub struct Study {
 }
 
 /// All studies, in the order in which they run.
-pub const STUDIES: [Study; 9] = [
+pub const STUDIES: [Study; 10] = [
     Study { name: "laws", about: "figures 4, 5 and 6 of the paper: laws and resolutions", work: oscillate::figures },
+    Study { name: "depth", about: "force against depth of a punch, under every law", work: press::depth },
     Study {
         name: "couplings",
         about: "coupling by forces (printed) and by energy on the same active sets",
@@ -109,6 +114,6 @@ mod tests {
     #[test]
     fn an_unknown_study_is_refused_with_the_names_of_the_known() {
         let error = run(Some("nonsense"), Path::new("/nowhere"), &|_| ()).unwrap_err();
-        assert!(error.to_string().contains("laws, couplings, rows"));
+        assert!(error.to_string().contains("laws, depth, couplings"));
     }
 }

@@ -88,7 +88,7 @@ fn curve(cells: u32, law: Law, material: Material) -> Curve {
         swing.advance();
         points.push((i as Real * SAMPLE, swing.corner()));
     }
-    Curve { name: format!("{} nodes", (cells + 1).pow(3)), points }
+    Curve { name: format!("{} nodes", (cells + 1).pow(3)), points, ..Curve::default() }
 }
 
 /// Deepest point of the first swing [m], and the period [s] of the strongest frequency between 0.5 and 5 Hz.
@@ -123,7 +123,7 @@ fn panel(title: &str, curves: Vec<Curve>) -> Chart {
         y_label: "height of the corner [m]".into(),
         curves,
         y_range: Some((-0.5, 0.1)),
-        powers: false,
+        ..Chart::default()
     }
 }
 

@@ -3,6 +3,7 @@
 
 use super::coupling::Mixed;
 use super::laws::green_strain;
+use super::relax::relax;
 use super::rows::Row;
 use crate::math::{Mat3, Real, Vec3};
 
@@ -177,34 +178,16 @@ pub fn patch_error(mixed: &Mixed, stretch: Real, held: Held) -> PatchError {
     let f = Mat3::from_diagonal(&Vec3::new(1.0 + stretch, across, across));
     let mean = green_strain(&f);
     let mut x: Vec<Vec3> = levels.rest.iter().map(|u| f * u).collect();
-    let mut v = vec![Vec3::zeros(); x.len()];
-    // Dynamic relaxation: undamped steps, all motion wiped out whenever the kinetic energy passes a peak.
-    let dt = 0.4 * 2.0 / mixed.largest_frequency();
-    let (mut first, mut last_kinetic) = (None, 0.0);
-    for _ in 0..4000 {
-        mixed.place_interface(&mut x);
-        let mut force = mixed.force(&x);
+    let mut first = None;
+    relax(&mut x, &mixed.mass, 0.4 * 2.0 / mixed.largest_frequency(), 4000, |x| {
+        mixed.place_interface(x);
+        let mut force = mixed.force(x);
         for (n, force) in force.iter_mut().enumerate() {
             (0..3).filter(|a| held(n, *a)).for_each(|a| force[a] = 0.0);
         }
         let largest = force.iter().map(|f| f.norm()).fold(0.0, Real::max);
-        if largest <= 1e-4 * *first.get_or_insert(largest) {
-            break;
-        }
-        let mut kinetic = 0.0;
-        for n in (0..x.len()).filter(|n| mixed.moving[*n]) {
-            v[n] += force[n] * (dt / mixed.mass[n]);
-            kinetic += mixed.mass[n] * v[n].norm_squared();
-        }
-        if kinetic < last_kinetic {
-            v.iter_mut().for_each(|v| *v = Vec3::zeros());
-            kinetic = 0.0;
-        }
-        last_kinetic = kinetic;
-        for n in 0..x.len() {
-            x[n] += v[n] * dt;
-        }
-    }
+        (largest > 1e-4 * *first.get_or_insert(largest)).then_some(force)
+    });
     mixed.place_interface(&mut x);
     let (mut square, mut volume) = (0.0, 0.0);
     for (e, weight) in &mixed.weighted {

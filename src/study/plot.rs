@@ -32,16 +32,18 @@ const GRID: RGBColor = RGBColor(226, 228, 232);
 const INK: RGBColor = RGBColor(40, 42, 48);
 
 /// One line.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Curve {
     /// Words for the legend.
     pub name: String,
     /// Points, in the units of the chart's axes; whatever is not finite ends the line.
     pub points: Vec<(Real, Real)>,
+    /// Points that get a dot, in the same units.
+    pub dots: Vec<(Real, Real)>,
 }
 
 /// One panel of axes.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Chart {
     /// Words above it.
     pub title: String,
@@ -55,6 +57,8 @@ pub struct Chart {
     pub y_range: Option<(Real, Real)>,
     /// The values are powers of ten, and labelled so.
     pub powers: bool,
+    /// Each label along x is twice the one before.
+    pub log_x: bool,
 }
 
 /// Writes `name.png` with the `charts` side by side under `title`, and `name.csv` with every point, into `out`.
@@ -221,22 +225,29 @@ fn heading(area: &Area, title: &str) -> Drawn {
 }
 
 fn draw_chart(area: &Area, chart: &Chart) -> Drawn {
-    let shown = |c: &Curve| c.points.iter().copied().take_while(|p| p.0.is_finite() && p.1.is_finite()).collect();
+    let place = |p: &(Real, Real)| (if chart.log_x { p.0.log2() } else { p.0 }, p.1);
+    let shown = |c: &Curve| c.points.iter().map(place).take_while(|p| p.0.is_finite() && p.1.is_finite()).collect();
     let curves: Vec<Vec<(Real, Real)>> = chart.curves.iter().map(shown).collect();
     let span = |pick: fn(&(Real, Real)) -> Real| {
         let values = || curves.iter().flatten().map(pick);
         (values().fold(Real::INFINITY, Real::min), values().fold(-Real::INFINITY, Real::max))
     };
-    let (left, mut right) = span(|p| p.0);
-    // A run that stops just short of a round time still gets its label.
-    if right.ceil() - right < 0.01 * right {
+    let (mut left, mut right) = span(|p| p.0);
+    let mut x_labels = 9;
+    if chart.log_x {
+        (left, right) = (left.floor(), right.ceil());
+        x_labels = (right - left) as usize + 1;
+    } else if right.ceil() - right < 0.01 * right {
+        // A run that stops just short of a round time still gets its label.
         right = right.ceil();
     }
     let (low, high) = chart.y_range.unwrap_or_else(|| {
         let (low, high) = span(|p| p.1);
         (low - 0.06 * (high - low), high + 0.06 * (high - low))
     });
-    let legend_rows = chart.curves.len().div_ceil(3) as u32;
+    let longest = chart.curves.iter().map(|c| c.name.chars().count()).max().unwrap_or(0);
+    let (columns, width) = if longest > 23 { (2, 380) } else { (3, 255) };
+    let legend_rows = chart.curves.len().div_ceil(columns) as u32;
     let (strip, body) = area.split_vertically(size(44 + 30 * legend_rows));
     strip.draw_text(
         &chart.title,
@@ -244,9 +255,9 @@ fn draw_chart(area: &Area, chart: &Chart) -> Drawn {
         ((strip.dim_in_pixel().0 / 2) as i32, size(18) as i32),
     )?;
     // The legend stands above the axes, where it hides nothing.
-    let column = |i: usize| size(100 + (i as u32 % 3) * 255) as i32;
+    let column = |i: usize| size(100 + (i % columns) as u32 * width) as i32;
     for (i, curve) in chart.curves.iter().enumerate() {
-        let y = size(52 + 30 * (i as u32 / 3)) as i32;
+        let y = size(52 + 30 * (i / columns) as u32) as i32;
         let line = [(column(i), y), (column(i) + size(34) as i32, y)];
         strip.draw(&PathElement::new(line, COLOURS[i % COLOURS.len()].stroke_width(size(3))))?;
         let style = font(18).pos(Pos::new(HPos::Left, VPos::Center));
@@ -260,14 +271,14 @@ fn draw_chart(area: &Area, chart: &Chart) -> Drawn {
         .y_label_area_size(size(92))
         .build_cartesian_2d(left..right, low..high)?;
     axes.configure_mesh()
-        .x_labels(9)
+        .x_labels(x_labels)
         .y_labels(7)
         .max_light_lines(0)
         .bold_line_style(GRID.stroke_width(size(1)))
         .axis_style(INK.stroke_width(size(1)))
         .label_style(font(17))
         .axis_desc_style(font(19))
-        .x_label_formatter(&|v| number(*v))
+        .x_label_formatter(&|v| number(if chart.log_x { v.exp2() } else { *v }))
         .set_all_tick_mark_size(size(5))
         .y_label_formatter(&|v| if chart.powers { format!("1e{}", number(*v)) } else { number(*v) })
         .x_desc(&chart.x_label)
@@ -278,6 +289,8 @@ fn draw_chart(area: &Area, chart: &Chart) -> Drawn {
         // A run that leaves the axes is drawn up to where it does.
         let inside = points.into_iter().take_while(|p| p.1 >= low && p.1 <= high);
         axes.draw_series(LineSeries::new(inside, style))?;
+        let dots = chart.curves[i].dots.iter().map(place).filter(|p| p.1 >= low && p.1 <= high);
+        axes.draw_series(dots.map(|p| Circle::new(p, size(5), COLOURS[i % COLOURS.len()].filled())))?;
     }
     Ok(())
 }

@@ -389,16 +389,16 @@ pub fn adaptive(out: &Path, progress: Progress) -> Result<String> {
             };
             let mean = number.iter().map(|p| p.1).sum::<Real>() / number.len() as Real;
             text += &format!("{words}: {name}: {state}; {mean:.0} active nodes on average\n");
-            heights.push(Curve { name: name.clone(), points: height });
-            counts.push(Curve { name, points: number });
+            heights.push(Curve { name: name.clone(), points: height, ..Curve::default() });
+            counts.push(Curve { name, points: number, ..Curve::default() });
         }
         let panel = |title: String, y_label: &str, curves, y_range| Chart {
-            powers: false,
             title,
             x_label: "time [s]".into(),
             y_label: y_label.into(),
             curves,
             y_range,
+            ..Chart::default()
         };
         all.push(panel(format!("corner, {words}"), "height of the corner [m]", heights, Some((-0.45, 0.1))));
         all.push(panel(format!("resolution, {words}"), "active nodes", counts, Some((0.0, 800.0))));

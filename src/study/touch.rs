@@ -211,8 +211,8 @@ pub fn speed(out: &Path, progress: Progress) -> Result<String> {
             against_global.push((g, e));
             against_local.push((l, e));
         }
-        global.push(Curve { name: (*name).into(), points: against_global });
-        local.push(Curve { name: (*name).into(), points: against_local });
+        global.push(Curve { name: (*name).into(), points: against_global, ..Curve::default() });
+        local.push(Curve { name: (*name).into(), points: against_local, ..Curve::default() });
     }
     let chart = |title: &str, curves| Chart {
         title: title.into(),
@@ -220,7 +220,7 @@ pub fn speed(out: &Path, progress: Progress) -> Result<String> {
         y_label: "error of the tool force [% of the peak, rms]".into(),
         curves,
         y_range: Some((0.0, 10.0)),
-        powers: false,
+        ..Chart::default()
     };
     let panels = [chart("against one global step", global), chart("against steps per element", local)];
     charts(out, "speed", "Speed-up at equal accuracy: press and stroke", &panels)?;
@@ -270,10 +270,9 @@ pub fn overload(out: &Path, progress: Progress) -> Result<String> {
         x_label: "time [s]".into(),
         y_label: y_label.into(),
         curves,
-        y_range: None,
-        powers: false,
+        ..Chart::default()
     };
-    let curve = |name: &str, points: Vec<(Real, Real)>| Curve { name: name.into(), points };
+    let curve = |name: &str, points: Vec<(Real, Real)>| Curve { name: name.into(), points, ..Curve::default() };
     let fewest = |part: std::ops::Range<usize>| nodes[part].iter().map(|n| n.1).fold(Real::INFINITY, Real::min);
     let text = format!(
         "active nodes: {:.0} before the cut, {:.0} at its end, {:.0} a second later; the body stood still in {stood} ticks \
