@@ -4,8 +4,8 @@ use super::Progress;
 use super::coupling::{Coupling, Mixed, Motion};
 use super::laws::{Law, green_strain};
 use super::levels::{Levels, Random};
-use super::oscillate::material;
-use super::patch::{Weights, patch_error, weigh};
+use super::oscillate::{GRAVITY, material};
+use super::patch::{Weights, patch_error, sliding_walls, weigh};
 use super::plot::{Chart, Curve, charts, table};
 use super::rows::{RowKind, rows};
 use crate::geometry::primitives::box_surface;
@@ -16,15 +16,8 @@ use std::io::{Error, Result};
 use std::path::Path;
 use std::time::Instant;
 
-const GRAVITY: Vec3 = Vec3::new(0.0, 0.0, -9.81);
-/// Cells along an edge of the conforming levels: spacings in a ratio of about 5/3.
-const CELLS: [[u32; 3]; 3] = [[3; 3], [5; 3], [8; 3]];
 /// Lattice constants of the covers [m].
 const LATTICES: [Real; 3] = [0.34, 0.21, 0.13];
-
-fn boxes(clamped: bool) -> Levels {
-    Levels::of_box(Vec3::repeat(1.0), &CELLS, material(), clamped)
-}
 
 fn covers() -> Result<Levels> {
     let surface = box_surface(Vec3::repeat(1.0), [8; 3]);
@@ -98,10 +91,6 @@ fn random_velocities(mixed: &Mixed, seed: u64, rate: Real) -> Vec<Vec3> {
     v
 }
 
-fn smallest_altitude(mixed: &Mixed) -> Real {
-    mixed.weighted.iter().map(|(e, _)| mixed.levels.altitude[*e]).fold(Real::INFINITY, Real::min)
-}
-
 fn sorted(values: impl Iterator<Item = Real>) -> Vec<Real> {
     let mut values: Vec<Real> = values.collect();
     values.sort_by(Real::total_cmp);
@@ -130,7 +119,7 @@ pub fn couplings(out: &Path, progress: Progress) -> Result<String> {
     let mut panels = Vec::new();
     for clamped in [false, true] {
         let body = if clamped { "clamped cube" } else { "free cube" };
-        let levels = boxes(clamped);
+        let levels = Levels::of_cube(material(), clamped);
         let mut curves = Vec::new();
         for (coupling, kind) in cases {
             progress(&format!("{body}, coupled {}, rows by {}", coupling.name(), kind.name()));
@@ -140,7 +129,7 @@ pub fn couplings(out: &Path, progress: Progress) -> Result<String> {
                 // The coupling by forces has no symmetric stiffness, so no frequency to bound its step: take a quarter
                 // of the altitude, well below what the coupling by energy allows.
                 let dt = match coupling {
-                    Coupling::Force => 0.25 * smallest_altitude(&mixed) / levels.material.wave_speed(),
+                    Coupling::Force => 0.25 * mixed.smallest_altitude() / levels.material.wave_speed(),
                     Coupling::Energy => 1.0 / mixed.largest_frequency(),
                 };
                 let (v, gravity) = if clamped {
@@ -197,11 +186,9 @@ pub fn couplings(out: &Path, progress: Progress) -> Result<String> {
 pub fn rows_compared(out: &Path, progress: Progress) -> Result<String> {
     const SETS: u64 = 10;
     let mut table_rows = Vec::new();
-    for (mesh, levels) in [("conforming", boxes(false)), ("cover", covers()?)] {
+    for (mesh, levels) in [("conforming", Levels::of_cube(material(), false)), ("cover", covers()?)] {
         let held = held_nodes(&levels);
-        let finest = levels.uniform(levels.count() - 1);
-        let uniform = Mixed::new(&levels, finest, Law::GreenWithCompression, Coupling::Energy, RowKind::Hosts);
-        let uniform_frequency = uniform.largest_frequency();
+        let uniform = uniform_frequency(&levels);
         for (scattered, sets) in [(0, "around a point"), (1, "scattered")] {
             for kind in [RowKind::Hosts, RowKind::MovingLeastSquares] {
                 progress(&format!("rows by {}, {mesh} levels, refined {sets}", kind.name()));
@@ -225,7 +212,7 @@ pub fn rows_compared(out: &Path, progress: Progress) -> Result<String> {
                         found.iter().filter(negative).count() as Real / count,
                         found.iter().map(|r| r.iter().map(|(_, w)| w.abs()).sum()).fold(0.0, Real::max),
                         mixed.mass.iter().sum::<Real>() / levels.body_mass(),
-                        uniform_frequency / frequency,
+                        uniform / frequency,
                         patch_error(&mixed, 0.1, &held).strain,
                         patch_error(&mixed, 0.3, &held).strain,
                         run.drift,
@@ -296,21 +283,23 @@ fn held_nodes(levels: &Levels) -> impl Fn(usize, usize) -> bool + '_ {
         }
     }
     let is_cover = cut.contains(&true);
-    move |node, axis| {
-        let u = levels.rest[node][axis];
-        if is_cover { cut[node] } else { !(1e-9..=1.0 - 1e-9).contains(&u) }
-    }
+    let walls = sliding_walls(&levels.rest, Vec3::repeat(1.0));
+    move |node, axis| if is_cover { cut[node] } else { walls(node, axis) }
+}
+
+/// Largest angular frequency [rad/s] with all of the finest level active.
+fn uniform_frequency(levels: &Levels) -> Real {
+    let finest = levels.uniform(levels.count() - 1);
+    Mixed::new(levels, finest, Law::GreenWithCompression, Coupling::Energy, RowKind::Hosts).largest_frequency()
 }
 
 /// The interface patch test with four kinds of weights, and what each costs.
 pub fn patch_tests(out: &Path, progress: Progress) -> Result<String> {
     const SETS: u64 = 10;
     let kinds = [Weights::Quarter, Weights::Kaczmarz(3), Weights::Kaczmarz(20), Weights::BoundedLeastSquares];
-    let levels = boxes(false);
+    let levels = Levels::of_cube(material(), false);
     let held = held_nodes(&levels);
-    let finest = levels.uniform(levels.count() - 1);
-    let uniform =
-        Mixed::new(&levels, finest, Law::GreenWithCompression, Coupling::Energy, RowKind::Hosts).largest_frequency();
+    let uniform = uniform_frequency(&levels);
     let mut table_rows = Vec::new();
     for (scattered, sets) in [(0, "around a point"), (1, "scattered")] {
         for kind in [RowKind::Hosts, RowKind::MovingLeastSquares] {

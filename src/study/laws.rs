@@ -126,6 +126,14 @@ pub fn green_strain(f: &Mat3) -> Mat3 {
     (f.transpose() * f - Mat3::identity()) * 0.5
 }
 
+/// `F S` [Pa] with the viscous `S = φ tr(Ė) I + 2ψ Ė` [DDCB01 eq. 3, 4] at the deformation gradient `f` and its `rate`
+/// [1/s].
+pub fn viscous_stress(material: &Material, f: &Mat3, rate: &Mat3) -> Mat3 {
+    let half = f.transpose() * rate;
+    let strain_rate = (half + half.transpose()) * 0.5;
+    f * (Mat3::identity() * (material.phi * strain_rate.trace()) + strain_rate * (2.0 * material.psi))
+}
+
 /// `∂J/∂F`, which needs no inverse and so survives inverted elements.
 fn cofactor(f: &Mat3) -> Mat3 {
     let (a, b, c) = (f.column(0), f.column(1), f.column(2));
@@ -262,17 +270,12 @@ impl Solid {
         force
     }
 
-    /// Viscous forces [N] at positions `x` [m] and velocities `v` [m/s]: `S = φ tr(Ė) I + 2ψ Ė` [DDCB01 eq. 3, 4]. No
-    /// energy belongs to them, and none to rigid motion.
+    /// Viscous forces [N] at positions `x` [m] and velocities `v` [m/s]. No energy belongs to them, and none to rigid
+    /// motion.
     pub fn viscous_force(&self, x: &[Vec3], v: &[Vec3]) -> Vec<Vec3> {
         let mut force = vec![Vec3::zeros(); x.len()];
         for e in &self.elements {
-            let (f, rate) = (e.gradient_of(x), e.gradient_of(v));
-            let half = f.transpose() * rate;
-            let strain_rate = (half + half.transpose()) * 0.5;
-            let stress = f
-                * (Mat3::identity() * (self.material.phi * strain_rate.trace())
-                    + strain_rate * (2.0 * self.material.psi));
+            let stress = viscous_stress(&self.material, &e.gradient_of(x), &e.gradient_of(v));
             for (node, gradient) in e.nodes.iter().zip(&e.gradient) {
                 force[*node] -= stress * gradient * e.volume;
             }

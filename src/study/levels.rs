@@ -129,6 +129,11 @@ impl Levels {
         Self::new(cells.iter().enumerate().map(level).collect(), material, |u| clamped && u.x < 1e-9)
     }
 
+    /// The cube of 1 m that most studies share: spacings in a ratio of about 5/3.
+    pub fn of_cube(material: Material, clamped: bool) -> Self {
+        Self::of_box(Vec3::repeat(1.0), &[[3; 3], [5; 3], [8; 3]], material, clamped)
+    }
+
     /// Number of levels.
     pub fn count(&self) -> usize {
         self.tied.len()

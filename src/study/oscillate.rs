@@ -21,11 +21,18 @@ const DURATION: Real = 5.0;
 const SAMPLE: Real = 0.01;
 /// φ/λ = ψ/μ [s] of the damped figure: each swing is about half as wide as the last.
 const DAMPING_TIME: Real = 0.02;
-const GRAVITY: Vec3 = Vec3::new(0.0, 0.0, -9.81);
+/// Field of all studies that have one [m/s²].
+pub const GRAVITY: Vec3 = Vec3::new(0.0, 0.0, -9.81);
 
 /// What all studies are made of.
 pub fn material() -> Material {
-    Material { lambda: 1.46e5, mu: 0.75e5, phi: 0.0, psi: 0.0, density: 1000.0 }
+    damped(0.0)
+}
+
+/// The same with viscosities `φ = τ λ`, `ψ = τ μ`, `tau` in [s].
+pub fn damped(tau: Real) -> Material {
+    let (lambda, mu) = (1.46e5, 0.75e5);
+    Material { lambda, mu, phi: tau * lambda, psi: tau * mu, density: 1000.0 }
 }
 
 /// The cube of 1 m held at x = 0, with what is needed to let it swing.
@@ -129,13 +136,11 @@ fn panel(title: &str, curves: Vec<Curve>) -> Chart {
 
 /// Figures 4, 5 and 6 of the paper, and the laws that it does not have.
 pub fn figures(out: &Path, progress: Progress) -> Result<String> {
-    let mut damped = material();
-    (damped.phi, damped.psi) = (DAMPING_TIME * damped.lambda, DAMPING_TIME * damped.mu);
     let cases = [
         ("4a", Law::MassSpring, material()),
         ("4b", Law::Cauchy, material()),
         ("5a", Law::Green, material()),
-        ("5b", Law::Green, damped),
+        ("5b", Law::Green, damped(DAMPING_TIME)),
         ("–", Law::SimplifiedCauchy, material()),
         ("–", Law::GreenWithCompression, material()),
         ("–", Law::StableNeoHookean, material()),
@@ -240,9 +245,7 @@ mod tests {
             println!("{law:?}: energy within {worst:.1} J, peak kinetic {kinetic:.1} J");
             assert!(worst < 0.1 * kinetic, "{law:?}: {worst} of {kinetic}");
         }
-        let mut damped = material();
-        (damped.phi, damped.psi) = (0.1 * damped.lambda, 0.1 * damped.mu);
-        let mut swing = Swing::new(2, Law::Green, damped);
+        let mut swing = Swing::new(2, Law::Green, damped(0.1));
         (0..600).for_each(|_| swing.advance());
         assert!(swing.v.iter().all(|v| v.norm() < 1e-3));
     }

@@ -73,15 +73,7 @@ pub fn charts(out: &Path, name: &str, title: &str, charts: &[Chart]) -> Result<(
         }
     }
     std::fs::write(out.join(format!("{name}.csv")), csv)?;
-    let width = PANEL.0 * charts.len() as u32;
-    picture(&out.join(format!("{name}.png")), width, HEAD + PANEL.1, |area| {
-        let (head, body) = area.split_vertically(size(HEAD));
-        heading(&head, title)?;
-        for (panel, chart) in body.split_evenly((1, charts.len())).iter().zip(charts) {
-            draw_chart(panel, chart)?;
-        }
-        Ok(())
-    })
+    panels(out, name, title, PANEL, charts.len(), charts, draw_chart)
 }
 
 /// A triangulated shape for [`shapes`].
@@ -98,16 +90,7 @@ pub struct Shape {
 /// Writes `name.png` with the `shapes`, `columns` in a row, all to the same scale, lines of the box from the origin to
 /// `rest` [m] behind each.
 pub fn shapes(out: &Path, name: &str, title: &str, shapes: &[Shape], columns: usize, rest: Vec3) -> Result<()> {
-    let rows = shapes.len().div_ceil(columns);
-    let (width, height) = (440 * columns as u32, 430 * rows as u32);
-    picture(&out.join(format!("{name}.png")), width, HEAD + height, |area| {
-        let (head, body) = area.split_vertically(size(HEAD));
-        heading(&head, title)?;
-        for (cell, shape) in body.split_evenly((rows, columns)).iter().zip(shapes) {
-            draw_shape(cell, shape, rest)?;
-        }
-        Ok(())
-    })
+    panels(out, name, title, (440, 430), columns, shapes, |area, shape| draw_shape(area, shape, rest))
 }
 
 /// Colours of the levels, coarsest first: the paper's blue, green and yellow, then finer ones.
@@ -121,37 +104,7 @@ pub const LEVELS: [RGBColor; 5] = [
 
 /// Writes `name.png` with the `shapes`, `columns` in a row, each triangle in the colour of its level.
 pub fn coloured(out: &Path, name: &str, title: &str, shapes: &[(Shape, Vec<usize>)], columns: usize) -> Result<()> {
-    let rows = shapes.len().div_ceil(columns);
-    let (width, height) = (560 * columns as u32, 400 * rows as u32);
-    picture(&out.join(format!("{name}.png")), width, HEAD + height, |area| {
-        let (head, body) = area.split_vertically(size(HEAD));
-        heading(&head, title)?;
-        for (cell, (shape, levels)) in body.split_evenly((rows, columns)).iter().zip(shapes) {
-            let (w, h) = cell.dim_in_pixel();
-            let all = || shape.vertices.iter();
-            let low = all().fold(Vec3::repeat(Real::INFINITY), |a, v| a.inf(v));
-            let high = all().fold(Vec3::repeat(Real::NEG_INFINITY), |a, v| a.sup(v));
-            // From the front, well above, so that the place that is pressed shows.
-            let view = View::new(
-                Vec3::new(0.15, -0.75, 0.75),
-                0.5 * (low + high),
-                Real::from(w) / (1.25 * (high - low).norm()),
-                (w, h),
-            );
-            let most = levels.iter().copied().max().unwrap_or(0);
-            draw_triangles(cell, shape, &view, |t| LEVELS[levels[t].min(LEVELS.len() - 1)])?;
-            for level in 0..=most {
-                let y = size(24 + 26 * level as u32) as i32;
-                let box_ = [(size(18) as i32, y - size(8) as i32), (size(38) as i32, y + size(8) as i32)];
-                cell.draw(&Rectangle::new(box_, LEVELS[level.min(LEVELS.len() - 1)].filled()))?;
-                let style = font(16).pos(Pos::new(HPos::Left, VPos::Center));
-                cell.draw_text(&format!("level {level}"), &style, (size(46) as i32, y))?;
-            }
-            let style = font(20).pos(Pos::new(HPos::Center, VPos::Bottom));
-            cell.draw_text(&shape.title, &style, (w as i32 / 2, h as i32 - size(14) as i32))?;
-        }
-        Ok(())
-    })
+    panels(out, name, title, (560, 400), columns, shapes, draw_coloured)
 }
 
 /// Writes `name.csv` into `out` and gives the same table back with aligned columns, to be printed.
@@ -218,10 +171,24 @@ fn picture(path: &Path, width: u32, height: u32, draw: impl FnOnce(&Area) -> Dra
     encoder.write_header().and_then(|mut w| w.write_image_data(&small)).map_err(Error::other)
 }
 
-fn heading(area: &Area, title: &str) -> Drawn {
-    let style = font(26).pos(Pos::new(HPos::Center, VPos::Center));
-    area.draw_text(title, &style, ((area.dim_in_pixel().0 / 2) as i32, size(HEAD / 2) as i32))?;
-    Ok(())
+/// Writes `name.png`: under `title` a panel of `extent` [pixel] for each of the `items`, `columns` in a row.
+fn panels<T>(
+    out: &Path,
+    name: &str,
+    title: &str,
+    extent: (u32, u32),
+    columns: usize,
+    items: &[T],
+    draw: impl Fn(&Area, &T) -> Drawn,
+) -> Result<()> {
+    let rows = items.len().div_ceil(columns);
+    let (width, height) = (extent.0 * columns as u32, extent.1 * rows as u32);
+    picture(&out.join(format!("{name}.png")), width, HEAD + height, |area| {
+        let (head, body) = area.split_vertically(size(HEAD));
+        let style = font(26).pos(Pos::new(HPos::Center, VPos::Center));
+        head.draw_text(title, &style, ((head.dim_in_pixel().0 / 2) as i32, size(HEAD / 2) as i32))?;
+        body.split_evenly((rows, columns)).iter().zip(items).try_for_each(|(panel, item)| draw(panel, item))
+    })
 }
 
 fn draw_chart(area: &Area, chart: &Chart) -> Drawn {
@@ -348,6 +315,32 @@ fn draw_shape(area: &Area, shape: &Shape, rest: Vec3) -> Drawn {
         }
     }
     draw_triangles(area, shape, &view, |_| RGBColor(172, 206, 244))?;
+    let style = font(20).pos(Pos::new(HPos::Center, VPos::Bottom));
+    area.draw_text(&shape.title, &style, (w as i32 / 2, h as i32 - size(14) as i32))?;
+    Ok(())
+}
+
+fn draw_coloured(area: &Area, (shape, levels): &(Shape, Vec<usize>)) -> Drawn {
+    let (w, h) = area.dim_in_pixel();
+    let all = || shape.vertices.iter();
+    let low = all().fold(Vec3::repeat(Real::INFINITY), |a, v| a.inf(v));
+    let high = all().fold(Vec3::repeat(Real::NEG_INFINITY), |a, v| a.sup(v));
+    // From the front, well above, so that the place that is pressed shows.
+    let view = View::new(
+        Vec3::new(0.15, -0.75, 0.75),
+        0.5 * (low + high),
+        Real::from(w) / (1.25 * (high - low).norm()),
+        (w, h),
+    );
+    let most = levels.iter().copied().max().unwrap_or(0);
+    draw_triangles(area, shape, &view, |t| LEVELS[levels[t].min(LEVELS.len() - 1)])?;
+    for level in 0..=most {
+        let y = size(24 + 26 * level as u32) as i32;
+        let box_ = [(size(18) as i32, y - size(8) as i32), (size(38) as i32, y + size(8) as i32)];
+        area.draw(&Rectangle::new(box_, LEVELS[level.min(LEVELS.len() - 1)].filled()))?;
+        let style = font(16).pos(Pos::new(HPos::Left, VPos::Center));
+        area.draw_text(&format!("level {level}"), &style, (size(46) as i32, y))?;
+    }
     let style = font(20).pos(Pos::new(HPos::Center, VPos::Bottom));
     area.draw_text(&shape.title, &style, (w as i32 / 2, h as i32 - size(14) as i32))?;
     Ok(())

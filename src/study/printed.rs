@@ -7,19 +7,17 @@
 
 use super::Progress;
 use super::coupling::{Coupling, Mixed};
-use super::laws::Law;
+use super::laws::{Law, viscous_stress};
 use super::levels::Levels;
-use super::oscillate::material;
+use super::oscillate::{GRAVITY, damped, material};
 use super::plot::{Chart, Curve, charts, table};
 use super::rows::{RowKind, rows};
 use crate::math::{Mat3, Real, Vec3};
-use crate::model::Material;
 use std::io::Result;
 use std::path::Path;
 
 /// Frame period [s]: all nodes meet at its end.
 const FRAME: Real = 0.032;
-const GRAVITY: Vec3 = Vec3::new(0.0, 0.0, -9.81);
 
 /// When a node steps, and what it then takes its neighbours' positions to be.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -200,9 +198,7 @@ impl<'a> Printed<'a> {
             let f = element.gradient_of(x);
             let mut stress = self.mixed.law.stress(material, &f);
             if material.psi > 0.0 {
-                let half = f.transpose() * element.gradient_of(&self.v);
-                let rate = (half + half.transpose()) * 0.5;
-                stress += f * (Mat3::identity() * (material.phi * rate.trace()) + rate * (2.0 * material.psi));
+                stress += viscous_stress(material, &f, &element.gradient_of(&self.v));
             }
             let place = element.nodes.iter().position(|m| *m == n).unwrap_or(0);
             force -= stress * element.gradient[place] * element.volume;
@@ -265,18 +261,12 @@ impl<'a> Printed<'a> {
     }
 }
 
-/// The material with viscosities `φ = τ λ`, `ψ = τ μ`.
-fn damped(tau: Real) -> Material {
-    let base = material();
-    Material { phi: tau * base.lambda, psi: tau * base.mu, ..base }
-}
-
 /// Which choices of step and filter keep the energy of a clamped cube under gravity, over 10 s.
 pub fn steps(out: &Path, progress: Progress) -> Result<String> {
     let duration = 10.0;
     let mut table_rows = Vec::new();
     for tau in [0.0, 0.002] {
-        let levels = Levels::of_box(Vec3::repeat(1.0), &[[3; 3], [5; 3], [8; 3]], damped(tau), true);
+        let levels = Levels::of_cube(damped(tau), true);
         for (body, active) in [("uniform, 216 nodes", levels.uniform(1)), ("mixed", levels.random_active_set(0))] {
             progress(&format!("steps: {body}, τ = {tau} s"));
             for safety in [1.0, 0.4] {
@@ -353,7 +343,7 @@ pub fn adaptive(out: &Path, progress: Progress) -> Result<String> {
     let mut all = Vec::new();
     for (tau, words) in [(0.01, "τ = 10 ms"), (0.0, "without damping")] {
         progress(&format!("adaptive cube {words}"));
-        let levels = Levels::of_box(corner, &[[3; 3], [5; 3], [8; 3]], damped(tau), true);
+        let levels = Levels::of_cube(damped(tau), true);
         let (mut heights, mut counts) = (Vec::new(), Vec::new());
         let cases = [Some(0), Some(2), None];
         for uniform in cases {
