@@ -204,9 +204,10 @@ fn draw_chart(area: &Area, chart: &Chart) -> Drawn {
     if chart.log_x {
         (left, right) = (left.floor(), right.ceil());
         x_labels = (right - left) as usize + 1;
-    } else if right.ceil() - right < 0.01 * right {
-        // A run that stops just short of a round time still gets its label.
-        right = right.ceil();
+    } else {
+        // A run that begins or stops just short of a round time still gets its label.
+        left = if (0.0..0.01 * right).contains(&left) { 0.0 } else { left };
+        right = if right.ceil() - right < 0.01 * right { right.ceil() } else { right };
     }
     let (low, high) = chart.y_range.unwrap_or_else(|| {
         let (low, high) = span(|p| p.1);
@@ -252,12 +253,14 @@ fn draw_chart(area: &Area, chart: &Chart) -> Drawn {
         .y_desc(&chart.y_label)
         .draw()?;
     for (i, points) in curves.into_iter().enumerate() {
-        let style = COLOURS[i % COLOURS.len()].stroke_width(size(2));
+        let colour = COLOURS[i % COLOURS.len()];
         // A run that leaves the axes is drawn up to where it does.
-        let inside = points.into_iter().take_while(|p| p.1 >= low && p.1 <= high);
-        axes.draw_series(LineSeries::new(inside, style))?;
+        let inside: Vec<_> = points.into_iter().take_while(|p| p.1 >= low && p.1 <= high).collect();
+        // Piece by piece with round joints: the joints of one long line stick out as spikes where it turns sharply.
+        axes.draw_series(inside.windows(2).map(|two| PathElement::new(two, colour.stroke_width(size(2)))))?;
+        axes.draw_series(inside.iter().map(|p| Circle::new(*p, size(1), colour.filled())))?;
         let dots = chart.curves[i].dots.iter().map(place).filter(|p| p.1 >= low && p.1 <= high);
-        axes.draw_series(dots.map(|p| Circle::new(p, size(5), COLOURS[i % COLOURS.len()].filled())))?;
+        axes.draw_series(dots.map(|p| Circle::new(p, size(5), colour.filled())))?;
     }
     Ok(())
 }
@@ -322,16 +325,15 @@ fn draw_shape(area: &Area, shape: &Shape, rest: Vec3) -> Drawn {
 
 fn draw_coloured(area: &Area, (shape, levels): &(Shape, Vec<usize>)) -> Drawn {
     let (w, h) = area.dim_in_pixel();
-    let all = || shape.vertices.iter();
-    let low = all().fold(Vec3::repeat(Real::INFINITY), |a, v| a.inf(v));
-    let high = all().fold(Vec3::repeat(Real::NEG_INFINITY), |a, v| a.sup(v));
     // From the front, well above, so that the place that is pressed shows.
-    let view = View::new(
-        Vec3::new(0.15, -0.75, 0.75),
-        0.5 * (low + high),
-        Real::from(w) / (1.25 * (high - low).norm()),
-        (w, h),
-    );
+    let mut view = View::new(Vec3::new(0.15, -0.75, 0.75), Vec3::zeros(), 1.0, (w, h));
+    let seen = |axis: &Vec3| {
+        let along = || shape.vertices.iter().map(|v| v.dot(axis));
+        (along().fold(Real::INFINITY, Real::min), along().fold(-Real::INFINITY, Real::max))
+    };
+    let (across, upward) = (seen(&view.right), seen(&view.up));
+    view.centre = 0.5 * (view.right * (across.0 + across.1) + view.up * (upward.0 + upward.1));
+    view.scale = (0.72 * Real::from(w) / (across.1 - across.0)).min(0.72 * Real::from(h) / (upward.1 - upward.0));
     let most = levels.iter().copied().max().unwrap_or(0);
     draw_triangles(area, shape, &view, |t| LEVELS[levels[t].min(LEVELS.len() - 1)])?;
     for level in 0..=most {

@@ -332,7 +332,7 @@ pub fn stiffnesses(out: &Path, progress: Progress) -> Result<String> {
             restored += u32::from(outputs.restored);
             pressed_force = pressed_force.max(outputs.tools[0].state.physical_force.norm());
             if tick == 299 {
-                pictures.push(picture(&simulation, &format!("μ = 1e{exponent} Pa")));
+                pictures.push(picture(&simulation, &format!("μ = {} kPa", 1e-3 * mu)));
                 rows.push(vec![
                     format!("1e{exponent}"),
                     usable.to_string(),
