@@ -214,6 +214,9 @@ fn build(scene: &SceneArgs) -> anyhow::Result<(LoadedScene, Arc<palpate::model::
         levels.join(", "),
         start.body.nodes.len(),
     ));
+    if let Some(warning) = loaded.scene.warning(&body) {
+        eprintln!("{warning}");
+    }
     Ok((loaded, body, start))
 }
 

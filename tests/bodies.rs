@@ -270,6 +270,26 @@ fn holds_that_hold_nothing_and_levels_that_do_not_exist_are_named() {
 }
 
 #[test]
+fn a_level_that_cannot_be_stepped_is_named_and_not_used() {
+    let warning = |given: &[&str]| {
+        let loaded = load(Path::new("cube"), given);
+        loaded.scene.warning(&loaded.build(&mut |_, _, _| {}).unwrap())
+    };
+    assert_eq!(warning(&[]), None);
+    let stiff = ["material.youngs_modulus=5e8", "material.damping_time=0"];
+    let said = warning(&stiff).unwrap();
+    println!("{said}");
+    assert!(said.contains("of level 2 need") && said.contains("levels up to 1 are used"), "{said}");
+    assert_eq!(warning(&[stiff[0], stiff[1], "resolution.finest_level=1"]), None);
+    let fixed = [stiff[0], stiff[1], "body.active_level=2"];
+    assert_eq!(warning(&fixed), Some(said));
+    let loaded = load(Path::new("cube"), &fixed);
+    let body = loaded.build(&mut |_, _, _| {}).unwrap();
+    let start = loaded.scene.at_rest(&body).body.nodes;
+    assert!(start.iter().all(|n| body.level_of(*n) == 1));
+}
+
+#[test]
 fn a_body_survives_its_file_and_a_damaged_file_is_refused() {
     let body = build("toy", &[]);
     let again = Body::from_bytes(body.bytes()).unwrap();

@@ -1,11 +1,13 @@
 //! The keys of a scene, each with its range and default, and what follows from them.
 
-use crate::adaptation::Adaptivity;
+use crate::adaptation::{Adaptivity, finest_steppable};
 use crate::contact::safety::ForceLimits;
 use crate::contact::tool::{Following, MOST_TOOLS, Shape as ToolShape, Tool};
 use crate::geometry::locate::{Host, Locator};
 use crate::geometry::mesh_io::LengthUnit;
 use crate::math::{Real, Vec3};
+use crate::model::element_pool::CLASSES;
+use crate::model::step_class::step_of;
 use crate::model::{Body, Material};
 use crate::prepare::Region;
 use crate::simulation::{Inputs, Settings, Simulation, Snapshot, TICK};
@@ -370,6 +372,21 @@ impl Scene {
         }
     }
 
+    /// What of `body` this scene cannot use, in words.
+    pub fn warning(&self, body: &Body) -> Option<String> {
+        let usable = finest_steppable(body);
+        let wanted = self.body.active_level.or(self.resolution.finest_level).map_or(body.finest(), |r| r as usize);
+        (wanted > usable).then(|| {
+            format!(
+                "{}: the elements of level {} need steps below {:.0} µs and cannot be simulated; levels up to {usable} \
+                 are used",
+                body.name(),
+                usable + 1,
+                1e6 * step_of(CLASSES - 1)
+            )
+        })
+    }
+
     /// The box that poses must lie in [m].
     pub fn workspace(&self, body: &Body) -> (Vec3, Vec3) {
         let (low, high) = body.surface().bounds();
@@ -388,7 +405,7 @@ impl Scene {
     /// The body at rest, as it starts before it settles.
     pub fn at_rest(&self, body: &Body) -> Snapshot {
         let level = self.body.active_level.map_or(0, |r| r as usize);
-        Snapshot::at_rest(body, level.min(body.finest()), self.tool.len())
+        Snapshot::at_rest(body, level.min(finest_steppable(body)), self.tool.len())
     }
 
     /// The state in which `body` has come to rest under its load: `world.settle` seconds of ticks in which its

@@ -28,6 +28,9 @@ pub(super) struct Sources {
 /// Ticks before the clock is judged: the first ones fault in pages and warm up caches.
 const WARM_UP_TICKS: u64 = 500;
 
+/// Ticks of a second in which the body may stand still before the user is told.
+const MOST_UNMOVED: u64 = 100;
+
 /// Sums over the run.
 struct Sums {
     lateness: Histogram<u64>,
@@ -109,7 +112,7 @@ pub(super) async fn publish(
         let mut sums = Sums::new();
         let mut interval = tokio::time::interval(Duration::from_millis(100));
         interval.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
-        let (mut rounds, mut second) = (0u64, Second::begin(&sums, &shared));
+        let (mut rounds, mut second, mut warned) = (0u64, Second::begin(&sums, &shared), false);
         loop {
             let done = tokio::select! {
                 _ = interval.tick() => None,
@@ -126,6 +129,7 @@ pub(super) async fn publish(
             rounds += 1;
             if rounds.is_multiple_of(10) {
                 second.end(&sums, &shared);
+                second.warn(&sums, &mut warned);
                 shared.holders.free_silent(&shared);
             }
             let status = compose(&shared, &sums, &second, &sources.dropped);
@@ -147,12 +151,15 @@ struct Second {
     frames: u64,
     tick_rate: f64,
     frame_rate: f64,
+    /// Ticks in which the body stood still until now, and in this second.
+    unmoved: (u64, u64),
 }
 
 impl Second {
     fn begin(sums: &Sums, shared: &Shared) -> Self {
         let frames = shared.counters.surface_frames.load(Ordering::Relaxed);
-        Self { began: Instant::now(), ticks: sums.ticks, frames, tick_rate: 0.0, frame_rate: 0.0 }
+        let unmoved = (sums.unmoved_ticks, 0);
+        Self { began: Instant::now(), ticks: sums.ticks, frames, tick_rate: 0.0, frame_rate: 0.0, unmoved }
     }
 
     fn end(&mut self, sums: &Sums, shared: &Shared) {
@@ -160,7 +167,21 @@ impl Second {
         let next = Second::begin(sums, shared);
         let tick_rate = (next.ticks - self.ticks) as f64 / seconds;
         let frame_rate = (next.frames - self.frames) as f64 / seconds;
-        *self = Second { tick_rate, frame_rate, ..next };
+        let unmoved = (sums.unmoved_ticks, sums.unmoved_ticks - self.unmoved.0);
+        *self = Second { tick_rate, frame_rate, unmoved, ..next };
+    }
+
+    /// Says once that the machine cannot carry the body.
+    fn warn(&self, sums: &Sums, warned: &mut bool) {
+        let Some(last) = sums.last.filter(|_| self.unmoved.1 > MOST_UNMOVED && !*warned) else { return };
+        *warned = true;
+        tracing::warn!(
+            "the body stood still in {} ticks of the last second: it takes {} units of work a tick, and this machine \
+             affords {}; choose a coarser body.active_level, or none",
+            self.unmoved.1,
+            last.plan.needed,
+            last.budget
+        );
     }
 }
 

@@ -295,7 +295,7 @@ pub fn overload(out: &Path, progress: Progress) -> Result<String> {
     let fewest = |part: std::ops::Range<usize>| nodes[part].iter().map(|n| n.1).fold(Real::INFINITY, Real::min);
     let text = format!(
         "active nodes: {:.0} before the cut, {:.0} at its end, {:.0} a second later; the body stood still in {stood} ticks \
-         (at most {longest} in a row); {overspent} ticks, all of them after the cut, spent more than their budget, on shedding\n",
+         (at most {longest} in a row); {overspent} ticks spent more than their budget, on batches of changes saved up for\n",
         nodes[999].1,
         fewest(1900..2000),
         nodes[2999].1
