@@ -5,6 +5,7 @@ mod progress;
 
 use anyhow::{Context, bail};
 use clap::{Args, Parser, Subcommand};
+use palpate::geometry::mesh_io::{LengthUnit, read_surface};
 use palpate::model::element_kernel::Path as KernelPath;
 use palpate::offline::{self, SampleWriter, Trajectory};
 use palpate::recording::{Recording, RecordingWriter, replay};
@@ -48,6 +49,12 @@ struct StudyArgs {
     /// Folder for tables and pictures
     #[arg(long, default_value = "study")]
     out: PathBuf,
+    /// Closed OBJ or STL file of an organ to run the study `speed` on instead
+    #[arg(long)]
+    surface: Option<PathBuf>,
+    /// Its unit of length: m, cm, mm or in
+    #[arg(long, default_value = "m")]
+    unit: LengthUnit,
 }
 
 /// What to simulate.
@@ -227,7 +234,18 @@ fn study(args: &StudyArgs) -> anyhow::Result<ExitCode> {
         }
         return Ok(ExitCode::SUCCESS);
     }
-    let text = palpate::study::run(args.name.as_deref(), &args.out, &|what| eprintln!("{what}"))?;
+    let progress = |what: &str| eprintln!("{what}");
+    let text = match &args.surface {
+        None => palpate::study::run(args.name.as_deref(), &args.out, &progress)?,
+        Some(_) if args.name.as_deref() != Some("speed") => {
+            bail!("--surface is for the study 'speed' alone: palpate study speed --surface FILE --unit mm")
+        }
+        Some(file) => {
+            let surface = read_surface(file, args.unit).with_context(|| file.display().to_string())?;
+            std::fs::create_dir_all(&args.out).with_context(|| args.out.display().to_string())?;
+            palpate::study::touch::speed_on(&surface, &args.out, &progress)?
+        }
+    };
     println!("{text}pictures and tables: {}", args.out.display());
     Ok(ExitCode::SUCCESS)
 }

@@ -7,6 +7,7 @@ use crate::adaptation::Adaptivity;
 use crate::contact::safety::ForceLimits;
 use crate::contact::tool::{Following, PoseSample, Shape, Tool, ToolEvent};
 use crate::geometry::Surface;
+use crate::geometry::decimate::decimate;
 use crate::geometry::primitives::{box_surface, liver_surface};
 use crate::math::{Pose, Real, Vec3};
 use crate::model::step_class::TICK;
@@ -154,9 +155,8 @@ fn cube_stroke(spacings: &[Real]) -> Result<Stroke> {
     Ok(Stroke { body, radius: 0.1 * side, depth: 0.05 * side, start, length: 0.5 * side, height: vec![0.0] })
 }
 
-/// The bundled organ in its bed, a ball of 10 mm pressed 10 mm and stroked 50 mm along its top.
-fn organ_stroke(spacings: &[Real], young: Real) -> Result<Stroke> {
-    let surface = liver_surface(0.005);
+/// An organ in its bed, a ball of 10 mm pressed 10 mm and stroked 50 mm along its top.
+fn organ_stroke(surface: Surface, spacings: &[Real], young: Real) -> Result<Stroke> {
     let (low, high) = surface.bounds();
     let bed = Vec3::new(high.x, high.y, low.z + 0.45 * (high.z - low.z));
     let radius = 0.01;
@@ -177,22 +177,39 @@ fn organ_stroke(spacings: &[Real], young: Real) -> Result<Stroke> {
     Ok(Stroke { body, radius, depth: 0.01, start, length, height })
 }
 
+/// Vertices of the displayed surface of an organ of one's own.
+const DISPLAY_VERTICES: usize = 4000;
+
 /// Thresholds from coarse to fine: strain jump, reach.
 const DRIVEN: [(Real, Real); 7] =
     [(0.3, 0.2), (0.1, 0.35), (0.1, 0.5), (0.1, 0.7), (0.05, 0.7), (0.05, 1.0), (0.03, 1.3)];
 
 /// Error of the tool force against cost: the curve that the mission is about.
 pub fn speed(out: &Path, progress: Progress) -> Result<String> {
-    let cases: [(&str, Stroke); 4] = [
+    let cases = [
         ("cube, 2 k nodes", cube_stroke(&[0.032, 0.018, 0.011])?),
         ("cube, 20 k nodes", cube_stroke(&[0.030, 0.016, 0.0088, 0.0049])?),
         ("cube, 100 k nodes", cube_stroke(&[0.032, 0.018, 0.010, 0.0052, 0.0028])?),
-        ("organ, 6 mm", organ_stroke(&[0.024, 0.012, 0.006], 5e3)?),
+        ("organ, 6 mm", organ_stroke(liver_surface(0.005), &[0.024, 0.012, 0.006], 5e3)?),
     ];
+    speed_of("speed", &cases, out, progress)
+}
+
+/// The same on an organ of one's own, its bed below 45 % of its height, against uniform 6 and 4 mm.
+pub fn speed_on(surface: &Surface, out: &Path, progress: Progress) -> Result<String> {
+    let surface = decimate(surface, DISPLAY_VERTICES);
+    let cases = [
+        ("6 mm", organ_stroke(surface.clone(), &[0.024, 0.012, 0.006], 5e3)?),
+        ("4 mm", organ_stroke(surface, &[0.026, 0.014, 0.0075, 0.004], 5e3)?),
+    ];
+    speed_of("speed-own", &cases, out, progress)
+}
+
+fn speed_of(file: &str, cases: &[(&str, Stroke)], out: &Path, progress: Progress) -> Result<String> {
     let mut rows = Vec::new();
     // By what the cost is measured: two counts of element evaluations, and time.
     let mut curves: [Vec<Curve>; 3] = Default::default();
-    for (name, on) in &cases {
+    for (name, on) in cases {
         let finest = on.body.finest();
         let nodes = on.body.level(finest).mesh.nodes.len();
         let reference = stroke(on, None, finest, &format!("{name}: uniform, {nodes} nodes"), progress)?;
@@ -242,7 +259,7 @@ pub fn speed(out: &Path, progress: Progress) -> Result<String> {
         ("time", "times faster"),
     ];
     let panels: Vec<Chart> = curves.into_iter().zip(axes).map(chart).collect();
-    charts(out, "speed", "A ball pressed in and stroked along: adaptive against uniform finest resolution", &panels)?;
+    charts(out, file, "A ball pressed in and stroked along: adaptive against uniform finest resolution", &panels)?;
     let header = [
         "case",
         "finest nodes",
@@ -253,7 +270,7 @@ pub fn speed(out: &Path, progress: Progress) -> Result<String> {
         "evaluations, local",
         "wall time",
     ];
-    table(out, "speed-table", &header, &rows)
+    table(out, &format!("{file}-table"), &header, &rows)
 }
 
 /// Units of work per tick before, during and after the cut.
@@ -262,7 +279,7 @@ const BUDGET: [u32; 3] = [120_000, 12_000, 120_000];
 /// The budget cut tenfold in the middle of a press.
 pub fn overload(out: &Path, progress: Progress) -> Result<String> {
     progress("a press with the budget cut tenfold");
-    let on = organ_stroke(&[0.026, 0.015, 0.0085, 0.005], 5e3)?;
+    let on = organ_stroke(liver_surface(0.005), &[0.026, 0.015, 0.0085, 0.005], 5e3)?;
     let mut simulation =
         begin(&on.body, settings(on.radius, Some(Adaptivity { reach: 3.0, ..Adaptivity::default() })), 0)?;
     let (mut force, mut rendered, mut nodes) = (Vec::new(), Vec::new(), Vec::new());
@@ -317,7 +334,7 @@ pub fn stiffnesses(out: &Path, progress: Progress) -> Result<String> {
         let mu = Real::powi(10.0, exponent);
         progress(&format!("figure 8: μ = 1e{exponent} Pa"));
         // ν = 0.45, so E = 2.9 μ.
-        let on = organ_stroke(&[0.026, 0.015, 0.0085, 0.005], 2.9 * mu)?;
+        let on = organ_stroke(liver_surface(0.005), &[0.026, 0.015, 0.0085, 0.005], 2.9 * mu)?;
         let adaptivity = Adaptivity { split: 0.05, ..Adaptivity::default() };
         let usable = crate::adaptation::finest_steppable(&on.body);
         let mut simulation = begin(&on.body, settings(on.radius, Some(adaptivity)), 0)?;

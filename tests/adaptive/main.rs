@@ -12,6 +12,10 @@ use palpate::prepare::{Recipe, Region, Shape, prepare};
 use palpate::simulation::{Inputs, Settings, Simulation, Snapshot, TICK, TICKS_PER_FRAME};
 use std::sync::Arc;
 
+#[path = "../common/random.rs"]
+mod random;
+use random::Random;
+
 mod budget;
 mod clicks;
 mod conservation;
@@ -28,25 +32,7 @@ const SIDE: Real = 0.1;
 /// Lattice constants of most covers here [m]: about 75, 270 and 900 nodes of the cube.
 const THREE: [Real; 3] = [0.034, 0.021, 0.013];
 
-/// Splitmix64: any seed gives its own sequence.
-struct Random(u64);
-
 impl Random {
-    fn bits(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    }
-
-    fn between(&mut self, low: Real, high: Real) -> Real {
-        low + (high - low) * (self.bits() >> 11) as Real / (1u64 << 53) as Real
-    }
-
-    fn below(&mut self, count: usize) -> usize {
-        (self.bits() % count as u64) as usize
-    }
-
     fn vector(&mut self, size: Real) -> Vec3 {
         Vec3::from_fn(|_, _| self.between(-size, size))
     }

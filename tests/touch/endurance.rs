@@ -2,25 +2,7 @@
 
 use super::*;
 
-/// Splitmix64: any seed gives its own sequence.
-struct Random(u64);
-
 impl Random {
-    fn bits(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    }
-
-    fn between(&mut self, low: Real, high: Real) -> Real {
-        low + (high - low) * (self.bits() >> 11) as Real / (1u64 << 53) as Real
-    }
-
-    fn below(&mut self, count: u64) -> u64 {
-        self.bits() % count
-    }
-
     fn place(&mut self) -> Vec3 {
         Vec3::from_fn(|_, _| self.between(-0.05, 0.15))
     }
@@ -96,7 +78,7 @@ impl Wild {
         #[expect(clippy::needless_range_loop, reason = "four arrays under the same index")]
         for tool in 0..3 {
             if i >= self.until[tool] {
-                self.until[tool] = i + 5 + random.below(200);
+                self.until[tool] = i + 5 + random.below(200) as u64;
                 self.turned[tool] = random.orientation();
                 let place = random.place();
                 (self.ways[tool], events[tool]) = match random.below(10) {
@@ -285,7 +267,7 @@ fn a_tick_depends_on_the_snapshot_before_it_and_its_inputs_alone() {
         for i in 0..1000 {
             let again = Simulation::new(cube.body.clone(), cube.settings.clone(), on.snapshot()).unwrap();
             let mut again = again.with_reset_state(&cube.rest.body).unwrap();
-            let budget = [u32::MAX, u32::MAX, u32::MAX, 10_000, 0][random.below(5) as usize];
+            let budget = [u32::MAX, u32::MAX, u32::MAX, 10_000, 0][random.below(5)];
             let tick = Inputs { budget, reset: random.below(100) == 0, ..inputs(&client.events(i)) };
             on.advance(&tick);
             again.advance(&tick);

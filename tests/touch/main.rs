@@ -16,6 +16,10 @@ use palpate::stepping::work;
 use std::path::Path;
 use std::sync::Arc;
 
+#[path = "../common/random.rs"]
+mod random;
+use random::Random;
+
 mod endurance;
 mod feel;
 
