@@ -166,10 +166,11 @@ fn a_ball_is_felt_as_the_continuum_says() {
                 press.mesh().set().count()
             );
         }
-    } // What is left is the dent below the mesh's size; it falls with the spacing over the radius of the contact, which is
-    // 3.2, 4.5 and 6.3 mm.
-    for (coarse, fine) in errors[..3].iter().zip(&errors[3..]) {
-        assert!(*fine > -0.02 && *fine < 0.7 * coarse, "{errors:?}");
     }
-    assert!(errors[3] < 0.4 && errors[4] < 0.25 && errors[5] < 0.1, "{errors:?}");
+    // The radius of the contact is 3.2, 4.5 and 6.3 mm: the dent is below the mesh's size, and restored by the compliance
+    // of the contact, so that both spacings nearly agree. What is left is the few display points that touch.
+    for (coarse, fine) in errors[..3].iter().zip(&errors[3..]) {
+        assert!((coarse - fine).abs() < 0.15, "{errors:?}");
+    }
+    assert!(errors[3] < 0.35 && errors[4] < 0.25 && errors[5] < 0.1, "{errors:?}");
 }

@@ -42,10 +42,30 @@ struct Candidate {
     area: Real,
 }
 
+impl Candidate {
+    fn stencil(&self) -> &[(u32, Real)] {
+        if self.stencil[0].1 == 1.0 { &self.stencil[..1] } else { &self.stencil[..] }
+    }
+}
+
+/// What a candidate's force does to the surface below the mesh's size.
+#[derive(Clone, Copy, Debug)]
+struct Load {
+    place: Vec3,
+    normal: Vec3,
+    /// Radius of the disc that it spreads over [m].
+    radius: Real,
+    /// Spacing of the level that carries it [m].
+    spacing: Real,
+    /// Last multiplier [N].
+    multiplier: Real,
+}
+
 /// Memory that detection needs and no one keeps.
 #[derive(Debug)]
 pub struct Workspace {
     candidates: Vec<Candidate>,
+    loads: Vec<Load>,
     memory: Vec<PointMemory>,
     /// Display vertices around the tool.
     near: Vec<u32>,
@@ -70,6 +90,7 @@ impl Workspace {
         let longest = surface.triangles.iter().flat_map(|t| (0..3).map(move |i| edge(t, i))).fold(0.0, Real::max);
         Self {
             candidates: Vec::with_capacity(most),
+            loads: Vec::with_capacity(MOST_POINTS),
             memory: Vec::with_capacity(MOST_POINTS),
             near: Vec::with_capacity(surface.vertices.len()),
             seen: vec![0; surface.triangles.len()],
@@ -125,24 +146,26 @@ pub fn detect(
     }
     near_triangles(on, &touch, &work.near, (&mut work.seen, work.turn), candidates);
 
-    // The deepest come first when there are more than the solver may take; ties go to the smaller number.
-    candidates.sort_unstable_by(|a, b| a.gap.total_cmp(&b.gap).then(a.point.cmp(&b.point)));
-    candidates.truncate(MOST_POINTS);
-    candidates.sort_unstable_by_key(|c| c.point);
+    thin_out(candidates, on.vertices.len() as u32);
 
     let (start, end) = (Axis::new(&tool.previous, shape), Axis::new(&tool.pose, shape));
     work.memory.clear();
-    for candidate in candidates.iter() {
+    work.loads.clear();
+    work.loads.extend(candidates.iter().map(|c| Load::new(on, c, memory)));
+    let (first, half_space) = (constraints.len() as u32, half_space(on.body));
+    for (i, candidate) in candidates.iter().enumerate() {
         let (n, along) = (candidate.normal, candidate.along);
-        let stencil = if candidate.stencil[0].1 == 1.0 { &candidate.stencil[..1] } else { &candidate.stencil[..] };
-        let (row, fade) = skin::row(on.mesh, stencil);
-        let compliance = subgrid_compliance(on, stencil, candidate.area);
+        let (row, fade) = skin::row(on.mesh, candidate.stencil());
+        let mut compliance = [0.0; MOST_POINTS];
+        for (j, (g, other)) in compliance.iter_mut().zip(&work.loads).enumerate() {
+            *g = half_space * if i == j { other.own() } else { work.loads[i].from(other) };
+        }
         let moved = n.dot(&(end.at(along) - start.at(along)));
         let known = remembered(memory, candidate.point);
-        let multiplier = known.map_or(0.0, |m| m.multiplier);
         // Overlap at the start of the tick that neither the last multiplier nor the last slack explains: a tool that
         // came too fast, a body that stood still meanwhile, a point just found. It is closed gradually.
-        let shown = dent(compliance, multiplier, MOST_DENT * shape.radius);
+        let soft: Real = compliance.iter().zip(&work.loads).map(|(g, other)| g * other.multiplier).sum();
+        let shown = dent(soft, MOST_DENT * shape.radius);
         let overlap = n.dot(&start.at(along)) + shape.radius - n.dot(&candidate.place) - shown;
         let slack = match known {
             Some(m) if overlap <= m.slack + UNNOTICED + 0.5 * moved.abs() => m.slack.min(overlap.max(0.0)),
@@ -155,11 +178,12 @@ pub fn detect(
             // What is displayed, and touched, is the row's point and its fade.
             offset: n.dot(&(start.at(along) - fade)) + shape.radius - slack,
             rate: (moved + slack - slack_end) / on.tick,
+            first,
             compliance,
             most_dent: MOST_DENT * shape.radius,
             tool: index,
             point: candidate.point,
-            multiplier,
+            multiplier: work.loads[i].multiplier,
             mean_multiplier: 0.0,
         });
         points_of_action.push(axis.at(along) + n * shape.radius);
@@ -173,6 +197,26 @@ pub fn detect(
     std::mem::swap(memory, &mut work.memory);
 }
 
+/// Keeps as many points as the solver may take, in the order of their numbers: vertices before triangles and the deepest
+/// first, ties to the smaller number. Those left out that touch leave their area to the nearest that is kept, so that the
+/// surface is as stiff as before.
+fn thin_out(candidates: &mut Vec<Candidate>, vertices: u32) {
+    if candidates.len() > MOST_POINTS {
+        let first = |c: &Candidate| (c.gap > 0.0, c.point >= vertices);
+        candidates
+            .sort_unstable_by(|a, b| first(a).cmp(&first(b)).then(a.gap.total_cmp(&b.gap)).then(a.point.cmp(&b.point)));
+        let (kept, others) = candidates.split_at_mut(MOST_POINTS);
+        let places: [Vec3; MOST_POINTS] = std::array::from_fn(|i| kept[i].place);
+        for other in others.iter().filter(|o| o.gap < 0.0) {
+            let away = |i: &usize| (places[*i] - other.place).norm_squared();
+            let nearest = (0..MOST_POINTS).min_by(|a, b| away(a).total_cmp(&away(b)));
+            kept[nearest.unwrap_or(0)].area += other.area;
+        }
+        candidates.truncate(MOST_POINTS);
+    }
+    candidates.sort_unstable_by_key(|c| c.point);
+}
+
 /// Overlap [m] that rounding and a solve of few sweeps may leave.
 const UNNOTICED: Real = 5e-5;
 
@@ -180,20 +224,45 @@ const UNNOTICED: Real = 5e-5;
 /// a thin tip and lose it at the next triangle.
 const MOST_DENT: Real = 0.3;
 
-/// The dent that the mesh is too coarse to show: compliance [m/N] of an elastic half-space under a disc of `area`,
-/// without the part that a mesh of the level's spacing resolves. Half-space displacement
-/// `(1−ν²)/(πE) · 1/r`, cut off at `κ·spacing`, averaged over the disc.
-fn subgrid_compliance(on: &Touchable, stencil: &[(u32, Real)], area: Real) -> Real {
-    let material = on.body.material();
+/// `(1−ν²)/(πE)` [m²/N]: an elastic half-space gives way by this much per newton and per distance from the load.
+fn half_space(body: &Body) -> Real {
+    let material = body.material();
     let nu = material.poisson_ratio();
-    // Each vertex hangs on a level of its own; after a change of resolution its spacing, too, fades over.
-    let spacing: Real =
-        stencil.iter().map(|(v, w)| w * (on.mesh.attachment(*v).spacing + on.mesh.fade[*v as usize][3])).sum();
-    let cut = KAPPA * spacing;
-    let s = (area / std::f64::consts::PI).sqrt();
-    let mean = if s < cut { 2.0 / s - 1.0 / cut } else { cut / (s * s) };
-    (1.0 - nu * nu) / (std::f64::consts::PI * material.youngs_modulus()) * mean
+    (1.0 - nu * nu) / (std::f64::consts::PI * material.youngs_modulus())
 }
+
+/// The dent that the mesh is too coarse to show: the half-space's `1/r`, less what a mesh of the level's spacing shows,
+/// which is what lies beyond κ·spacing. All in 1/m, to be multiplied by [`half_space`].
+impl Load {
+    fn new(on: &Touchable, candidate: &Candidate, memory: &[PointMemory]) -> Self {
+        // Each vertex hangs on a level of its own; after a change of resolution its spacing, too, fades over.
+        let spacing = |v: u32| on.mesh.attachment(v).spacing + on.mesh.fade[v as usize][3];
+        Self {
+            place: candidate.place,
+            normal: candidate.normal,
+            radius: (candidate.area / std::f64::consts::PI).sqrt(),
+            spacing: candidate.stencil().iter().map(|(v, w)| w * spacing(*v)).sum(),
+            multiplier: remembered(memory, candidate.point).map_or(0.0, |m| m.multiplier),
+        }
+    }
+
+    /// Under itself: the mean over its disc.
+    fn own(&self) -> Real {
+        let (s, cut) = (self.radius, KAPPA * self.spacing);
+        if s < cut { 2.0 / s - 1.0 / cut } else { cut / (s * s) }
+    }
+
+    /// Here, along this normal, because of `other`. Discs that overlap count as side by side, or the matrix would not be
+    /// positive definite.
+    fn from(&self, other: &Load) -> Real {
+        let apart = (self.place - other.place).norm().max(LEAST_APART * (self.radius + other.radius));
+        let cut = KAPPA * 0.5 * (self.spacing + other.spacing);
+        (1.0 / apart - 1.0 / cut).max(0.0) * self.normal.dot(&other.normal).max(0.0)
+    }
+}
+
+/// Least distance between two loads over the sum of their radii.
+const LEAST_APART: Real = 0.85;
 
 /// A tool's axis in the world, from the reference point.
 struct Axis {

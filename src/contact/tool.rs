@@ -7,8 +7,7 @@ use serde::{Deserialize, Serialize};
 
 /// Most tools of a session.
 pub const MOST_TOOLS: usize = 8;
-/// Most contact points of one tool: what bounds the cost of a tick.
-pub const MOST_POINTS: usize = 64;
+pub use crate::model::constraint::MOST_POINTS;
 
 /// Rigid shape of a tool, around its own z axis.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

@@ -4,6 +4,9 @@ use super::element_kernel::Padded;
 use crate::math::{Real, Vec3};
 use serde::{Deserialize, Serialize};
 
+/// Most contact points of one tool: what bounds the cost of a tick.
+pub const MOST_POINTS: usize = 64;
+
 /// Active nodes that a surface point can hang on. Three display vertices with four nodes each make twelve; where some of
 /// these are interface nodes, their masters take their places.
 pub const MOST_ROW_NODES: usize = 40;
@@ -49,8 +52,8 @@ impl Row {
     }
 }
 
-/// One unilateral constraint `n·q(t) + G λ ≥ offset + rate·t`, `λ ≥ 0`, on the surface point `q`; `t` [s] from the
-/// start of the tick. The multiplier λ [N] is the force along `normal` that the tool puts on the body.
+/// One unilateral constraint `n·q(t) + Σ_j G_j λ_j ≥ offset + rate·t`, `λ ≥ 0`, on the surface point `q`; `t` [s] from
+/// the start of the tick. The multiplier λ [N] is the force along `normal` that the tool puts on the body.
 #[derive(Clone, Copy, Debug)]
 pub struct Constraint {
     /// The surface point.
@@ -61,9 +64,12 @@ pub struct Constraint {
     pub offset: Real,
     /// How fast that grows [m/s]: the tool's own speed, and the gradual closing of a gap found late.
     pub rate: Real,
-    /// Compliance G [m/N] in series: the part of the dent that the mesh is too coarse to show.
-    pub compliance: Real,
-    /// Dent `G λ` [m] beyond which the point gets firmer, so that the tool stays outside the displayed surface.
+    /// Number of the tool's first constraint in the list.
+    pub first: u32,
+    /// Compliances `G_j` [m/N] in series: what a newton at the tool's `j`-th constraint adds here to the dent that the
+    /// mesh is too coarse to show.
+    pub compliance: [Real; MOST_POINTS],
+    /// Dent [m] beyond which the point gets firmer, so that the tool stays outside the displayed surface.
     pub most_dent: Real,
     /// Index of the tool.
     pub tool: u32,
@@ -80,9 +86,8 @@ pub struct Constraint {
 /// where a point hangs on nodes that are held fast.
 pub const FIRMER: Real = 0.1;
 
-/// Dent [m] below the mesh's size under the multiplier `multiplier` [N]: `G λ`, firmer beyond `most`.
-pub fn dent(compliance: Real, multiplier: Real, most: Real) -> Real {
-    let soft = compliance * multiplier;
+/// Dent [m] below the mesh's size where its compliance alone gives `soft`: firmer beyond `most`.
+pub fn dent(soft: Real, most: Real) -> Real {
     if soft <= most { soft } else { most + FIRMER * (soft - most) }
 }
 

@@ -1,8 +1,9 @@
 //! The contact solve of one sub-step: projected Gauss–Seidel on end-of-step positions, warm-started.
 //!
-//! For each point: `r = n·(Σ b_i (x_i + Δt v_i)) + G λ − (offset + rate·t)`,
-//! `λ ← max(0, λ − r / (Δt² Σ b_i²/m_i + G))`, and the change of λ at once acts on the velocities. The gap is closed
-//! as a whole: scaling it (Baumgarte) would make the force too small, because G turns gap into force.
+//! For each point: `r = n·(Σ b_i (x_i + Δt v_i)) + Σ_j G_j λ_j − (offset + rate·t)`,
+//! `λ ← max(0, λ − r / (Δt² Σ b_i²/m_i + G))`, and the change of λ at once acts on the velocities and on the other
+//! points' dents. The gap is closed as a whole: scaling it (Baumgarte) would make the force too small, because G turns
+//! gap into force.
 
 use crate::math::Real;
 use crate::model::constraint::FIRMER;
@@ -15,12 +16,16 @@ const SWEEPS: usize = 3;
 /// What the sweeps need of each point beside the constraint itself; reused from tick to tick.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Prepared {
-    /// `Δt² Σ b²/m + G` [m/N].
-    response: Real,
+    /// `Δt² Σ b²/m` [m/N].
+    mobility: Real,
+    /// Its own compliance G [m/N].
+    compliance: Real,
     /// `n·Σ b_i x_i` at the start of the sub-step [m].
     position: Real,
     /// Least `n·q` at the end of the sub-step [m].
     target: Real,
+    /// `Σ_j G_j λ_j` [m].
+    dent: Real,
 }
 
 /// Changes the velocities so that no surface point ends the sub-step inside a tool, and leaves each point's
@@ -28,28 +33,37 @@ pub struct Prepared {
 pub fn solve(mesh: &mut ActiveMesh, constraints: &mut [Constraint], prepared: &mut [Prepared], step: Real, end: Real) {
     let motion = &mut mesh.motion;
     let inverse_mass = &motion.inverse_mass;
-    for (c, p) in constraints.iter_mut().zip(prepared.iter_mut()) {
+    for (i, p) in prepared[..constraints.len()].iter_mut().enumerate() {
+        let c = &constraints[i];
         let mobility: Real = c.row.entries().iter().map(|&(n, b)| b * b * inverse_mass[n as usize]).sum();
-        p.response = step * step * mobility + c.compliance;
-        p.position = c.normal.dot(&c.row.interpolate(&motion.position));
-        p.target = c.offset + c.rate * end;
+        let others = constraints[c.first as usize..].iter().zip(&c.compliance);
+        *p = Prepared {
+            mobility: step * step * mobility,
+            compliance: c.compliance[i - c.first as usize],
+            position: c.normal.dot(&c.row.interpolate(&motion.position)),
+            target: c.offset + c.rate * end,
+            // Those of other tools have a compliance of zero.
+            dent: others.map(|(other, g)| g * other.multiplier).sum(),
+        };
         push(&mut motion.velocity, inverse_mass, c, step * c.multiplier);
     }
     for _ in 0..SWEEPS {
-        for (c, p) in constraints.iter_mut().zip(prepared.iter()) {
+        for i in 0..constraints.len() {
+            let (c, p) = (&mut constraints[i], &prepared[i]);
             let moved = step * c.normal.dot(&c.row.interpolate(&motion.velocity));
-            let residual = p.position + moved + c.compliance * c.multiplier - p.target;
-            let compliant = c.multiplier - residual / p.response;
+            let open = p.position + moved - p.target;
+            let compliant = c.multiplier - (open + p.dent) / (p.mobility + p.compliance);
             // Beyond the largest dent only a part of the compliance is left; the larger multiplier is the right one.
-            let rest = FIRMER * c.compliance;
-            let deep = p.position + moved + (1.0 - FIRMER) * c.most_dent + rest * c.multiplier - p.target;
-            let firm = c.multiplier - deep / (p.response - c.compliance + rest);
+            let deep = open + (1.0 - FIRMER) * c.most_dent + FIRMER * p.dent;
+            let firm = c.multiplier - deep / (p.mobility + FIRMER * p.compliance);
             // A point that would pull is released: its multiplier stays at zero.
             let multiplier = compliant.max(firm).max(0.0);
             let change = multiplier - c.multiplier;
             if change != 0.0 {
                 c.multiplier = multiplier;
                 push(&mut motion.velocity, inverse_mass, c, step * change);
+                let others = prepared[c.first as usize..].iter_mut().zip(&c.compliance);
+                others.for_each(|(other, g)| other.dent += g * change);
             }
         }
     }
