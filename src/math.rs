@@ -47,6 +47,22 @@ impl Pose {
         v + w * t + q.cross(&t)
     }
 
+    /// `v` turned from the world into the pose's own frame.
+    pub fn unrotate(&self, v: Vec3) -> Vec3 {
+        let [x, y, z, w] = self.orientation;
+        Pose { position: self.position, orientation: [-x, -y, -z, w] }.rotate(v)
+    }
+
+    /// The world's place of the point `p` of the pose's own frame.
+    pub fn to_world(&self, p: Vec3) -> Vec3 {
+        self.position + self.rotate(p)
+    }
+
+    /// The point of the pose's own frame that is at `p` in the world.
+    pub fn to_own(&self, p: Vec3) -> Vec3 {
+        self.unrotate(p - self.position)
+    }
+
     /// The pose a `fraction` (0..=1) of the way to `target`: straight line and normalised quaternion blend, which for
     /// the small angles between two samples is within 1e-4 rad of the great arc and needs no transcendental function.
     pub fn towards(&self, target: &Pose, fraction: Real) -> Pose {

@@ -7,6 +7,7 @@
 
 use crate::adaptation::{self, Adaptivity, Focus, Means};
 use crate::contact::detection::{self, Touchable};
+use crate::contact::friction;
 use crate::contact::safety::{self, ForceLimits, Limited};
 use crate::contact::tool::{Following, MOST_POINTS, MOST_TOOLS, Phase, Tool, ToolEvent, ToolState};
 use crate::contact::wrench::{self, Wrench};
@@ -314,7 +315,7 @@ impl Simulation {
             tool.hash_into(&mut hash);
             for p in points {
                 hash.update(&p.point.to_le_bytes());
-                for x in [p.multiplier, p.slack, p.normal.x, p.normal.y, p.normal.z] {
+                for x in [p.multiplier, p.slack].iter().chain([p.normal, p.tangential, p.anchor].iter().flatten()) {
                     hash.update(&x.to_le_bytes());
                 }
             }
@@ -424,8 +425,8 @@ impl Simulation {
         self.mesh.skin(&mut self.vertices);
         let on = Touchable { body: &self.body, mesh: &self.mesh, vertices: &self.vertices, tick: TICK };
         for (i, (tool, points)) in self.tools.iter_mut().zip(&mut self.points).enumerate() {
-            let shape = &self.settings.tools[i].shape;
-            if tool.phase == Phase::Waiting && detection::is_outside(&on, shape, &tool.pose) {
+            let of = &self.settings.tools[i];
+            if tool.phase == Phase::Waiting && detection::is_outside(&on, &of.shape, &tool.pose) {
                 tool.phase = Phase::Engaged;
                 tool.previous = tool.pose;
             }
@@ -434,7 +435,7 @@ impl Simulation {
                 continue;
             }
             let out = (&mut self.constraints, &mut self.points_of_action);
-            detection::detect(&on, i as u32, shape, tool, points, out, &mut self.detection);
+            detection::detect(&on, i as u32, of, tool, points, out, &mut self.detection);
         }
     }
 
@@ -459,13 +460,12 @@ impl Simulation {
             );
             self.mesh.reclass_alarmed(&self.body);
         }
-        // The solver's multipliers are where the next tick starts.
-        let mut constraints = self.constraints.iter();
-        for point in self.points.iter_mut().flatten() {
-            if let Some(c) = constraints.next() {
-                debug_assert_eq!(c.point, point.point);
-                point.multiplier = c.multiplier;
-            }
+        // What the solver found is where the next tick starts.
+        let mut first = 0;
+        for (tool, points) in self.tools.iter().zip(&mut self.points) {
+            let own = &self.constraints[first..first + points.len()];
+            friction::remember(&self.mesh, own, tool, points, moves, TICK);
+            first += points.len();
         }
     }
 

@@ -4,11 +4,11 @@
 //! so that nothing slips between vertices. Normals run from the tool's axis to the point, at the tool's place in the
 //! middle of the tick.
 
-use super::tool::{MOST_POINTS, Shape, ToolState};
+use super::tool::{MOST_POINTS, Shape, Tool, ToolState};
 use super::wrench::middle_pose;
 use crate::math::{Pose, Real, Vec3, from_parry, to_parry};
 use crate::model::constraint::{Constraint, PointMemory, dent};
-use crate::model::{ActiveMesh, Body, skin};
+use crate::model::{ActiveMesh, Body, Friction, skin};
 use parry3d_f64::query::PointQuery;
 use parry3d_f64::query::details::closest_points_segment_segment_with_locations_nD as segment_segment;
 use parry3d_f64::shape::{Segment, Triangle};
@@ -43,6 +43,11 @@ struct Candidate {
 }
 
 impl Candidate {
+    /// The place of its triangle with other `weights` [m].
+    fn at(&self, on: &Touchable, weights: [Real; 3]) -> Vec3 {
+        self.stencil.iter().zip(weights).map(|(s, w)| on.vertices[s.0 as usize] * w).sum()
+    }
+
     fn stencil(&self) -> &[(u32, Real)] {
         if self.stencil[0].1 == 1.0 { &self.stencil[..1] } else { &self.stencil[..] }
     }
@@ -118,12 +123,13 @@ pub struct Touchable<'a> {
 pub fn detect(
     on: &Touchable,
     index: u32,
-    shape: &Shape,
+    of: &Tool,
     tool: &ToolState,
     memory: &mut Vec<PointMemory>,
     (constraints, points_of_action): (&mut Vec<Constraint>, &mut Vec<Vec3>),
     work: &mut Workspace,
 ) {
+    let shape = &of.shape;
     let candidates = &mut work.candidates;
     candidates.clear();
     let axis = Axis::new(&middle_pose(tool), shape);
@@ -153,6 +159,7 @@ pub fn detect(
     work.loads.clear();
     work.loads.extend(candidates.iter().map(|c| Load::new(on, c, memory)));
     let (first, half_space) = (constraints.len() as u32, half_space(on.body));
+    let nu = on.body.material().poisson_ratio();
     for (i, candidate) in candidates.iter().enumerate() {
         let (n, along) = (candidate.normal, candidate.along);
         let (row, fade) = skin::row(on.mesh, candidate.stencil());
@@ -171,6 +178,16 @@ pub fn detect(
             Some(m) if overlap <= m.slack + UNNOTICED + 0.5 * moved.abs() => m.slack.min(overlap.max(0.0)),
             _ => overlap.max(0.0),
         };
+        let (anchor, tangential) = match known.filter(|_| of.friction > 0.0) {
+            Some(m) => {
+                // Another place of the triangle is the nearest now: the anchor goes along by as much.
+                let now = candidate.place - candidate.at(on, m.weights);
+                let back = m.tangential - n * n.dot(&m.tangential);
+                (tool.previous.to_own(tool.previous.to_world(m.anchor) + now), back)
+            }
+            None => (tool.previous.to_own(candidate.place), Vec3::zeros()),
+        };
+        let anchored = (tool.previous.to_world(anchor), tool.pose.to_world(anchor));
         let slack_end = if slack > 1e-7 { slack * SLACK_KEPT } else { 0.0 };
         constraints.push(Constraint {
             row,
@@ -185,13 +202,26 @@ pub fn detect(
             point: candidate.point,
             multiplier: work.loads[i].multiplier,
             mean_multiplier: 0.0,
+            friction: Friction {
+                coefficient: of.friction,
+                compliance: (2.0 - nu) / (2.0 * (1.0 - nu)),
+                anchor: anchored.0 - fade,
+                rate: (anchored.1 - anchored.0) / on.tick,
+                multiplier: tangential,
+                mean_multiplier: Vec3::zeros(),
+            },
         });
-        points_of_action.push(axis.at(along) + n * shape.radius);
+        // The surface's own point, not the tool's: that is where the body gets the force.
+        points_of_action.push(candidate.place);
         work.memory.push(PointMemory {
             point: candidate.point,
-            multiplier: 0.0, // written back after the solve
+            // What the solve changes is written back after it.
+            multiplier: 0.0,
             slack: slack_end,
             normal: n,
+            tangential,
+            anchor,
+            weights: candidate.stencil.map(|s| s.1),
         });
     }
     std::mem::swap(memory, &mut work.memory);

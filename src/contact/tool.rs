@@ -25,6 +25,8 @@ pub struct Tool {
     pub name: String,
     /// Its shape.
     pub shape: Shape,
+    /// Coulomb's coefficient of friction μ on the body.
+    pub friction: Real,
 }
 
 /// Where a tool stands in its life.

@@ -24,7 +24,7 @@ pub fn wrench_on(tool: u32, middle: &Pose, constraints: &[Constraint], surface_p
         if c.tool != tool || c.mean_multiplier <= 0.0 {
             continue;
         }
-        let on_tool = -c.normal * c.mean_multiplier;
+        let on_tool = -c.normal * c.mean_multiplier - c.friction.mean_multiplier;
         sum.force += on_tool;
         sum.torque += (point - middle.position).cross(&on_tool);
         pushing += 1;

@@ -52,6 +52,24 @@ impl Row {
     }
 }
 
+/// What keeps a surface point from sliding along a tool: Coulomb's friction. While the point sticks, its tangential gap
+/// from the anchor, `q(t) + Σ_j G_j τ_j − a(t)`, is zero; the tangential multiplier τ is at most μ λ.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Friction {
+    /// Coefficient μ; 0 lets the point slide freely.
+    pub coefficient: Real,
+    /// Tangential compliances over the normal ones: `(2 − ν)/(2 (1 − ν))` for a half-space.
+    pub compliance: Real,
+    /// Where `a` is at the start of the tick [m].
+    pub anchor: Vec3,
+    /// How fast it moves with the tool [m/s].
+    pub rate: Vec3,
+    /// Force along the surface that the tool puts on the body, to start from [N].
+    pub multiplier: Vec3,
+    /// Its mean over the sub-steps of the tick [N]: the solver's answer.
+    pub mean_multiplier: Vec3,
+}
+
 /// One unilateral constraint `n·q(t) + Σ_j G_j λ_j ≥ offset + rate·t`, `λ ≥ 0`, on the surface point `q`; `t` [s] from
 /// the start of the tick. The multiplier λ [N] is the force along `normal` that the tool puts on the body.
 #[derive(Clone, Copy, Debug)]
@@ -80,6 +98,8 @@ pub struct Constraint {
     pub multiplier: Real,
     /// Mean multiplier over the sub-steps of the tick [N]: the solver's answer.
     pub mean_multiplier: Real,
+    /// What acts along the surface.
+    pub friction: Friction,
 }
 
 /// Part of the compliance that is left beyond [`Constraint::most_dent`]. None at all would leave nothing to divide by
@@ -102,4 +122,10 @@ pub struct PointMemory {
     pub slack: Real,
     /// Last normal, from the tool towards the surface.
     pub normal: Vec3,
+    /// Last force along the surface [N].
+    pub tangential: Vec3,
+    /// The place of the tool, in its own frame [m], that the point sticks to.
+    pub anchor: Vec3,
+    /// Barycentric weights of the point in its display triangle; (1, 0, 0) for a vertex.
+    pub weights: [Real; 3],
 }

@@ -19,6 +19,6 @@ pub mod step_class;
 
 pub use active_mesh::ActiveMesh;
 pub use body::Body;
-pub use constraint::{Constraint, Row};
+pub use constraint::{Constraint, Friction, Row};
 pub use material::Material;
 pub use state::State;

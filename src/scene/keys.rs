@@ -226,6 +226,10 @@ pub struct ToolKeys {
     #[serde(default)]
     #[garde(range(min = 0.0, max = 1.0))]
     pub length: Real,
+    /// Coulomb's coefficient of friction on the body.
+    #[serde(default)]
+    #[garde(range(min = 0.0, max = 2.0))]
+    pub friction: Real,
 }
 
 /// `[world]`.
@@ -314,7 +318,7 @@ fn display_vertices() -> usize {
     2_500
 }
 fn one_ball() -> Vec<ToolKeys> {
-    vec![ToolKeys { name: "ball".into(), radius: centimetre(), length: 0.0 }]
+    vec![ToolKeys { name: "ball".into(), radius: centimetre(), length: 0.0, friction: 0.0 }]
 }
 fn falling(spacings: &[Real], _: &()) -> garde::Result {
     let ordered = spacings.windows(2).all(|pair| pair[1] <= 0.8 * pair[0]);
@@ -349,6 +353,7 @@ impl Scene {
         let tool = |keys: &ToolKeys| Tool {
             name: keys.name.clone(),
             shape: ToolShape { radius: keys.radius, length: keys.length },
+            friction: keys.friction,
         };
         Settings {
             gravity: Vec3::from(self.world.gravity),

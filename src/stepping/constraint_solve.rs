@@ -3,9 +3,10 @@
 //! For each point: `r = n·(Σ b_i (x_i + Δt v_i)) + Σ_j G_j λ_j − (offset + rate·t)`,
 //! `λ ← max(0, λ − r / (Δt² Σ b_i²/m_i + G))`, and the change of λ at once acts on the velocities and on the other
 //! points' dents. The gap is closed as a whole: scaling it (Baumgarte) would make the force too small, because G turns
-//! gap into force.
+//! gap into force. Where there is friction, the tangential multiplier follows the same way, and is then cut to the disc of
+//! radius μ λ [Coulomb].
 
-use crate::math::Real;
+use crate::math::{Real, Vec3};
 use crate::model::constraint::FIRMER;
 use crate::model::element_kernel::Padded;
 use crate::model::{ActiveMesh, Constraint};
@@ -26,6 +27,10 @@ pub struct Prepared {
     target: Real,
     /// `Σ_j G_j λ_j` [m].
     dent: Real,
+    /// `Σ b_i x_i` at the start of the sub-step [m].
+    place: Vec3,
+    /// `Σ_j G_j τ_j` [m], tangential compliances.
+    shear: Vec3,
 }
 
 /// Changes the velocities so that no surface point ends the sub-step inside a tool, and leaves each point's
@@ -36,16 +41,22 @@ pub fn solve(mesh: &mut ActiveMesh, constraints: &mut [Constraint], prepared: &m
     for (i, p) in prepared[..constraints.len()].iter_mut().enumerate() {
         let c = &constraints[i];
         let mobility: Real = c.row.entries().iter().map(|&(n, b)| b * b * inverse_mass[n as usize]).sum();
-        let others = constraints[c.first as usize..].iter().zip(&c.compliance);
+        // Those of other tools have a compliance of zero.
+        let others = || constraints[c.first as usize..].iter().zip(&c.compliance);
+        let place = c.row.interpolate(&motion.position);
         *p = Prepared {
             mobility: step * step * mobility,
             compliance: c.compliance[i - c.first as usize],
-            position: c.normal.dot(&c.row.interpolate(&motion.position)),
+            position: c.normal.dot(&place),
             target: c.offset + c.rate * end,
-            // Those of other tools have a compliance of zero.
-            dent: others.map(|(other, g)| g * other.multiplier).sum(),
+            dent: others().map(|(other, g)| g * other.multiplier).sum(),
+            place,
+            shear: others().map(|(other, g)| other.friction.multiplier * (g * c.friction.compliance)).sum(),
         };
-        push(&mut motion.velocity, inverse_mass, c, step * c.multiplier);
+        push(&mut motion.velocity, inverse_mass, c, &c.normal, step * c.multiplier);
+        if c.friction.coefficient > 0.0 {
+            push(&mut motion.velocity, inverse_mass, c, &c.friction.multiplier, step);
+        }
     }
     for _ in 0..SWEEPS {
         for i in 0..constraints.len() {
@@ -61,18 +72,32 @@ pub fn solve(mesh: &mut ActiveMesh, constraints: &mut [Constraint], prepared: &m
             let change = multiplier - c.multiplier;
             if change != 0.0 {
                 c.multiplier = multiplier;
-                push(&mut motion.velocity, inverse_mass, c, step * change);
+                push(&mut motion.velocity, inverse_mass, c, &c.normal, step * change);
                 let others = prepared[c.first as usize..].iter_mut().zip(&c.compliance);
                 others.for_each(|(other, g)| other.dent += g * change);
+            }
+            if c.friction.coefficient > 0.0 {
+                let p = prepared[i];
+                let place = p.place + c.row.interpolate(&motion.velocity) * step;
+                let apart = place + p.shear - (c.friction.anchor + c.friction.rate * end);
+                let gap = apart - c.normal * c.normal.dot(&apart);
+                let stuck = c.friction.multiplier - gap / (p.mobility + c.friction.compliance * p.compliance);
+                let (most, size) = (c.friction.coefficient * c.multiplier, stuck.norm());
+                let multiplier = if size > most { stuck * (most / size) } else { stuck };
+                let change = multiplier - c.friction.multiplier;
+                c.friction.multiplier = multiplier;
+                push(&mut motion.velocity, inverse_mass, c, &change, step);
+                let others = prepared[c.first as usize..].iter_mut().zip(&c.compliance);
+                others.for_each(|(other, g)| other.shear += change * (g * c.friction.compliance));
             }
         }
     }
 }
 
-/// Gives the point's nodes the impulse `impulse`·n [N·s] through its row.
-fn push(velocity: &mut [Padded], inverse_mass: &[Real], c: &Constraint, impulse: Real) {
+/// Gives the point's nodes the impulse `impulse`·`direction` [N·s] through its row.
+fn push(velocity: &mut [Padded], inverse_mass: &[Real], c: &Constraint, direction: &Vec3, impulse: Real) {
     for &(n, b) in c.row.entries() {
-        let change = c.normal * (impulse * b * inverse_mass[n as usize]);
+        let change = direction * (impulse * b * inverse_mass[n as usize]);
         for (v, d) in velocity[n as usize].iter_mut().zip(change.iter()) {
             *v += d;
         }

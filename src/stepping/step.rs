@@ -75,7 +75,9 @@ pub fn tick(
     if !body.holds().is_empty() {
         deepest = deepest.max(holds);
     }
-    constraints.iter_mut().for_each(|c| c.mean_multiplier = 0.0);
+    for c in constraints.iter_mut() {
+        (c.mean_multiplier, c.friction.mean_multiplier) = (0.0, Vec3::zeros());
+    }
     // Class c is due at the odd multiples of half its step.
     let halves = 2u32 << deepest;
     for i in 1..halves {
@@ -91,14 +93,20 @@ pub fn tick(
             let step = step_class::step_of(class);
             drift(&work.contact_nodes, &mut work.time, mesh, gravity, now);
             constraint_solve::solve(mesh, constraints, &mut work.prepared, step, now + step);
-            constraints.iter_mut().for_each(|c| c.mean_multiplier += c.multiplier);
+            for c in constraints.iter_mut() {
+                c.mean_multiplier += c.multiplier;
+                c.friction.mean_multiplier += c.friction.multiplier;
+            }
         }
     }
     drift_all(&mut work.time, mesh, gravity, TICK);
     work.time.fill(0.0);
     mesh.place_interface();
     let solves = Real::from(1u32 << contact);
-    constraints.iter_mut().for_each(|c| c.mean_multiplier /= solves);
+    for c in constraints.iter_mut() {
+        c.mean_multiplier /= solves;
+        c.friction.mean_multiplier /= solves;
+    }
     extremes
 }
 

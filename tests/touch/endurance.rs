@@ -63,8 +63,7 @@ struct Wild {
     turned: [[Real; 4]; 3],
 }
 
-const WILD_TOOLS: &str =
-    "tool=[{name='ball', radius=0.01}, {name='rod', radius=0.005, length=0.08}, {name='tip', radius=0.001}]";
+const WILD_TOOLS: &str = "tool=[{name='ball', radius=0.01}, {name='rod', radius=0.005, length=0.08, friction=0.4}, {name='tip', radius=0.001, friction=0.8}]";
 
 impl Wild {
     fn new(seed: u64) -> Self {
@@ -195,7 +194,9 @@ fn three_cubes(overrides: &[&str]) -> [(&'static str, Setup); 3] {
 
 #[test]
 fn the_same_inputs_give_the_same_bits() {
-    for (name, cube) in three_cubes(&["tool=[{name='ball', radius=0.01}, {name='rod', radius=0.005, length=0.08}]"]) {
+    for (name, cube) in
+        three_cubes(&["tool=[{name='ball', radius=0.01, friction=0.3}, {name='rod', radius=0.005, length=0.08}]"])
+    {
         let (mut starved, mut splits, mut merges) = (0, 0, 0);
         let mut run = |simulation: &mut Simulation, from: u64, to: u64| -> Vec<(u64, Vec<Vec3>, u64)> {
             let mut row = |i| {

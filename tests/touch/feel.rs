@@ -5,7 +5,7 @@ use super::*;
 // ---- What a press gives and takes ----
 
 /// A cube that nothing holds, under one tool.
-fn free_cube(shape: ToolShape) -> Setup {
+fn free_cube(shape: ToolShape, friction: Real) -> Setup {
     let elastic = Material::from_young(1e4, 0.35, 1000.0);
     let recipe = Recipe {
         name: "free".into(),
@@ -16,7 +16,7 @@ fn free_cube(shape: ToolShape) -> Setup {
     };
     let settings = Settings {
         gravity: Vec3::zeros(),
-        tools: vec![Tool { name: "tool".into(), shape }],
+        tools: vec![Tool { name: "tool".into(), shape, friction }],
         following: Following { speed: 1.0, engage_ticks: 100 },
         limits: ForceLimits { force: 3.3, torque: 0.2, slew: 1000.0 },
         adaptivity: None,
@@ -28,8 +28,8 @@ fn free_cube(shape: ToolShape) -> Setup {
 
 /// Largest error of the momentum balance over any tick, against the largest momentum, and largest error of the
 /// balance of angular momentum as a lever arm [m] of the force, against the way that the fastest node made in the tick.
-fn momentum_errors(shape: ToolShape, pose_at: impl Fn(Real) -> ToolEvent) -> (Real, Real) {
-    let mut free = simulation(&free_cube(shape));
+fn momentum_errors(shape: ToolShape, friction: Real, pose_at: impl Fn(Real) -> ToolEvent) -> (Real, Real) {
+    let mut free = simulation(&free_cube(shape, friction));
     tick(&mut free, attach());
     let (mut worst, mut most_momentum, mut worst_lever, mut pushed) = (0.0 as Real, 0.0 as Real, 0.0 as Real, 0);
     for i in 0..400 {
@@ -54,15 +54,22 @@ fn momentum_errors(shape: ToolShape, pose_at: impl Fn(Real) -> ToolEvent) -> (Re
 
 #[test]
 fn what_the_tool_gets_the_body_loses_tick_by_tick() {
-    let ball =
-        momentum_errors(ToolShape { radius: 0.02, length: 0.0 }, |t| at(TOP + Vec3::new(0.02, -0.01, 0.023 - 0.1 * t)));
-    let capsule = momentum_errors(ToolShape { radius: 0.008, length: 0.06 }, |t| {
+    let ball = |friction, sideways: Real| {
+        momentum_errors(ToolShape { radius: 0.02, length: 0.0 }, friction, |t| {
+            at(TOP + Vec3::new(0.02 - sideways * t, -0.01, 0.023 - 0.1 * t))
+        })
+    };
+    let (ball, rough) = (ball(0.0, 0.0), ball(0.4, 0.1));
+    let capsule = momentum_errors(ToolShape { radius: 0.008, length: 0.06 }, 0.0, |t| {
         let turned = normalized_quaternion([0.3 * t, 1.0, 0.1, 1.0 - t]).unwrap();
         posed(TOP + Vec3::new(-0.03 + 0.05 * t, -0.01, 0.012 - 0.08 * t), turned)
     });
-    println!("linear: ball {:.1e}, capsule {:.1e} of the momentum", ball.0, capsule.0);
-    println!("angular: ball {:.1e}, capsule {:.1e} of the way of the fastest node, as a lever arm", ball.1, capsule.1);
-    for (linear, angular) in [ball, capsule] {
+    println!("linear: ball {:.1e}, rough {:.1e}, capsule {:.1e} of the momentum", ball.0, rough.0, capsule.0);
+    println!(
+        "angular: {:.1e}, {:.1e}, {:.1e} of the way of the fastest node, as a lever arm",
+        ball.1, rough.1, capsule.1
+    );
+    for (linear, angular) in [ball, rough, capsule] {
         assert!(linear <= 1e-12);
         // The wrench takes the surface point where it was at the start of the tick; the sub-steps push it where it has
         // got to along the tool, on average after half the way of the tick.

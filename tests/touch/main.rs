@@ -22,6 +22,7 @@ use random::Random;
 
 mod endurance;
 mod feel;
+mod friction;
 
 /// Edge of every body here [m].
 const SIDE: Real = 0.1;
