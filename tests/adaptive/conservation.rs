@@ -82,5 +82,5 @@ fn thirty_random_sets_of_a_held_cube_keep_their_energy() {
 
 #[test]
 fn thirty_random_sets_of_a_free_cube_keep_energy_and_momenta() {
-    thirty_sets(false, 2e-3);
+    thirty_sets(false, 1e-3);
 }

@@ -102,6 +102,6 @@ fn levels_of_the_liver_sag_and_swing_alike() {
     };
     let body = Arc::new(prepare(&recipe, &mut |_, _, _| {}).unwrap());
     for (name, gravity) in [("liver, down", Vec3::new(0.0, 0.0, -2.0)), ("liver, back", Vec3::new(0.0, 2.0, 0.0))] {
-        levels_agree(name, &body, gravity, |nodes| if nodes < 500 { (0.05, 0.04) } else { (0.02, 0.015) });
+        levels_agree(name, &body, gravity, |nodes| if nodes < 500 { (0.05, 0.04) } else { (0.02, 0.016) });
     }
 }
