@@ -163,9 +163,10 @@ pub fn detect(
     for (i, candidate) in candidates.iter().enumerate() {
         let (n, along) = (candidate.normal, candidate.along);
         let (row, fade) = skin::row(on.mesh, candidate.stencil());
+        let shown = row.entries().iter().map(|(_, b)| b * b).sum::<Real>() / MEAN_SQUARE;
         let mut compliance = [0.0; MOST_POINTS];
         for (j, (g, other)) in compliance.iter_mut().zip(&work.loads).enumerate() {
-            *g = half_space * if i == j { other.own() } else { work.loads[i].from(other) };
+            *g = half_space * if i == j { other.own(shown) } else { work.loads[i].from(other) };
         }
         let moved = n.dot(&(end.at(along) - start.at(along)));
         let known = remembered(memory, candidate.point);
@@ -276,9 +277,10 @@ impl Load {
         }
     }
 
-    /// Under itself: the mean over its disc.
-    fn own(&self) -> Real {
-        let (s, cut) = (self.radius, KAPPA * self.spacing);
+    /// Under itself: the mean over its disc. `shown`: how much of it the mesh shows here, over what it shows on average; a
+    /// point on a node moves that node alone, one between nodes has to move them all.
+    fn own(&self, shown: Real) -> Real {
+        let (s, cut) = (self.radius, KAPPA * self.spacing / shown);
         if s < cut { 2.0 / s - 1.0 / cut } else { cut / (s * s) }
     }
 
@@ -290,6 +292,9 @@ impl Load {
         (1.0 / apart - 1.0 / cut).max(0.0) * self.normal.dot(&other.normal).max(0.0)
     }
 }
+
+/// Mean `Σ b²` of surface points.
+const MEAN_SQUARE: Real = 0.35;
 
 /// Least distance between two loads over the sum of their radii.
 const LEAST_APART: Real = 0.85;
@@ -373,6 +378,9 @@ fn area_vector(on: &Touchable, t: u32) -> Vec3 {
     (b - a).cross(&(c - a))
 }
 
+/// Part of the surface's area that vertices stand for; the rest is that of points inside triangles.
+const VERTEX_SHARE: Real = 0.5;
+
 fn near_vertices(on: &Touchable, touch: &Touch, near: &[u32], out: &mut Vec<Candidate>) {
     let (low, high) = touch.window();
     for &v in near {
@@ -385,7 +393,7 @@ fn near_vertices(on: &Touchable, touch: &Touch, near: &[u32], out: &mut Vec<Cand
         let outward: Vec3 = on.body.triangles_around(v).iter().map(|t| area_vector(on, *t)).sum();
         if let Some((normal, gap)) = touch.side(along, *place, outward, v as u32) {
             let stencil = [(v as u32, 1.0), (0, 0.0), (0, 0.0)];
-            let (place, area) = (*place, on.body.vertex_area()[v]);
+            let (place, area) = (*place, VERTEX_SHARE * on.body.vertex_area()[v]);
             out.push(Candidate { point: v as u32, gap, normal, place, along, stencil, area });
         }
     }
@@ -422,7 +430,15 @@ fn near_triangles(
         let outward = area_vector(on, t);
         if let Some((normal, gap)) = touch.side(along, place, outward, point) {
             let stencil = std::array::from_fn(|i| (triangle[i], weights[i]));
-            out.push(Candidate { point, gap, normal, place, along, stencil, area: 0.5 * outward.norm() });
+            out.push(Candidate {
+                point,
+                gap,
+                normal,
+                place,
+                along,
+                stencil,
+                area: (1.0 - VERTEX_SHARE) * 0.5 * outward.norm(),
+            });
         }
     }
 }

@@ -104,7 +104,7 @@ pub struct Constraint {
 
 /// Part of the compliance that is left beyond [`Constraint::most_dent`]. None at all would leave nothing to divide by
 /// where a point hangs on nodes that are held fast.
-pub const FIRMER: Real = 0.1;
+pub const FIRMER: Real = 0.05;
 
 /// Dent [m] below the mesh's size where its compliance alone gives `soft`: firmer beyond `most`.
 pub fn dent(soft: Real, most: Real) -> Real {
