@@ -118,7 +118,7 @@ pub struct Touchable<'a> {
     pub tick: Real,
 }
 
-/// Appends the constraints of tool `index` to `constraints` and each one's point of action on the tool [m] to
+/// Appends the constraints of tool `index` to `constraints` and the surface point at which each one acts [m] to
 /// `points_of_action`; `memory` holds the tool's points of the last tick, ascending, and receives this tick's.
 pub fn detect(
     on: &Touchable,
@@ -163,10 +163,10 @@ pub fn detect(
     for (i, candidate) in candidates.iter().enumerate() {
         let (n, along) = (candidate.normal, candidate.along);
         let (row, fade) = skin::row(on.mesh, candidate.stencil());
-        let shown = row.entries().iter().map(|(_, b)| b * b).sum::<Real>() / MEAN_SQUARE;
+        let share = row.entries().iter().map(|(_, b)| b * b).sum::<Real>() / MEAN_SQUARE;
         let mut compliance = [0.0; MOST_POINTS];
         for (j, (g, other)) in compliance.iter_mut().zip(&work.loads).enumerate() {
-            *g = half_space * if i == j { other.own(shown) } else { work.loads[i].from(other) };
+            *g = half_space * if i == j { other.own(share) } else { work.loads[i].from(other) };
         }
         let moved = n.dot(&(end.at(along) - start.at(along)));
         let known = remembered(memory, candidate.point);
@@ -277,10 +277,10 @@ impl Load {
         }
     }
 
-    /// Under itself: the mean over its disc. `shown`: how much of it the mesh shows here, over what it shows on average; a
+    /// Under itself: the mean over its disc. `share`: how much the mesh shows of it here, over what it shows on average; a
     /// point on a node moves that node alone, one between nodes has to move them all.
-    fn own(&self, shown: Real) -> Real {
-        let (s, cut) = (self.radius, KAPPA * self.spacing / shown);
+    fn own(&self, share: Real) -> Real {
+        let (s, cut) = (self.radius, KAPPA * self.spacing / share);
         if s < cut { 2.0 / s - 1.0 / cut } else { cut / (s * s) }
     }
 

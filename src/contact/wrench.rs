@@ -16,7 +16,8 @@ pub struct Wrench {
 /// What `constraints` put on tool `tool`: minus the sum of the mean multipliers and of their moments about the
 /// reference point, and how many of them push.
 ///
-/// The point of action is on the tool's own surface, so a frictionless ball feels no torque about its centre.
+/// The forces act at the `surface_points` of the body, which lie along the normals from the tool's axis: a frictionless ball
+/// feels no torque about its centre.
 pub fn wrench_on(tool: u32, middle: &Pose, constraints: &[Constraint], surface_points: &[Vec3]) -> (Wrench, u32) {
     let mut sum = Wrench::default();
     let mut pushing = 0;
