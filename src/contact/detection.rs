@@ -287,8 +287,13 @@ impl Load {
     /// Here, along this normal, because of `other`. Discs that overlap count as side by side, or the matrix would not be
     /// positive definite.
     fn from(&self, other: &Load) -> Real {
-        let apart = (self.place - other.place).norm().max(LEAST_APART * (self.radius + other.radius));
         let cut = KAPPA * 0.5 * (self.spacing + other.spacing);
+        let squared = (self.place - other.place).norm_squared();
+        // Most pairs are farther apart than that.
+        if squared >= cut * cut {
+            return 0.0;
+        }
+        let apart = squared.sqrt().max(LEAST_APART * (self.radius + other.radius));
         (1.0 / apart - 1.0 / cut).max(0.0) * self.normal.dot(&other.normal).max(0.0)
     }
 }
