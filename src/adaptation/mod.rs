@@ -11,7 +11,7 @@ use crate::model::active_set::Change;
 use crate::model::element_pool::CLASSES;
 use crate::model::step_class::{self, Strained};
 use crate::model::{ActiveMesh, Body};
-use crate::stepping::work::{self, BATCH_UPKEEP, CHANGE_UPKEEP, ELEMENT_UPKEEP, ROW_UPKEEP};
+use crate::stepping::work::{self, BATCH_UPKEEP, CHANGE_UPKEEP, ELEMENT_UPKEEP, ROW_UPKEEP, SHED_UPKEEP};
 
 /// When to refine and to coarsen.
 #[derive(Clone, Debug, PartialEq)]
@@ -65,8 +65,6 @@ const STAY: Real = 1.3;
 const TOUCHED: Real = 2.0;
 /// Part of the budget that changes of resolution may take in one tick, one in this many, where that pays for a change.
 const UPKEEP_PART: u32 = 6;
-/// Units of work of one merge among many, which share the rows that they make.
-const SHED_UPKEEP: u32 = 1_500;
 /// Part of the budget, in 1/16, up to which refinement fills it: the rest is for strains that shorten steps.
 const FILLED: u32 = 11;
 
@@ -108,16 +106,14 @@ impl Workspace {
     }
 }
 
-/// Class of the longest stable step of level `r` at rest, or `None` when even the shortest class is too long.
-pub fn class_at_rest(body: &Body, r: usize) -> Option<usize> {
-    let stiffest = body.elements_of(r).map(|e| step_class::omega_squared(body, e)).fold(0.0, Real::max);
-    let step = step_class::stable_step(stiffest, Strained::REST, body.damping_time(), 0.0);
-    (step >= step_class::step_of(CLASSES - 1)).then(|| step_class::class_for(step))
-}
-
 /// The finest level that can be stepped: the core does not use finer ones.
 pub fn finest_steppable(body: &Body) -> usize {
-    (0..body.levels().len()).take_while(|r| *r == 0 || class_at_rest(body, *r).is_some()).last().unwrap_or(0)
+    let can = |r: usize| {
+        let stiffest = body.elements_of(r).map(|e| step_class::omega_squared(body, e)).fold(0.0, Real::max);
+        let step = step_class::stable_step(stiffest, Strained::REST, body.damping_time(), 0.0);
+        step >= step_class::step_of(CLASSES - 1)
+    };
+    (0..body.levels().len()).take_while(|r| *r == 0 || can(*r)).last().unwrap_or(0)
 }
 
 /// What may be spent.

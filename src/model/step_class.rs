@@ -16,9 +16,12 @@ pub const TICK: Real = 1e-3;
 /// travel time; the factor below them is the margin for cut elements and for the step in which a strain grows.
 const SAFETY: Real = 0.75;
 
-/// No element of a body without any damping steps longer than this [s], which is half a tick with room for strain: nothing
-/// takes away what the step's own error, which goes with its square, adds to the energy.
-const LONGEST_UNDAMPED: Real = 0.6 * TICK;
+/// Longest step at rest [s] in `body`: a tick; without any damping half of one, with room for strain, because nothing takes
+/// away what the step's own error, which goes with its square, adds to the energy.
+pub fn longest(body: &Body) -> Real {
+    let damped = body.damping_time() > 0.0 || !body.maxwell().is_empty();
+    if damped { TICK } else { 0.6 * TICK }
+}
 
 /// Coefficient of the strain-difference term that goes with Maxwell branches: it takes the energy out of the fastest
 /// modes, for which the branches are too slow.
@@ -87,8 +90,8 @@ pub fn omega_squared(body: &Body, e: u32) -> Real {
     let altitude = smallest_altitude(body, e);
     let wave_speed_squared = level.stiffness_factor * body.material_of(e).pressure_modulus() / level.density;
     let stable = 4.0 * wave_speed_squared / (SAFETY * SAFETY * altitude * altitude) * instantaneous(body, e);
-    let damped = body.damping_time() > 0.0 || !body.maxwell().is_empty();
-    if damped { stable } else { stable.max(4.0 / (LONGEST_UNDAMPED * LONGEST_UNDAMPED)) }
+    let longest = longest(body);
+    if longest < TICK { stable.max(4.0 / (longest * longest)) } else { stable }
 }
 
 /// Class of the longest stable step of element `e` at rest.

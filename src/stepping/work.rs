@@ -23,6 +23,8 @@ pub const ROW_UPKEEP: u32 = 80;
 pub const BATCH_UPKEEP: u32 = 7_000;
 /// Units of one change in a batch, for plans.
 pub const CHANGE_UPKEEP: u32 = 4_500;
+/// Units of one merge among many, which share the rows that they make, for plans.
+pub const SHED_UPKEEP: u32 = 1_500;
 
 /// Work of one event in which `elements` of a class are due [units]; all nodes and interface rows may be concerned.
 fn event(mesh: &ActiveMesh, elements: u32) -> u32 {

@@ -4,7 +4,6 @@
 //! without the change.
 
 use super::*;
-use palpate::geometry::primitives::liver_surface;
 
 /// Jump of the force [N] that a hand does not feel, at any force.
 const UNFELT: Real = 0.010;
@@ -17,20 +16,6 @@ const UNSEEN: Real = 1e-3;
 const MOST_RING: Real = 2.5;
 /// Ticks in which what a change has put out of balance shows in the force.
 const RINGS: u64 = 8;
-
-fn liver() -> Arc<Body> {
-    let surface = liver_surface(0.006);
-    let (low, high) = surface.bounds();
-    let bed = (low, Vec3::new(high.x, high.y, low.z + 0.45 * (high.z - low.z)));
-    let recipe = Recipe {
-        name: "liver".into(),
-        shape: Shape::Closed(surface, vec![0.028, 0.017, 0.010]),
-        material: Material::from_young(5e3, 0.45, 1050.0),
-        holds: vec![Region { bounds: bed, stiffness: None, exact: false }],
-        damping_ratio: 0.15,
-    };
-    Arc::new(prepare(&recipe, &mut |_, _, _| {}).unwrap())
-}
 
 fn damped_cube() -> Arc<Body> {
     Cube { spacings: vec![0.032, 0.019, 0.011], damping_ratio: 0.15, ..elastic_cube(1e4, true) }.body()
@@ -173,7 +158,7 @@ fn a_press_and_a_stroke_on_the_cube_feel_and_show_no_change() {
 
 #[test]
 fn a_press_and_a_stroke_on_the_liver_feel_and_show_no_change() {
-    let body = liver();
+    let body = liver(0.45, vec![0.028, 0.017, 0.010], 5e3, 0.15);
     let (low, high) = body.surface().bounds();
     judge(&press(&body, summit(&body), Vec3::x()), (high - low).max(), 1.0);
 }

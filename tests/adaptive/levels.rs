@@ -1,7 +1,6 @@
 //! The levels answer alike: they sag as far and swing as fast.
 
 use super::*;
-use palpate::geometry::primitives::liver_surface;
 
 /// Levels with fewer nodes are too coarse to be asked.
 const LEAST_NODES: usize = 100;
@@ -90,17 +89,7 @@ fn levels_sag_and_swing_nearly_alike_along_the_hold() {
 /// Thin parts ask for more nodes: the left lobe is as thick as the coarsest level's elements are large.
 #[test]
 fn levels_of_the_liver_sag_and_swing_alike() {
-    let surface = liver_surface(0.006);
-    let (low, high) = surface.bounds();
-    let bed = (low, Vec3::new(high.x, high.y, low.z + 0.3 * (high.z - low.z)));
-    let recipe = Recipe {
-        name: "liver".into(),
-        shape: Shape::Closed(surface, vec![0.028, 0.018, 0.011]),
-        material: Material::from_young(1e4, 0.45, 1050.0),
-        holds: vec![Region { bounds: bed, stiffness: None, exact: false }],
-        damping_ratio: 0.0,
-    };
-    let body = Arc::new(prepare(&recipe, &mut |_, _, _| {}).unwrap());
+    let body = liver(0.3, vec![0.028, 0.018, 0.011], 1e4, 0.0);
     for (name, gravity) in [("liver, down", Vec3::new(0.0, 0.0, -2.0)), ("liver, back", Vec3::new(0.0, 2.0, 0.0))] {
         levels_agree(name, &body, gravity, |nodes| if nodes < 500 { (0.05, 0.04) } else { (0.02, 0.016) });
     }

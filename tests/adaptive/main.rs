@@ -4,7 +4,7 @@
 use palpate::adaptation::Adaptivity;
 use palpate::contact::safety::ForceLimits;
 use palpate::contact::tool::{Following, PoseSample, Shape as ToolShape, Tool, ToolEvent};
-use palpate::geometry::primitives::box_surface;
+use palpate::geometry::primitives::{box_surface, liver_surface};
 use palpate::math::{Pose, Real, Vec3};
 use palpate::model::active_set::{ActiveSet, Change, Status};
 use palpate::model::{ActiveMesh, Body, Material, State};
@@ -75,6 +75,21 @@ impl Cube {
         };
         Arc::new(prepare(&recipe, &mut |_, _, _| {}).unwrap())
     }
+}
+
+/// The bundled liver in a bed up to `bed` of its height, of `young` [Pa].
+fn liver(bed: Real, spacings: Vec<Real>, young: Real, damping_ratio: Real) -> Arc<Body> {
+    let surface = liver_surface(0.006);
+    let (low, high) = surface.bounds();
+    let bounds = (low, Vec3::new(high.x, high.y, low.z + bed * (high.z - low.z)));
+    let recipe = Recipe {
+        name: "liver".into(),
+        shape: Shape::Closed(surface, spacings),
+        material: Material::from_young(young, 0.45, 1050.0),
+        holds: vec![Region { bounds, stiffness: None, exact: false }],
+        damping_ratio,
+    };
+    Arc::new(prepare(&recipe, &mut |_, _, _| {}).unwrap())
 }
 
 fn report(body: &Body) {
