@@ -70,7 +70,7 @@ fn ticks(c: &mut Criterion) {
     tick.bench_function("untouched", |b| b.iter(|| free.advance(&Inputs::default()).tick));
     let mut touched = simulation();
     let mut inputs = Inputs::default();
-    inputs.tools[0] = Some(ToolEvent::Attach { epoch: 1, period_ticks: 1 });
+    inputs.tools[0] = Some(ToolEvent::Attach { epoch: 1, period_ticks: 1, coupling: 0.0 });
     touched.advance(&inputs);
     let mut sequence = 0;
     let mut press = |simulation: &mut Simulation, height: f64| {
@@ -122,7 +122,7 @@ fn unused_level(c: &mut Criterion) {
         let top = body.surface().vertices.iter().copied().max_by(|a, b| a.z.total_cmp(&b.z)).unwrap();
         let radius = loaded.scene.tool[0].radius;
         let mut inputs = Inputs::default();
-        inputs.tools[0] = Some(ToolEvent::Attach { epoch: 1, period_ticks: 1 });
+        inputs.tools[0] = Some(ToolEvent::Attach { epoch: 1, period_ticks: 1, coupling: 0.0 });
         simulation.advance(&inputs);
         let mut sequence = 0;
         let mut press = || {

@@ -16,6 +16,7 @@
 //! | [`adaptation`] | when and where to refine and coarsen, within the work budget | tools, clocks, how constraints are solved |
 //! | [`contact`] | tools, where they touch, the wrench, the limits of what a hand feels | how constraints are solved |
 //! | [`simulation`] | `advance(&Inputs) -> &Outputs`: the core ends here | clocks, files, networks, threads, logs |
+//! | [`feedback`] | how the force will change where the tool goes next, for hands that are far away | ticks: it looks at a copy |
 //! | [`prepare`] | shapes to a body | scenes |
 //! | [`scene`] | scene text to checked parameters, a body and settings | networks |
 //! | [`offline`] | a simulation under a trajectory, as fast as it goes | networks, clocks |
@@ -47,6 +48,7 @@
 
 pub mod adaptation;
 pub mod contact;
+pub mod feedback;
 pub mod geometry;
 pub mod hierarchy;
 pub mod math;

@@ -120,7 +120,7 @@ fn events_of(poses: Vec<(u64, usize, PoseSample)>) -> Vec<(u64, usize, ToolEvent
         gaps.sort_unstable();
         let period_ticks = gaps.get(gaps.len() / 2).copied().unwrap_or(1) as u32;
         // The tool is taken one tick before its first pose, so everything moves one tick later.
-        events.push((first.0, tool, ToolEvent::Attach { epoch: 1, period_ticks }));
+        events.push((first.0, tool, ToolEvent::Attach { epoch: 1, period_ticks, coupling: 0.0 }));
         for (i, (tick, sample)) in mine.into_iter().enumerate() {
             let sample = PoseSample { sequence: i as u32 + 1, ..sample };
             events.push((tick + 1, tool, ToolEvent::Pose(sample)));
@@ -325,7 +325,10 @@ mod tests {
             "{TRAJECTORY_HEADER}\n0.000,0,0,0,0.1,0,0,0,1,0\n0.0002,0,0,0,0.2,0,0,0,1,0\n0.010,0,0,0,0.3,0,0,0,2,1\n"
         );
         let trajectory = Trajectory::parse(&text, "t.csv", 1).unwrap();
-        assert_eq!(trajectory.inputs(1).tools[0], Some(ToolEvent::Attach { epoch: 1, period_ticks: 10 }));
+        assert_eq!(
+            trajectory.inputs(1).tools[0],
+            Some(ToolEvent::Attach { epoch: 1, period_ticks: 10, coupling: 0.0 })
+        );
         let Some(ToolEvent::Pose(pose)) = trajectory.inputs(2).tools[0] else { panic!("a pose") };
         assert_eq!((pose.pose.position.z, pose.sequence), (0.2, 1));
         let Some(ToolEvent::Pose(pose)) = trajectory.inputs(12).tools[0] else { panic!("a pose") };

@@ -460,13 +460,6 @@ impl Simulation {
             );
             self.mesh.reclass_alarmed(&self.body);
         }
-        // What the solver found is where the next tick starts.
-        let mut first = 0;
-        for (tool, points) in self.tools.iter().zip(&mut self.points) {
-            let own = &self.constraints[first..first + points.len()];
-            friction::remember(&self.mesh, own, tool, points, moves, TICK);
-            first += points.len();
-        }
     }
 
     /// Our last line: a state that is not finite is replaced by the one a reset returns to, and the hand feels nothing.
@@ -484,15 +477,22 @@ impl Simulation {
 
     fn render_forces(&mut self) {
         let stood_still = self.outputs.plan.taken < self.outputs.plan.needed;
-        for (i, tool) in self.tools.iter_mut().enumerate() {
+        let mut constraints = self.constraints.as_slice();
+        for (i, (tool, points)) in self.tools.iter_mut().zip(&mut self.points).enumerate() {
+            let own;
+            (own, constraints) = constraints.split_at(points.len().min(constraints.len()));
             let middle = wrench::middle_pose(tool);
             let (mut physical, mut contact_points) =
                 wrench::wrench_on(i as u32, &middle, &self.constraints, &self.points_of_action);
             if stood_still && tool.touches() {
                 // No step, no new force: the last one stands.
                 physical = Wrench { force: tool.physical_force, torque: tool.physical_torque };
-                contact_points = self.points[i].iter().filter(|p| p.multiplier > 0.0).count() as u32;
+                contact_points = own.iter().filter(|c| c.multiplier > 0.0).count() as u32;
             }
+            let solved_at = tool.pose;
+            tool.hang_back(physical.force, physical.torque);
+            // What the solver found is where the next tick starts.
+            friction::remember(&self.mesh, own, &solved_at, tool, points, !stood_still);
             let limited = safety::render(tool, &physical, &self.settings.limits, TICK);
             self.outputs.tools[i] = ToolOutput { state: *tool, contact_points, limited };
         }

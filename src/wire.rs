@@ -2,6 +2,7 @@
 
 use crate::contact::safety::Limited;
 use crate::contact::tool::{MOST_TOOLS, Phase, PoseSample, ToolEvent, ToolState};
+use crate::feedback::LocalModel;
 use crate::math::{Pose, Real, Vec3, normalized_quaternion};
 use crate::model::Body;
 use crate::simulation::{Inputs, TickFlags, ToolOutput};
@@ -163,7 +164,17 @@ pub fn wrench(tool: u32, tick: u64, sequence: u64, output: &ToolOutput, flags: T
         contact_points: output.contact_points,
         phase: phase(t.phase),
         flags: bits.iter().filter(|b| b.0).map(|b| b.1 as u32).sum(),
+        ..Default::default()
     }
+}
+
+/// Puts the local model at `handle` into a wrench.
+pub fn add_model(wrench: &mut proto::ToolWrench, handle: &Pose, model: &LocalModel) {
+    wrench.model_position = f32s(&handle.position);
+    wrench.model_force = f32s(&model.force);
+    wrench.model_normal = f32s(&model.normal);
+    wrench.model_stiffness = model.stiffness.iter().map(|k| *k as f32).collect();
+    wrench.model_range = model.range as f32;
 }
 
 /// A tool as viewers see it.
@@ -216,8 +227,8 @@ pub fn inputs_to_message(tick: u64, inputs: &Inputs) -> proto::TickInputs {
     use proto::tool_input::Event;
     let list = |v: &Vec3| v.iter().copied().collect();
     let event = |event: &ToolEvent| match event {
-        ToolEvent::Attach { epoch, period_ticks } => {
-            Event::Attach(proto::RecordedAttach { epoch: *epoch, period_ticks: *period_ticks })
+        ToolEvent::Attach { epoch, period_ticks, coupling } => {
+            Event::Attach(proto::RecordedAttach { epoch: *epoch, period_ticks: *period_ticks, coupling: *coupling })
         }
         ToolEvent::Detach => Event::Detach(true),
         ToolEvent::Pose(p) => Event::Pose(proto::RecordedPose {
@@ -254,7 +265,9 @@ pub fn inputs_from_message(message: &proto::TickInputs) -> Option<Inputs> {
     };
     for tool in &message.tools {
         let event = match tool.event.as_ref()? {
-            Event::Attach(a) => ToolEvent::Attach { epoch: a.epoch, period_ticks: a.period_ticks },
+            Event::Attach(a) => {
+                ToolEvent::Attach { epoch: a.epoch, period_ticks: a.period_ticks, coupling: a.coupling }
+            }
             Event::Detach(_) => ToolEvent::Detach,
             Event::Pose(p) => ToolEvent::Pose(PoseSample {
                 sequence: p.sequence,
@@ -343,7 +356,7 @@ mod tests {
             };
             let mut inputs = Inputs { lapsed, budget, reset: true, ..Inputs::default() };
             inputs.tools[0] = Some(ToolEvent::Pose(sample));
-            inputs.tools[3] = Some(ToolEvent::Attach { epoch, period_ticks: 14 });
+            inputs.tools[3] = Some(ToolEvent::Attach { epoch, period_ticks: 14, coupling: 2.5e-3 });
             inputs.tools[7] = Some(ToolEvent::Detach);
             let bytes = inputs_to_message(12, &inputs).encode_to_vec();
             let back = inputs_from_message(&proto::TickInputs::decode(&bytes[..]).unwrap());

@@ -134,7 +134,7 @@ fn a_ball_is_felt_as_the_continuum_says() {
         )
         .unwrap();
         let mut attach = Inputs::default();
-        attach.tools[0] = Some(ToolEvent::Attach { epoch: 1, period_ticks: 1 });
+        attach.tools[0] = Some(ToolEvent::Attach { epoch: 1, period_ticks: 1, coupling: 0.0 });
         press.advance(&attach);
         let (mut tick, mut before) = (0, -1e-3);
         for (depth, expected) in [(5e-4, 0.0232092), (1e-3, 0.0640657), (2e-3, 0.1751750)] {

@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Module, and what it may use beside `math`.
-const MAY_USE: [(&str, &[&str]); 16] = [
+const MAY_USE: [(&str, &[&str]); 17] = [
     ("math", &[]),
     ("geometry", &[]),
     ("hierarchy", &["geometry"]),
@@ -14,10 +14,11 @@ const MAY_USE: [(&str, &[&str]); 16] = [
     ("adaptation", &["model", "stepping"]),
     ("contact", &["model"]),
     ("simulation", &["model", "stepping", "adaptation", "contact"]),
+    ("feedback", &["model", "stepping", "contact", "simulation"]),
     ("prepare", &["geometry", "hierarchy", "model", "stepping", "simulation"]),
     ("scene", &["geometry", "model", "adaptation", "contact", "simulation", "prepare"]),
     ("offline", &["geometry", "model", "contact", "simulation", "scene"]),
-    ("wire", &["model", "contact", "simulation"]),
+    ("wire", &["model", "contact", "simulation", "feedback"]),
     ("recording", &["model", "contact", "simulation", "scene", "wire"]),
     (
         "study",
@@ -35,7 +36,7 @@ const MAY_USE: [(&str, &[&str]); 16] = [
         ],
     ),
     ("realtime", &["model", "stepping", "adaptation", "contact", "simulation"]),
-    ("server", &["model", "contact", "simulation", "scene", "wire", "recording", "realtime"]),
+    ("server", &["model", "contact", "simulation", "feedback", "scene", "wire", "recording", "realtime"]),
 ];
 
 fn sources(folder: &Path, out: &mut Vec<PathBuf>) {

@@ -97,7 +97,9 @@ fn the_simulation_thread_allocates_nothing() {
     let (stopped, surface_area) = (stop.clone(), 0.1);
     let script = |tick: u64| {
         match tick {
-            100 => ends.commands.push(Command::Attach { tool: 0, epoch: 9, period_ticks: 1 }).ok().unwrap(),
+            100 => {
+                ends.commands.push(Command::Attach { tool: 0, epoch: 9, period_ticks: 1, coupling: 0.0 }).ok().unwrap()
+            }
             600 => {
                 let (start_in, start_out) = rtrb::RingBuffer::new(1);
                 let (ticks_in, ticks_out) = rtrb::RingBuffer::new(4096);

@@ -7,7 +7,7 @@
 use super::tool::{MOST_POINTS, Shape, Tool, ToolState};
 use super::wrench::middle_pose;
 use crate::math::{Pose, Real, Vec3, from_parry, to_parry};
-use crate::model::constraint::{Constraint, PointMemory, dent};
+use crate::model::constraint::{Constraint, Coupling, PointMemory, dent};
 use crate::model::{ActiveMesh, Body, Friction, skin};
 use parry3d_f64::query::PointQuery;
 use parry3d_f64::query::details::closest_points_segment_segment_with_locations_nD as segment_segment;
@@ -160,6 +160,8 @@ pub fn detect(
     work.loads.extend(candidates.iter().map(|c| Load::new(on, c, memory)));
     let (first, half_space) = (constraints.len() as u32, half_space(on.body));
     let nu = on.body.material().poisson_ratio();
+    // The pose is where the coupling's spring is as long as the last force made it.
+    let coupling = Coupling { compliance: tool.coupling, allowed_for: -tool.physical_force };
     for (i, candidate) in candidates.iter().enumerate() {
         let (n, along) = (candidate.normal, candidate.along);
         let (row, fade) = skin::row(on.mesh, candidate.stencil());
@@ -211,6 +213,7 @@ pub fn detect(
                 multiplier: tangential,
                 mean_multiplier: Vec3::zeros(),
             },
+            coupling,
         });
         // The surface's own point, not the tool's: that is where the body gets the force.
         points_of_action.push(candidate.place);

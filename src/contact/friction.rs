@@ -1,25 +1,26 @@
 //! What is remembered of a contact point after the solve: its multipliers, and where it sticks to the tool.
 
 use super::tool::ToolState;
-use crate::math::{Real, Vec3};
+use crate::math::{Pose, Real, Vec3};
 use crate::model::constraint::PointMemory;
+use crate::model::step_class::TICK;
 use crate::model::{ActiveMesh, Constraint};
 
 /// Part of μ λ from which on a point slips.
 const SLIPS: Real = 1.0 - 1e-9;
 
-/// Writes what the solve of `constraints`, the tool's own, has found into `points`, one for each; `moved` says that the
-/// body has moved by a tick of `tick` [s] and not stood still.
+/// Writes what the solve of `constraints`, the tool's own, has found into `points`, one for each. The solve took the tool
+/// at `solved_at`; `moved` says that the body has moved by a tick and not stood still.
 ///
 /// A point that slips takes its anchor along, so that nothing but the force on the edge of Coulomb's disc is left to
 /// hold it; one that sticks keeps its anchor for ever.
 pub fn remember(
     mesh: &ActiveMesh,
     constraints: &[Constraint],
+    solved_at: &Pose,
     tool: &ToolState,
     points: &mut [PointMemory],
     moved: bool,
-    tick: Real,
 ) {
     for (c, point) in constraints.iter().zip(points) {
         debug_assert_eq!(c.point, point.point);
@@ -31,7 +32,7 @@ pub fn remember(
         if moved && c.friction.multiplier.norm() >= SLIPS * c.friction.coefficient * c.multiplier {
             let sheared = |(other, g): (&Constraint, &Real)| other.friction.multiplier * (g * c.friction.compliance);
             let shear: Vec3 = constraints.iter().zip(&c.compliance).map(sheared).sum();
-            let fade = c.friction.anchor + c.friction.rate * tick - tool.pose.to_world(point.anchor);
+            let fade = c.friction.anchor + c.friction.rate * TICK - solved_at.to_world(point.anchor);
             point.anchor = tool.pose.to_own(c.row.interpolate(&mesh.motion.position) + shear - fade);
         }
     }

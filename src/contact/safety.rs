@@ -34,8 +34,6 @@ pub struct Limited {
 
 /// Sets `tool.force` and `tool.torque` from the physical wrench, one tick of `tick` [s] after the last ones.
 pub fn render(tool: &mut ToolState, physical: &Wrench, limits: &ForceLimits, tick: Real) -> Limited {
-    tool.physical_force = physical.force;
-    tool.physical_torque = physical.torque;
     if !(is_finite(&physical.force) && is_finite(&physical.torque)) {
         tool.force.fill(0.0);
         tool.torque.fill(0.0);

@@ -2,12 +2,10 @@
 //!
 //! Everything is counted in ticks, so that the same inputs give the same motion whenever they are replayed.
 
-use crate::math::{Pose, Real, Vec3};
+use crate::math::{Pose, Real, Vec3, is_finite};
 use serde::{Deserialize, Serialize};
 
-/// Most tools of a session.
-pub const MOST_TOOLS: usize = 8;
-pub use crate::model::constraint::MOST_POINTS;
+pub use crate::model::constraint::{MOST_POINTS, MOST_TOOLS};
 
 /// Rigid shape of a tool, around its own z axis.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -69,6 +67,8 @@ pub enum ToolEvent {
         epoch: u32,
         /// Ticks between two poses, at least 1.
         period_ticks: u32,
+        /// Compliance of the virtual coupling [m/N], see [`ToolState::coupling`].
+        coupling: Real,
     },
     /// The client is gone.
     Detach,
@@ -108,6 +108,12 @@ pub struct ToolState {
     pub pose: Pose,
     /// Where it was at its start.
     pub previous: Pose,
+    /// Where the client holds it: what moves towards [`ToolState::target`]. The simulated tool hangs on it by the
+    /// coupling, with the same orientation.
+    pub handle: Pose,
+    /// Compliance of the virtual coupling [m/N]: a spring without mass between device and simulated tool, so that nothing
+    /// feels stiffer than the device can render [Colgate et al. 1995]. 0 holds the tool rigidly.
+    pub coupling: Real,
     /// Newest pose from the client.
     pub target: Pose,
     /// Ticks until it should be reached.
@@ -167,9 +173,10 @@ impl ToolState {
     pub fn follow(&mut self, event: Option<&ToolEvent>, tick: Real, bounds: &Following) {
         self.age_ticks = self.age_ticks.saturating_add(1);
         match event {
-            Some(ToolEvent::Attach { epoch, period_ticks }) => {
+            Some(ToolEvent::Attach { epoch, period_ticks, coupling }) => {
                 self.let_go();
                 (self.epoch, self.period_ticks) = (*epoch, (*period_ticks).max(1));
+                self.coupling = *coupling;
                 (self.sequence, self.time_ns, self.buttons) = (0, 0, 0);
             }
             Some(ToolEvent::Detach) => {
@@ -199,7 +206,7 @@ impl ToolState {
             // A tool that touches nothing may be anywhere at once.
             Phase::Detached => {
                 self.phase = Phase::Waiting;
-                self.pose = sample.pose;
+                (self.pose, self.handle) = (sample.pose, sample.pose);
                 self.remaining_ticks = 0;
             }
             // Back before its force was gone: go on, and let the force rise again.
@@ -217,7 +224,7 @@ impl ToolState {
         match self.phase {
             Phase::Engaged if self.age_ticks > dog.hold => {
                 self.phase = Phase::Holding;
-                self.target = self.pose;
+                self.target = self.handle;
                 self.remaining_ticks = 0;
             }
             Phase::Engaged => self.ramp = (self.ramp + 1.0 / Real::from(bounds.engage_ticks.max(1))).min(1.0),
@@ -240,11 +247,12 @@ impl ToolState {
         let fraction = 1.0 / Real::from(self.remaining_ticks.max(1));
         self.remaining_ticks = self.remaining_ticks.saturating_sub(1);
         if !self.touches() {
-            self.pose = self.pose.towards(&self.target, fraction);
+            self.handle = self.handle.towards(&self.target, fraction);
+            self.pose = self.handle;
             return;
         }
-        let distance = (self.target.position - self.pose.position).norm();
-        let (a, b) = (self.pose.orientation, self.target.orientation);
+        let distance = (self.target.position - self.handle.position).norm();
+        let (a, b) = (self.handle.orientation, self.target.orientation);
         // The chord between unit quaternions is about half the angle between the orientations.
         let chord = |sign: Real| (0..4).map(|i| (b[i] - sign * a[i]) * (b[i] - sign * a[i])).sum::<Real>();
         let angle = 2.0 * chord(1.0).min(chord(-1.0)).sqrt();
@@ -256,7 +264,22 @@ impl ToolState {
             allowed = MOST_TURN * tick / angle;
         }
         self.speed_limited = allowed < fraction;
-        self.pose = self.pose.towards(&self.target, allowed);
+        self.handle = self.handle.towards(&self.target, allowed);
+        // The spring keeps its length until the contacts of this tick are solved.
+        self.pose = self.handle;
+        self.pose.position += self.stretch();
+    }
+
+    /// What the coupling's spring gives way by under the last contact force [m].
+    fn stretch(&self) -> Vec3 {
+        self.physical_force * if self.touches() { self.coupling } else { 0.0 }
+    }
+
+    /// Takes in the contact force of this tick [N], under which the simulated tool hangs back from the handle.
+    pub fn hang_back(&mut self, force: Vec3, torque: Vec3) {
+        let sound = is_finite(&force) && is_finite(&torque);
+        (self.physical_force, self.physical_torque) = if sound { (force, torque) } else { Default::default() };
+        self.pose.position = self.handle.position + self.stretch();
     }
 
     /// Feeds every bit to `hash`.
@@ -289,7 +312,7 @@ mod tests {
 
     fn engaged(period_ticks: u32) -> ToolState {
         let mut tool = ToolState::default();
-        tool.follow(Some(&ToolEvent::Attach { epoch: 1, period_ticks }), 1e-3, &BOUNDS);
+        tool.follow(Some(&ToolEvent::Attach { epoch: 1, period_ticks, coupling: 0.0 }), 1e-3, &BOUNDS);
         tool.follow(Some(&at(0.0, 1)), 1e-3, &BOUNDS);
         tool.phase = Phase::Engaged;
         tool

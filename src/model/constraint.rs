@@ -4,6 +4,9 @@ use super::element_kernel::Padded;
 use crate::math::{Real, Vec3};
 use serde::{Deserialize, Serialize};
 
+/// Most tools of a session.
+pub const MOST_TOOLS: usize = 8;
+
 /// Most contact points of one tool: what bounds the cost of a tick.
 pub const MOST_POINTS: usize = 64;
 
@@ -70,6 +73,16 @@ pub struct Friction {
     pub mean_multiplier: Vec3,
 }
 
+/// The spring by which a tool hangs on its handle: the tool gives way by `compliance · Σ_j (n_j λ_j + τ_j)` over its
+/// constraints.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Coupling {
+    /// [m/N]; 0 holds the tool rigidly.
+    pub compliance: Real,
+    /// `Σ_j (n_j λ_j + τ_j)` [N] for which [`Constraint::offset`] and [`Friction::anchor`] allow already.
+    pub allowed_for: Vec3,
+}
+
 /// One unilateral constraint `n·q(t) + Σ_j G_j λ_j ≥ offset + rate·t`, `λ ≥ 0`, on the surface point `q`; `t` [s] from
 /// the start of the tick. The multiplier λ [N] is the force along `normal` that the tool puts on the body.
 #[derive(Clone, Copy, Debug)]
@@ -100,6 +113,8 @@ pub struct Constraint {
     pub mean_multiplier: Real,
     /// What acts along the surface.
     pub friction: Friction,
+    /// What holds the tool.
+    pub coupling: Coupling,
 }
 
 /// Part of the compliance that is left beyond [`Constraint::most_dent`]. None at all would leave nothing to divide by

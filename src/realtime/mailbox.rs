@@ -30,6 +30,8 @@ pub enum Command {
         epoch: u32,
         /// Ticks between two poses.
         period_ticks: u32,
+        /// Compliance of its virtual coupling [m/N].
+        coupling: f64,
     },
     /// The client is gone.
     Detach {

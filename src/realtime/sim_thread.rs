@@ -99,9 +99,9 @@ impl SimThread {
 
     fn obey(&mut self, command: Command, inputs: &mut Inputs) {
         match command {
-            Command::Attach { tool, epoch, period_ticks } => {
+            Command::Attach { tool, epoch, period_ticks, coupling } => {
                 self.epochs[tool] = epoch;
-                inputs.tools[tool] = Some(ToolEvent::Attach { epoch, period_ticks });
+                inputs.tools[tool] = Some(ToolEvent::Attach { epoch, period_ticks, coupling });
             }
             Command::Detach { tool } => {
                 self.epochs[tool] = 0;

@@ -155,6 +155,9 @@ async fn carry_out(shared: &Arc<Shared>, request: proto::ControlRequest) -> Resu
     Ok(reply)
 }
 
+/// Stiffnesses of virtual couplings [N/m]: softer ones let go of the tool, stiffer ones are rigid.
+const COUPLINGS: std::ops::RangeInclusive<f64> = 10.0..=1e6;
+
 fn take(shared: &Shared, attach: &proto::Attach) -> Result<proto::Attached, String> {
     if !(10.0..=2000.0).contains(&attach.rate_hz) {
         return Err(format!("rate_hz is {}: declare how often poses come, 10 to 2000", attach.rate_hz));
@@ -162,6 +165,12 @@ fn take(shared: &Shared, attach: &proto::Attach) -> Result<proto::Attached, Stri
     if attach.client.len() > 64 {
         return Err("client names have at most 64 bytes".into());
     }
+    let stiffness = attach.coupling_stiffness;
+    if !(stiffness == 0.0 || COUPLINGS.contains(&stiffness)) {
+        let (least, most) = (COUPLINGS.start(), COUPLINGS.end());
+        return Err(format!("coupling_stiffness is {stiffness} N/m: 0 holds the tool rigidly, else {least} to {most}"));
+    }
+    let coupling = if stiffness > 0.0 { 1.0 / stiffness } else { 0.0 };
     let mut held = lock(&shared.holders.held);
     let names = || shared.scene.tool.iter().map(|t| t.name.as_str()).collect::<Vec<_>>().join(", ");
     let tool = if attach.tool.is_empty() {
@@ -177,7 +186,7 @@ fn take(shared: &Shared, attach: &proto::Attach) -> Result<proto::Attached, Stri
     let epoch = held.next_epoch;
     held.next_epoch = held.next_epoch.wrapping_add(1).max(1);
     let period_ticks = ((1.0 / (attach.rate_hz * TICK)).round() as u32).max(1);
-    shared.command(Command::Attach { tool, epoch, period_ticks })?;
+    shared.command(Command::Attach { tool, epoch, period_ticks, coupling })?;
     shared.input.admit(tool, epoch);
     held.tools[tool] = Some(Holder { client: attach.client.clone(), epoch });
     tracing::info!(tool, client = attach.client, rate_hz = attach.rate_hz, "taken");

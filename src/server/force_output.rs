@@ -2,6 +2,7 @@
 
 use super::{ServerError, Shared, network};
 use crate::contact::tool::{MOST_TOOLS, Phase};
+use crate::feedback::LocalModel;
 use crate::realtime::mailbox::TickReport;
 use crate::realtime::scheduling;
 use crate::wire;
@@ -84,7 +85,8 @@ fn send(
             if !is_heard(&report, i) {
                 continue;
             }
-            let wrench = wire::wrench(i as u32, report.tick, sequence[i], tool, report.flags);
+            let mut wrench = wire::wrench(i as u32, report.tick, sequence[i], tool, report.flags);
+            wire::add_model(&mut wrench, &tool.state.handle, &LocalModel::default());
             bytes.clear();
             // A Vec grows as it needs to: encoding into it cannot fail.
             let _ = wrench.encode(&mut bytes);

@@ -97,7 +97,7 @@ fn begin(body: &Arc<Body>, settings: Settings, level: usize) -> Result<Simulatio
     let mut simulation =
         Simulation::new(body.clone(), settings, Snapshot::at_rest(body, level, 1)).map_err(Error::other)?;
     let mut inputs = Inputs::default();
-    inputs.tools[0] = Some(ToolEvent::Attach { epoch: 1, period_ticks: 1 });
+    inputs.tools[0] = Some(ToolEvent::Attach { epoch: 1, period_ticks: 1, coupling: 0.0 });
     simulation.advance(&inputs);
     Ok(simulation)
 }

@@ -238,7 +238,7 @@ fn inputs(event: ToolEvent) -> Inputs {
     inputs
 }
 
-const ATTACH: ToolEvent = ToolEvent::Attach { epoch: 1, period_ticks: 1 };
+const ATTACH: ToolEvent = ToolEvent::Attach { epoch: 1, period_ticks: 1, coupling: 0.0 };
 
 /// From 0 at `from` to 1 at `to`, without a kink.
 fn ease(t: Real, from: Real, to: Real) -> Real {

@@ -95,7 +95,10 @@ fn run(body: &Arc<Body>, seed: u64) -> Ran {
                 let (way, event) = match random.below(10) {
                     0 => (Way::Silent, Some(ToolEvent::Detach)),
                     1 => (Way::Silent, None),
-                    2 | 3 => (Way::Shake, Some(ToolEvent::Attach { epoch: 1, period_ticks: 1 + i as u32 % 20 })),
+                    2 | 3 => (
+                        Way::Shake,
+                        Some(ToolEvent::Attach { epoch: 1, period_ticks: 1 + i as u32 % 20, coupling: 0.0 }),
+                    ),
                     4 => (Way::Jump(anywhere), None),
                     5 => (Way::Shake, None),
                     6 => {

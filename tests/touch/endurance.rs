@@ -83,7 +83,10 @@ impl Wild {
                 (self.ways[tool], events[tool]) = match random.below(10) {
                     0 => (Way::Silent, Some(ToolEvent::Detach)),
                     1 => (Way::Silent, None),
-                    2 | 3 => (Way::Shake, Some(ToolEvent::Attach { epoch: 1, period_ticks: 1 + i as u32 % 20 })),
+                    2 | 3 => (
+                        Way::Shake,
+                        Some(ToolEvent::Attach { epoch: 1, period_ticks: 1 + i as u32 % 20, coupling: 0.0 }),
+                    ),
                     4 | 5 => (Way::Jump(place), None),
                     6 => (Way::Shake, None),
                     _ => {
@@ -170,7 +173,7 @@ fn script(i: u64) -> Inputs {
     };
     let turned = normalized_quaternion([0.2 * t, 0.1, 0.3, 1.0]).unwrap();
     let rod = match i {
-        0 => Some(ToolEvent::Attach { epoch: 2, period_ticks: 14 }),
+        0 => Some(ToolEvent::Attach { epoch: 2, period_ticks: 14, coupling: 0.0 }),
         200..330 => None,
         _ if i.is_multiple_of(14) => {
             Some(posed(Vec3::new(-0.03 + 0.15 * ease(t, 0.0, 0.5), 0.02, 0.05 + 0.06 * ease(t, 0.3, 0.31)), turned))

@@ -20,6 +20,7 @@ use std::sync::Arc;
 mod random;
 use random::Random;
 
+mod coupling;
 mod endurance;
 mod feel;
 mod friction;
@@ -63,7 +64,7 @@ fn simulation(setup: &Setup) -> Simulation {
 }
 
 fn attach() -> ToolEvent {
-    ToolEvent::Attach { epoch: 1, period_ticks: 1 }
+    ToolEvent::Attach { epoch: 1, period_ticks: 1, coupling: 0.0 }
 }
 
 fn posed(position: Vec3, orientation: [Real; 4]) -> ToolEvent {

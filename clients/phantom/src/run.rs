@@ -405,6 +405,7 @@ mod tests {
             contact_points: 1,
             phase: ToolPhase::Engaged,
             flags: 0,
+            model: None,
         }
     }
 

@@ -28,4 +28,4 @@ pub use palpate_proto::{
 };
 pub use surface::{Subscription, Surface, frame_positions};
 pub use tool::{Counters, PoseSample, Received, Tool};
-pub use wrench::{WRENCH_BYTES, Wrench, watchdog_scale};
+pub use wrench::{LocalModel, WRENCH_BYTES, Wrench, watchdog_scale};

@@ -131,7 +131,7 @@ impl Connection {
         observer: impl Fn(&Wrench, u64) + Send + Sync + 'static,
     ) -> Result<Tool, SdkError> {
         let force = self.force_session()?;
-        let attach = Attach { client: client.to_owned(), tool: tool.to_owned(), rate_hz };
+        let attach = Attach { client: client.to_owned(), tool: tool.to_owned(), rate_hz, coupling_stiffness: 0.0 };
         let attached = self
             .control(ControlRequest { request: Some(Request::Attach(attach)) })?
             .attached
@@ -321,6 +321,7 @@ mod tests {
             contact_points: 1,
             phase: ToolPhase::Engaged,
             flags: 0,
+            model: None,
         }
     }
 

@@ -5,7 +5,7 @@ use palpate_proto::{ToolPhase, ToolWrench};
 use crate::SdkError;
 
 /// Encoded size of a wrench in contact [bytes]: a bare round trip of this many bytes is what the network alone costs.
-pub const WRENCH_BYTES: usize = 142;
+pub const WRENCH_BYTES: usize = 220;
 
 /// Age of the newest wrench [ns] up to which its force is felt in full.
 const HOLD_NS: u64 = 20_000_000;
@@ -43,6 +43,24 @@ pub struct Wrench {
     pub phase: ToolPhase,
     /// Bits of `WrenchFlag`.
     pub flags: u32,
+    /// What the force will be nearby; `None` where the server does not say.
+    pub model: Option<LocalModel>,
+}
+
+/// The force near the pose that a wrench answers: `F(x) = force − K (x − position)` for a tool held at `x`, no farther
+/// than `range` from there, and zero where that would pull (`normal · F < 0`).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LocalModel {
+    /// (3) [m] of the handle: the client's own pose, smoothed, that `force` answers.
+    pub position: [f64; 3],
+    /// (3) [N] there; short of contact it points into the body.
+    pub force: [f64; 3],
+    /// (3) unit, out of the body; zero where nothing is near.
+    pub normal: [f64; 3],
+    /// (3, 3) [N/m] K: symmetric, without negative eigenvalues, relaxed.
+    pub stiffness: [[f64; 3]; 3],
+    /// How far from `position` it holds [m].
+    pub range: f64,
 }
 
 impl TryFrom<&ToolWrench> for Wrench {
@@ -66,6 +84,7 @@ impl TryFrom<&ToolWrench> for Wrench {
             phase: ToolPhase::try_from(message.phase)
                 .map_err(|_| undecodable(format!("{} is no phase", message.phase)))?,
             flags: message.flags,
+            model: (message.model_range > 0.0).then(|| model(message)).transpose()?,
         })
     }
 }
@@ -77,6 +96,17 @@ impl TryFrom<&ToolWrench> for Wrench {
 pub fn watchdog_scale(age_ns: u64) -> f64 {
     let faded = age_ns.saturating_sub(HOLD_NS) as f64 / (SILENT_NS - HOLD_NS) as f64;
     (1.0 - faded).max(0.0)
+}
+
+fn model(message: &ToolWrench) -> Result<LocalModel, SdkError> {
+    let [xx, yy, zz, yz, zx, xy] = array("model_stiffness", &message.model_stiffness)?;
+    Ok(LocalModel {
+        position: array("model_position", &message.model_position)?,
+        force: array("model_force", &message.model_force)?,
+        normal: array("model_normal", &message.model_normal)?,
+        stiffness: [[xx, xy, zx], [xy, yy, yz], [zx, yz, zz]],
+        range: f64::from(message.model_range),
+    })
 }
 
 /// `values` as an array of `N`; errors with the field's name when the length differs.
@@ -114,6 +144,11 @@ mod tests {
             contact_points: 6,
             phase: ToolPhase::Engaged as i32,
             flags: 1,
+            model_position: vec![0.01, 0.02, 0.031],
+            model_force: vec![0.0, 0.0, 3.3],
+            model_normal: vec![0.0, 0.0, 1.0],
+            model_stiffness: vec![200.0, 200.0, 400.0, 0.0, 0.0, 1.0],
+            model_range: 0.005,
         }
     }
 
