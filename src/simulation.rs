@@ -328,6 +328,24 @@ impl Simulation {
         &mut self.mesh
     }
 
+    /// Takes over `snapshot`, which is one of this body and these tools: for questions about a copy.
+    pub fn load(&mut self, snapshot: &Snapshot) {
+        (self.tick, self.credit) = (snapshot.tick, snapshot.credit);
+        self.mesh.restore(&self.body, &snapshot.body);
+        self.tools.copy_from_slice(&snapshot.tools);
+        for (to, from) in self.points.iter_mut().zip(&snapshot.points) {
+            to.clear();
+            to.extend_from_slice(from);
+        }
+    }
+
+    /// Where the tools touch now, standing still, and the body: for questions about a copy.
+    pub fn contacts(&mut self) -> (&mut ActiveMesh, &[Constraint]) {
+        self.tools.iter_mut().for_each(|tool| tool.previous = tool.pose);
+        self.find_contacts();
+        (&mut self.mesh, &self.constraints)
+    }
+
     /// One tick.
     pub fn advance(&mut self, inputs: &Inputs) -> &Outputs {
         self.begin(inputs);

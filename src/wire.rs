@@ -168,9 +168,12 @@ pub fn wrench(tool: u32, tick: u64, sequence: u64, output: &ToolOutput, flags: T
     }
 }
 
-/// Puts the local model at `handle` into a wrench.
-pub fn add_model(wrench: &mut proto::ToolWrench, handle: &Pose, model: &LocalModel) {
-    wrench.model_position = f32s(&handle.position);
+/// Puts a local model into a wrench, if there is one.
+pub fn add_model(wrench: &mut proto::ToolWrench, model: &LocalModel) {
+    if model.range == 0.0 {
+        return;
+    }
+    wrench.model_position = f32s(&model.position);
     wrench.model_force = f32s(&model.force);
     wrench.model_normal = f32s(&model.normal);
     wrench.model_stiffness = model.stiffness.iter().map(|k| *k as f32).collect();

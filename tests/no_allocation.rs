@@ -87,7 +87,8 @@ fn the_simulation_thread_allocates_nothing() {
     let (settings, start) = (loaded.scene.settings(), loaded.scene.at_rest(&body));
     let vertices = body.surface().vertices.len();
     let simulation = Simulation::new(body.clone(), settings.clone(), start).unwrap();
-    let (sim_ends, mut ends) = mailboxes(1, vertices).unwrap();
+    let room = || Snapshot::with_room(&body, &settings);
+    let (sim_ends, mut ends) = mailboxes(1, vertices, room).unwrap();
     let mut thread = SimThread::new(simulation, sim_ends);
     let stop = Arc::new(AtomicBool::new(false));
 

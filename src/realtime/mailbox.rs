@@ -161,6 +161,8 @@ pub struct SimulationEnds {
     pub timings: rtrb::Producer<TickTiming>,
     /// To the surface output.
     pub frames: triple_buffer::Input<Frame>,
+    /// To whoever asks questions about a copy.
+    pub copies: triple_buffer::Input<Snapshot>,
     /// Dropped entries.
     pub dropped: Arc<Dropped>,
 }
@@ -181,15 +183,21 @@ pub struct ServerEnds {
     pub timings: rtrb::Consumer<TickTiming>,
     /// Of the surface output.
     pub frames: triple_buffer::Output<Frame>,
+    /// Copies of the simulation while a tool touches, one a frame.
+    pub copies: triple_buffer::Output<Snapshot>,
     /// Dropped entries.
     pub dropped: Arc<Dropped>,
 }
 
-/// Both sides, for `tools` tools and a surface of `vertices`.
+/// Both sides, for `tools` tools, a surface of `vertices` and snapshots that fit into `room`.
 ///
 /// # Errors
 /// When the system has no eventfd to give.
-pub fn mailboxes(tools: usize, vertices: usize) -> std::io::Result<(SimulationEnds, ServerEnds)> {
+pub fn mailboxes(
+    tools: usize,
+    vertices: usize,
+    room: impl Fn() -> Snapshot,
+) -> std::io::Result<(SimulationEnds, ServerEnds)> {
     let (pose_in, pose_out) = (0..tools).map(|_| triple_buffer::triple_buffer(&None)).unzip();
     let (command_in, command_out) = rtrb::RingBuffer::new(64);
     let (retired_in, retired_out) = rtrb::RingBuffer::new(4);
@@ -198,6 +206,12 @@ pub fn mailboxes(tools: usize, vertices: usize) -> std::io::Result<(SimulationEn
     // The status looks in every tenth of a second.
     let (timing_in, timing_out) = rtrb::RingBuffer::new(8192);
     let (frame_in, frame_out) = triple_buffer::triple_buffer(&Frame::empty(vertices));
+    let (mut copy_in, copy_out) = triple_buffer::triple_buffer(&room());
+    // A clone keeps what is in a list, not its room: each of the three gets its own.
+    for _ in 0..3 {
+        *copy_in.input_buffer_mut() = room();
+        copy_in.publish();
+    }
     let wake = Arc::new(eventfd(0, EventfdFlags::CLOEXEC)?);
     let dropped = Arc::new(Dropped::default());
     let simulation = SimulationEnds {
@@ -208,6 +222,7 @@ pub fn mailboxes(tools: usize, vertices: usize) -> std::io::Result<(SimulationEn
         wake: wake.clone(),
         timings: timing_in,
         frames: frame_in,
+        copies: copy_in,
         dropped: dropped.clone(),
     };
     let server = ServerEnds {
@@ -218,6 +233,7 @@ pub fn mailboxes(tools: usize, vertices: usize) -> std::io::Result<(SimulationEn
         wake,
         timings: timing_out,
         frames: frame_out,
+        copies: copy_out,
         dropped,
     };
     Ok((simulation, server))

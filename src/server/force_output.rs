@@ -1,5 +1,6 @@
 //! Wrenches out: a real-time thread that sends what the last tick said, once per tick.
 
+use super::local_model::Models;
 use super::{ServerError, Shared, network};
 use crate::contact::tool::{MOST_TOOLS, Phase};
 use crate::feedback::LocalModel;
@@ -26,6 +27,7 @@ impl ForceOutput {
         shared: &Arc<Shared>,
         session: &zenoh::Session,
         reports: rtrb::Consumer<TickReport>,
+        models: triple_buffer::Output<Models>,
         wake: Arc<OwnedFd>,
     ) -> Result<Self, ServerError> {
         let publishers = (0..shared.scene.tool.len() as u32)
@@ -45,7 +47,7 @@ impl ForceOutput {
             if scheduling::fifo(scheduling::FORCE_OUTPUT).is_err() {
                 tracing::debug!("the force output runs at normal priority");
             }
-            send(&shared, &publishers, reports, &waker, &stopped);
+            send(&shared, &publishers, reports, models, &waker, &stopped);
         })?;
         Ok(Self { stop, wake, thread })
     }
@@ -61,10 +63,12 @@ fn send(
     shared: &Shared,
     publishers: &[Publisher<'_>],
     mut reports: rtrb::Consumer<TickReport>,
+    mut models: triple_buffer::Output<Models>,
     wake: &OwnedFd,
     stop: &AtomicBool,
 ) {
     let mut sequence = [0u64; MOST_TOOLS];
+    let mut local = [LocalModel::default(); MOST_TOOLS];
     let mut bytes = Vec::with_capacity(512);
     while !stop.load(Ordering::Relaxed) {
         let mut count = [0u8; 8];
@@ -80,13 +84,14 @@ fn send(
             }
         }
         let Some(report) = newest else { continue };
+        let stiffness = models.read();
         for (i, publisher) in publishers.iter().enumerate() {
             let tool = &report.tools[i];
             if !is_heard(&report, i) {
                 continue;
             }
             let mut wrench = wire::wrench(i as u32, report.tick, sequence[i], tool, report.flags);
-            wire::add_model(&mut wrench, &tool.state.handle, &LocalModel::default());
+            wire::add_model(&mut wrench, local[i].update(tool, &stiffness[i]));
             bytes.clear();
             // A Vec grows as it needs to: encoding into it cannot fail.
             let _ = wrench.encode(&mut bytes);

@@ -5,6 +5,7 @@
 
 mod control;
 mod force_output;
+mod local_model;
 mod recorder;
 mod status;
 mod surface_output;
@@ -118,6 +119,7 @@ pub struct Server {
     stop: Arc<AtomicBool>,
     simulation: std::thread::JoinHandle<SimThread>,
     force_output: force_output::ForceOutput,
+    local_models: local_model::LocalModels,
     tasks: Vec<tokio::task::JoinHandle<()>>,
     sessions: [zenoh::Session; 2],
     live: watch::Receiver<proto::Status>,
@@ -140,8 +142,10 @@ impl Server {
         }
         let simulation = Simulation::new(body.clone(), scene.settings(), start).map_err(ServerError::Simulation)?;
         let reset = simulation.reset_state().clone();
-        let (sim_ends, ends) = mailboxes(scene.tool.len(), body.surface().vertices.len())?;
-        let ServerEnds { poses, commands, retired, reports, wake, timings, frames, dropped } = ends;
+        let (sim_ends, ends) = mailboxes(scene.tool.len(), body.surface().vertices.len(), || {
+            Snapshot::with_room(&body, simulation.settings())
+        })?;
+        let ServerEnds { poses, commands, retired, reports, wake, timings, frames, copies, dropped } = ends;
 
         // The force session first, and from a real-time thread: zenoh's threads inherit its class.
         let force_session = open_force_session(&options)?;
@@ -164,7 +168,8 @@ impl Server {
         if let Some(path) = shared.options.record.clone() {
             recorder::start(&shared, path).await.map_err(ServerError::Recording)?;
         }
-        let force_output = force_output::ForceOutput::start(&shared, &force_session, reports, wake)?;
+        let (local_models, models) = local_model::LocalModels::start(&shared, copies)?;
+        let force_output = force_output::ForceOutput::start(&shared, &force_session, reports, models, wake)?;
         tool_input::listen(&shared, &force_session)?;
         let (live_in, live) = watch::channel(proto::Status::default());
         let (flush_status, flush_requests) = tokio::sync::mpsc::channel(1);
@@ -187,6 +192,7 @@ impl Server {
             stop,
             simulation,
             force_output,
+            local_models,
             tasks,
             sessions: [force_session, surface_session],
             live,
@@ -217,6 +223,7 @@ impl Server {
             .map_err(|_| died())?
             .map_err(|_| died())?;
         self.force_output.stop();
+        self.local_models.stop();
         // The last ticks and the retired tap are still in their rings.
         let (done, wait) = tokio::sync::oneshot::channel();
         if self.flush_status.send(done).await.is_ok() {

@@ -224,6 +224,16 @@ fn collect_contact_nodes(constraints: &[Constraint], work: &mut Workspace) {
     }
 }
 
+/// Adds the relaxed elastic forces of all elements and the pull of the holds to [`ActiveMesh::motion`]'s forces.
+pub fn add_elastic_forces(path: Path, body: &Body, mesh: &mut ActiveMesh) {
+    mesh.place_interface();
+    for class in 0..CLASSES {
+        mesh.add_forces(path, class, &Rates::ELASTIC);
+    }
+    pull_back(body, mesh);
+    mesh.hand_back_all();
+}
+
 /// Springs that hold display vertices where they were at rest.
 fn pull_back(body: &Body, mesh: &mut ActiveMesh) {
     for hold in body.holds() {

@@ -22,6 +22,7 @@ use random::Random;
 
 mod coupling;
 mod endurance;
+mod feedback;
 mod feel;
 mod friction;
 
