@@ -307,7 +307,12 @@ fn a_press_that_is_held_keeps_its_force() {
     move_tool(&mut tool, -0.008, -0.008, 300);
     let early = tool.latest_wrench().unwrap().wrench.force[2];
     move_tool(&mut tool, -0.008, -0.008, hold);
-    let late = tool.latest_wrench().unwrap().wrench.force[2];
+    let wrench = tool.latest_wrench().unwrap().wrench;
+    let late = wrench.force[2];
+    // A hand far away is told how it goes on from here.
+    let model = wrench.model.expect("a local model comes within a second of contact");
+    assert_eq!((model.position, model.force), (wrench.position, wrench.force));
+    assert!(model.normal[2] > 0.9 && model.stiffness[2][2] > 20.0 && model.range > 0.0, "{model:?}");
     println!("{early} N, then {late} N");
     assert!(early > 0.1 && (late / early - 1.0).abs() < 0.1);
     if let Some(running) = running {

@@ -206,11 +206,11 @@ pub fn mailboxes(
     // The status looks in every tenth of a second.
     let (timing_in, timing_out) = rtrb::RingBuffer::new(8192);
     let (frame_in, frame_out) = triple_buffer::triple_buffer(&Frame::empty(vertices));
-    let (mut copy_in, copy_out) = triple_buffer::triple_buffer(&room());
-    // A clone keeps what is in a list, not its room: each of the three gets its own.
+    let (mut copy_in, mut copy_out) = triple_buffer::triple_buffer(&room());
+    // A clone keeps what is in a list, not its room: each of the three gets its own, and none counts as news.
     for _ in 0..3 {
-        *copy_in.input_buffer_mut() = room();
-        copy_in.publish();
+        copy_in.write(room());
+        copy_out.update();
     }
     let wake = Arc::new(eventfd(0, EventfdFlags::CLOEXEC)?);
     let dropped = Arc::new(Dropped::default());
