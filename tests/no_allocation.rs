@@ -1,14 +1,18 @@
-//! The simulation thread allocates nothing once it runs: counted by the allocator itself, on that very thread, while
-//! a tool attaches, presses, is lost, a recording starts and stops, and the body is reset, and while all that refines
-//! and coarsens the body.
+//! What the allocator itself counts, thread by thread. The simulation thread allocates nothing once it runs, while a tool
+//! attaches, presses, is lost, a recording starts and stops, and the body is reset, and while all that refines and
+//! coarsens the body. And what a body and its simulation hold grows no faster than the body has nodes.
 
 use palpate::contact::tool::PoseSample;
-use palpate::math::{Pose, Vec3};
+use palpate::geometry::primitives::box_surface;
+use palpate::math::{Pose, Real, Vec3};
+use palpate::model::body::BodyParts;
+use palpate::model::{Body, Material};
+use palpate::prepare::{Recipe, Region, Shape, prepare};
 use palpate::realtime::clock::Clock;
 use palpate::realtime::mailbox::{Command, Frame, PoseSlot, RecordTap, mailboxes};
 use palpate::realtime::sim_thread::SimThread;
 use palpate::scene::LoadedScene;
-use palpate::simulation::{Simulation, Snapshot};
+use palpate::simulation::{Settings, Simulation, Snapshot};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 use std::path::Path;
@@ -19,11 +23,14 @@ struct Counting;
 thread_local! {
     static COUNTED: Cell<bool> = const { Cell::new(false) };
     static CALLS: Cell<u64> = const { Cell::new(0) };
+    static HELD: Cell<i64> = const { Cell::new(0) };
 }
 
-fn count() {
+/// One call that takes `more` bytes, or gives some back.
+fn count(more: i64) {
     if COUNTED.get() {
         CALLS.set(CALLS.get() + 1);
+        HELD.set(HELD.get() + more);
     }
 }
 
@@ -31,17 +38,17 @@ fn count() {
 // allocation and no drop.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        count();
+        count(layout.size() as i64);
         // SAFETY: passed on.
         unsafe { System.alloc(layout) }
     }
     unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        count();
+        count(-(layout.size() as i64));
         // SAFETY: passed on.
         unsafe { System.dealloc(pointer, layout) }
     }
     unsafe fn realloc(&self, pointer: *mut u8, layout: Layout, size: usize) -> *mut u8 {
-        count();
+        count(size as i64 - layout.size() as i64);
         // SAFETY: passed on.
         unsafe { System.realloc(pointer, layout, size) }
     }
@@ -169,4 +176,71 @@ fn the_simulation_thread_allocates_nothing() {
     assert!(splits > 20 && merges > 20);
     let tick = thread.simulation().tick();
     assert!(tick > 2500 + 3 * 75, "time passed during the stalls: {tick}");
+}
+
+/// What `make` makes, and the bytes that it holds.
+fn held<T>(make: impl FnOnce() -> T) -> (T, Real) {
+    let before = HELD.get();
+    COUNTED.set(true);
+    let made = make();
+    COUNTED.set(false);
+    (made, (HELD.get() - before) as Real)
+}
+
+/// A held, damped cube of 0.1 m, its finest level of lattice constant `finest` [m] and two coarser ones.
+fn cube(finest: Real) -> Body {
+    let side = Vec3::repeat(0.1);
+    let cells = (side.x / finest) as u32;
+    let face = Region { bounds: (Vec3::zeros(), Vec3::new(0.0, side.y, side.z)), stiffness: None, exact: false };
+    let recipe = Recipe {
+        name: "cube".into(),
+        shape: Shape::Closed(box_surface(side, [cells; 3]), vec![3.24 * finest, 1.8 * finest, finest]),
+        material: Material::from_young(1e4, 0.45, 1000.0),
+        holds: vec![face],
+        damping_ratio: 0.15,
+    };
+    prepare(&recipe, &mut |_, _, _| {}).unwrap()
+}
+
+/// Of a body, of a simulation with room for all its elements at once, and of one with the room that scenes give by
+/// default, which a large body does not fill.
+#[test]
+fn memory_grows_no_faster_than_nodes() {
+    let settings = LoadedScene::load(Path::new("cube"), &[]).unwrap().scene.settings();
+    let per_node = [0.0112, 0.0053, 0.0028].map(|finest| {
+        // Covers are made on all cores; put together anew, the body is all made on this thread.
+        let prepared = cube(finest);
+        let parts = || BodyParts {
+            name: prepared.name().into(),
+            surface: prepared.surface().clone(),
+            levels: prepared.levels().to_vec(),
+            materials: vec![*prepared.material()],
+            material_of: vec![Vec::new(); prepared.levels().len()],
+            holds: prepared.holds().to_vec(),
+            maxwell: prepared.maxwell().to_vec(),
+        };
+        let (body, of_body) = held(|| Arc::new(Body::new(parts()).unwrap()));
+        let simulation = |most_elements: usize| {
+            let settings = Settings { most_elements, ..settings.clone() };
+            let tools = settings.tools.len();
+            held(|| Simulation::new(body.clone(), settings, Snapshot::at_rest(&body, 0, tools)).unwrap()).1
+        };
+        let nodes = body.nodes_of(body.finest()).len();
+        let bytes = [of_body, simulation(usize::MAX), simulation(settings.most_elements)].map(|b| b / nodes as Real);
+        println!(
+            "{nodes} finest nodes, {} elements in all: {:.0} bytes a node in the body, {:.0} in a simulation of all \
+             elements, {:.0} in one of at most {}",
+            body.element_count(),
+            bytes[0],
+            bytes[1],
+            bytes[2],
+            settings.most_elements
+        );
+        bytes
+    });
+    let whole = per_node.map(|b| b[0] + b[1]);
+    println!("body and simulation: {:.3} and {:.3} times the bytes a node", whole[1] / whole[0], whole[2] / whole[1]);
+    assert!(whole[0] > 1000.0, "{} bytes a node: the allocator misses some", whole[0]);
+    // Large bodies have fewer nodes on their faces, so a little more elements to a node.
+    assert!(whole[1] / whole[0] < 1.15 && whole[2] / whole[1] < 1.15);
 }

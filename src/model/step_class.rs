@@ -16,11 +16,11 @@ pub const TICK: Real = 1e-3;
 /// travel time; the factor below them is the margin for cut elements and for the step in which a strain grows.
 const SAFETY: Real = 0.75;
 
-/// Longest step at rest [s] in `body`: a tick; without any damping half of one, with room for strain, because nothing takes
-/// away what the step's own error, which goes with its square, adds to the energy.
+/// Longest step [s] in `body`: a tick; without any damping half of one, because nothing takes away what the step's own
+/// error, which goes with its square, adds to the energy.
 pub fn longest(body: &Body) -> Real {
     let damped = body.damping_time() > 0.0 || !body.maxwell().is_empty();
-    if damped { TICK } else { 0.6 * TICK }
+    if damped { TICK } else { 0.5 * TICK }
 }
 
 /// Coefficient of the strain-difference term that goes with Maxwell branches: it takes the energy out of the fastest
@@ -83,20 +83,24 @@ pub fn calm_strain(class: usize, omega_squared: Real, damping_time: Real, spring
 
 const SQRT_TWO_THIRDS: Real = 0.816_496_580_927_726;
 
+/// The class in `body` of what may step by `stable` [s]. Only stability shortens a step as strain grows: each change of an
+/// element's step changes the energy a little, and changes that keep time with the strain add up.
+pub fn class_in(body: &Body, stable: Real) -> usize {
+    class_for(stable.min(longest(body)))
+}
+
 /// `ω²` [1/s²] of element `e` at rest, its Maxwell branches at their stiffest: `2/ω` is its longest stable step, with the
 /// safety factor.
 pub fn omega_squared(body: &Body, e: u32) -> Real {
     let level = body.level(body.level_of_element(e));
     let altitude = smallest_altitude(body, e);
     let wave_speed_squared = level.stiffness_factor * body.material_of(e).pressure_modulus() / level.density;
-    let stable = 4.0 * wave_speed_squared / (SAFETY * SAFETY * altitude * altitude) * instantaneous(body, e);
-    let longest = longest(body);
-    if longest < TICK { stable.max(4.0 / (longest * longest)) } else { stable }
+    4.0 * wave_speed_squared / (SAFETY * SAFETY * altitude * altitude) * instantaneous(body, e)
 }
 
 /// Class of the longest stable step of element `e` at rest.
 pub fn class_at_rest(body: &Body, e: u32) -> usize {
-    class_for(stable_step(omega_squared(body, e), Strained::REST, body.damping_time(), 0.0))
+    class_in(body, stable_step(omega_squared(body, e), Strained::REST, body.damping_time(), 0.0))
 }
 
 fn smallest_altitude(body: &Body, e: u32) -> Real {

@@ -66,7 +66,7 @@ pub fn tick(
     let mut extremes = Extremes::REST;
     let finest = (0..CLASSES).rev().find(|c| mesh.pool().count(*c) > 0).unwrap_or(0);
     let contact = finest.clamp(LONGEST_CONTACT_CLASS, SHORTEST_CONTACT_CLASS);
-    let holds = step_class::class_for((1.0 / mesh.stiffest_spring().max(1.0).sqrt()).min(step_class::longest(body)));
+    let holds = step_class::class_in(body, 1.0 / mesh.stiffest_spring().max(1.0).sqrt());
     let mut deepest = finest;
     if !constraints.is_empty() {
         deepest = deepest.max(contact);

@@ -5,7 +5,7 @@ use super::coupling::{Coupling, Mixed, Motion};
 use super::laws::{Law, green_strain};
 use super::levels::{Levels, Random};
 use super::oscillate::{GRAVITY, material};
-use super::patch::{Weights, patch_error, sliding_walls, weigh};
+use super::patch::{Press, Weights, patch_error, sliding_walls, weigh};
 use super::plot::{Chart, Curve, charts, table};
 use super::rows::{RowKind, rows};
 use crate::geometry::primitives::box_surface;
@@ -293,54 +293,143 @@ fn uniform_frequency(levels: &Levels) -> Real {
     Mixed::new(levels, finest, Law::GreenWithCompression, Coupling::Energy, RowKind::Hosts).largest_frequency()
 }
 
-/// The interface patch test with four kinds of weights, and what each costs.
+/// Steps between two changes of the active set, after each of which weights would have to be found anew: in a stroke the
+/// core changes it in one of 7 to 19 ticks, of one to two steps.
+const STEPS_PER_CHANGE: Real = 10.0;
+
+/// The interface patch test with four kinds of weights, what of its error the force of a tool shows, and what each costs.
+///
+/// The force is that of a press where the set is finest, against the same press on the uniform finest level, on levels
+/// that are calibrated: otherwise a coarse level's stiffness would hide the interface.
 pub fn patch_tests(out: &Path, progress: Progress) -> Result<String> {
-    const SETS: u64 = 10;
+    const SETS: u64 = 30;
+    let size = Vec3::repeat(1.0);
     let kinds = [Weights::Quarter, Weights::Kaczmarz(3), Weights::Kaczmarz(20), Weights::BoundedLeastSquares];
     let levels = Levels::of_cube(material(), false);
+    let clamped = Levels::of_cube(material(), true).calibrated().map_err(Error::other)?;
     let held = held_nodes(&levels);
-    let uniform = uniform_frequency(&levels);
+    let mixed = |levels, active, kind| Mixed::new(levels, active, Law::GreenWithCompression, Coupling::Energy, kind);
+    progress("patch test: presses on the finest level");
+    let pressed = |seed: u64| {
+        let press = Press::new(&clamped, &clamped.random_active_set(seed), size)?;
+        let force = press.force(&mixed(&clamped, clamped.uniform(clamped.count() - 1), RowKind::Hosts));
+        Some((press, force))
+    };
+    let presses: Vec<Option<(Press, Real)>> = (0..SETS).into_par_iter().map(pressed).collect();
     let mut table_rows = Vec::new();
-    for (scattered, sets) in [(0, "around a point"), (1, "scattered")] {
-        for kind in [RowKind::Hosts, RowKind::MovingLeastSquares] {
-            for weights in kinds {
-                progress(&format!("patch test, {}, rows by {}, refined {sets}", weights.name(), kind.name()));
-                let one = |i: u64| {
-                    let active = levels.random_active_set(2 * i + scattered);
-                    let mut mixed = Mixed::new(&levels, active, Law::GreenWithCompression, Coupling::Energy, kind);
-                    let start = Instant::now();
-                    weigh(&mut mixed, weights, &held);
-                    let millis = start.elapsed().as_secs_f64() * 1e3;
-                    let weight = mixed.weighted.iter().map(|(_, w)| *w).fold(0.0, Real::max);
-                    let error = |stretch| patch_error(&mixed, stretch, &held).strain;
-                    [error(0.1), error(0.3), uniform / mixed.largest_frequency(), weight, millis]
+    for kind in [RowKind::Hosts, RowKind::MovingLeastSquares] {
+        // What quarter weights take in each set, which is what the others are measured in.
+        let mut quarter: Vec<PatchRun> = Vec::new();
+        for weights in kinds {
+            progress(&format!("patch test, {}, rows by {}", weights.name(), kind.name()));
+            let one = |seed: u64| {
+                let mut patch = mixed(&levels, levels.random_active_set(seed), kind);
+                let start = busy();
+                weigh(&mut patch, weights, &held);
+                let found = busy() - start;
+                let start = busy();
+                (0..20).for_each(|_| drop(patch.force(&levels.rest)));
+                let step = (busy() - start) / 20.0;
+                let error = |stretch| patch_error(&patch, stretch, &held).strain;
+                let force = presses[seed as usize].as_ref().map(|(press, reference)| {
+                    let mut body = mixed(&clamped, clamped.random_active_set(seed), kind);
+                    weigh(&mut body, weights, &held);
+                    press.force(&body) / reference - 1.0
+                });
+                PatchRun {
+                    strain: [error(0.1), error(0.3)],
+                    force,
+                    frequency: patch.largest_frequency(),
+                    largest: patch.weighted.iter().map(|(_, w)| *w).fold(0.0, Real::max),
+                    found,
+                    step,
+                }
+            };
+            let runs: Vec<PatchRun> = (0..SETS).into_par_iter().map(one).collect();
+            if weights == Weights::Quarter {
+                quarter = runs.clone();
+            }
+            for (which, sets) in [(Some(0), "around a point"), (Some(1), "scattered"), (None, "all")] {
+                let chosen = || (0..runs.len()).filter(|i| which.is_none_or(|w| i % 2 == w));
+                let of = |value: &dyn Fn(&PatchRun) -> Real| chosen().map(|i| value(&runs[i])).collect::<Vec<_>>();
+                let strain = |k: usize| {
+                    let all = of(&|r| 100.0 * r.strain[k]);
+                    format!("{:.1} / {:.1}", mean(&all), largest(all.into_iter()))
                 };
-                let runs: Vec<[Real; 5]> = (0..SETS).into_par_iter().map(one).collect();
-                let column = |i: usize| runs.iter().map(move |r| r[i]);
-                let percent =
-                    |i: usize| format!("{:.1} / {:.1}", 100.0 * median(column(i)), 100.0 * largest(column(i)));
+                let signed: Vec<Real> = chosen().filter_map(|i| runs[i].force).map(|e| 100.0 * e).collect();
+                let force: Vec<Real> = signed.iter().map(|e| e.abs()).collect();
+                let shorter: Vec<Real> = chosen().map(|i| runs[i].frequency / quarter[i].frequency).collect();
+                let search = match weights {
+                    Weights::Quarter => 0.0,
+                    _ => median(chosen().map(|i| runs[i].found / runs[i].step)),
+                };
+                // Work for the same time: more steps, and what the weights take between them.
+                let cost = mean(&shorter) * (1.0 + search / STEPS_PER_CHANGE);
                 table_rows.push(vec![
                     sets.into(),
                     kind.name().into(),
                     weights.name(),
-                    percent(0),
-                    percent(1),
-                    format!("{:.2} / {:.2}", median(column(2)), sorted(column(2))[0]),
-                    format!("{:.2}", largest(column(3))),
-                    if weights == Weights::Quarter { "–".into() } else { format!("{:.2}", median(column(4))) },
+                    strain(0),
+                    strain(1),
+                    format!(
+                        "{:.1} / {:.1} / {:.1}",
+                        mean(&force),
+                        median(force.iter().copied()),
+                        largest(force.iter().copied())
+                    ),
+                    format!("{:+.1}", mean(&signed)),
+                    format!("{:.2} / {:.2}", 1.0 / mean(&shorter), 1.0 / largest(shorter.into_iter())),
+                    format!("{:.2}", largest(of(&|r| r.largest).into_iter())),
+                    format!("{:.2}", 1e3 * median(of(&|r| if search > 0.0 { r.found } else { 0.0 }).into_iter())),
+                    format!("{search:.1}"),
+                    format!("{cost:.2}"),
+                    format!("{:.1}", mean(&force) * cost),
                 ]);
             }
         }
     }
+    table_rows.sort_by_key(|row| ["around a point", "scattered", "all"].iter().position(|s| *s == row[0]));
     let header = [
         "refined",
         "rows",
         "weights",
-        "error at 10 % [%] med/max",
-        "at 30 % [%] med/max",
-        "step/uniform med/min",
+        "strain error at 10 % [%] mean/max",
+        "at 30 % [%] mean/max",
+        "force error [%] mean/med/max",
+        "with its sign",
+        "step/quarter mean/min",
         "largest weight",
-        "set-up [ms]",
+        "search [ms]",
+        "in steps",
+        "cost",
+        "force error x cost",
     ];
     table(out, "patch", &header, &table_rows)
+}
+
+/// What one kind of weights did in one set.
+#[derive(Clone)]
+struct PatchRun {
+    /// Relative strain error at 10 and at 30 %.
+    strain: [Real; 2],
+    /// Relative error of the force of the press, where there is one.
+    force: Option<Real>,
+    /// Largest angular frequency [rad/s].
+    frequency: Real,
+    /// Largest weight.
+    largest: Real,
+    /// Time that finding the weights took [s].
+    found: Real,
+    /// Time that all forces of one step take [s].
+    step: Real,
+}
+
+/// Time [s] that this thread has computed for: other work on the machine does not count.
+fn busy() -> Real {
+    let time = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
+    time.tv_sec as Real + 1e-9 * time.tv_nsec as Real
+}
+
+fn mean(values: &[Real]) -> Real {
+    values.iter().sum::<Real>() / values.len() as Real
 }

@@ -111,7 +111,8 @@ impl<'a> Mixed<'a> {
     pub fn energy(&self, x: &[Vec3]) -> Real {
         let one = |(e, w): &(usize, Real)| {
             let element = &self.levels.elements[*e];
-            w * element.volume * self.law.energy_density(&self.levels.material, &element.gradient_of(x))
+            let factor = self.levels.stiffness_factor(*e);
+            w * factor * element.volume * self.law.energy_density(&self.levels.material, &element.gradient_of(x))
         };
         self.weighted.iter().map(one).sum()
     }
@@ -126,6 +127,7 @@ impl<'a> Mixed<'a> {
         for (e, weight) in &self.weighted {
             let element = &self.levels.elements[*e];
             let weight = if self.coupling == Coupling::Force { 1.0 } else { *weight };
+            let weight = weight * self.levels.stiffness_factor(*e);
             let stress = law.stress(&self.levels.material, &element.gradient_of(x)) * (weight * element.volume);
             for (n, gradient) in element.nodes.iter().zip(&element.gradient) {
                 force[*n] -= stress * gradient;

@@ -10,6 +10,7 @@ use crate::hierarchy::level::mean_edge;
 use crate::hierarchy::{Level, parentage};
 use crate::math::{Real, Vec3};
 use crate::model::Material;
+use crate::prepare::calibration::{CalibrationError, calibrate};
 
 /// Chance from a seed: SplitMix64, so that every study repeats bit for bit.
 #[derive(Clone, Debug)]
@@ -132,6 +133,25 @@ impl Levels {
     /// The cube of 1 m that most studies share: spacings in a ratio of about 5/3.
     pub fn of_cube(material: Material, clamped: bool) -> Self {
         Self::of_box(Vec3::repeat(1.0), &[[3; 3], [5; 3], [8; 3]], material, clamped)
+    }
+
+    /// With the stiffness factors that make all levels answer alike to a smooth load, as the core's have them.
+    ///
+    /// # Errors
+    /// When a level has no elastic solution.
+    pub fn calibrated(mut self) -> Result<Self, CalibrationError> {
+        for (level, first) in self.tied.iter_mut().zip(&self.first_node) {
+            let nodes = 0..level.mesh.nodes.len();
+            level.fixed = nodes.filter(|n| self.fixed[first + n]).map(|n| n as u32).collect();
+        }
+        let calibration = calibrate(&self.tied, |_, _| self.material, &[])?;
+        self.tied.iter_mut().zip(calibration.factors).for_each(|(level, factor)| level.stiffness_factor = factor);
+        Ok(self)
+    }
+
+    /// Factor on the stiffness of `element`: 1 unless calibrated.
+    pub fn stiffness_factor(&self, element: usize) -> Real {
+        self.tied[self.level_of[self.elements[element].nodes[0]]].stiffness_factor
     }
 
     /// Number of levels.

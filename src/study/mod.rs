@@ -54,7 +54,11 @@ pub const STUDIES: [Study; 10] = [
         work: compare::couplings,
     },
     Study { name: "rows", about: "interface rows: hosts against moving least squares", work: compare::rows_compared },
-    Study { name: "patch", about: "interface patch test: four kinds of weights", work: compare::patch_tests },
+    Study {
+        name: "patch",
+        about: "interface patch test and force of a press: four kinds of weights",
+        work: compare::patch_tests,
+    },
     Study { name: "steps", about: "steps per node and the filter of eq. 10 and 11", work: printed::steps },
     Study { name: "adaptive", about: "splitting and merging by eq. 9, as printed", work: printed::adaptive },
     Study {

@@ -1,8 +1,9 @@
 //! The interface patch test: a uniform strain should pass through the seam between two levels unchanged, and with
-//! quarter weights it does not. Here are the error and three cures.
+//! quarter weights it does not. Here are the error, three cures, and what of it a tool feels.
 
 use super::coupling::Mixed;
 use super::laws::green_strain;
+use super::levels::Levels;
 use super::relax::relax;
 use super::rows::Row;
 use crate::math::{Mat3, Real, Vec3};
@@ -170,16 +171,10 @@ pub struct PatchError {
     pub ghost_force: Real,
 }
 
-/// Stretches the body along x by `stretch` (0.1 is 10 %) with the contraction of a free bar, holds the `held`
-/// components there, lets the others go and measures what they have done to the strain.
-pub fn patch_error(mixed: &Mixed, stretch: Real, held: Held) -> PatchError {
-    let levels = mixed.levels;
-    let across = 1.0 - levels.material.poisson_ratio() * stretch;
-    let f = Mat3::from_diagonal(&Vec3::new(1.0 + stretch, across, across));
-    let mean = green_strain(&f);
-    let mut x: Vec<Vec3> = levels.rest.iter().map(|u| f * u).collect();
+/// Brings all but the `held` components of `x` [m] to rest; the largest force on one of the others before [N].
+fn settle(mixed: &Mixed, x: &mut [Vec3], held: Held) -> Real {
     let mut first = None;
-    relax(&mut x, &mixed.mass, 0.4 * 2.0 / mixed.largest_frequency(), 4000, |x| {
+    relax(x, &mixed.mass, 0.4 * 2.0 / mixed.largest_frequency(), 4000, |x| {
         mixed.place_interface(x);
         let mut force = mixed.force(x);
         for (n, force) in force.iter_mut().enumerate() {
@@ -188,7 +183,19 @@ pub fn patch_error(mixed: &Mixed, stretch: Real, held: Held) -> PatchError {
         let largest = force.iter().map(|f| f.norm()).fold(0.0, Real::max);
         (largest > 1e-4 * *first.get_or_insert(largest)).then_some(force)
     });
-    mixed.place_interface(&mut x);
+    mixed.place_interface(x);
+    first.unwrap_or(0.0)
+}
+
+/// Stretches the body along x by `stretch` (0.1 is 10 %) with the contraction of a free bar, holds the `held`
+/// components there, lets the others go and measures what they have done to the strain.
+pub fn patch_error(mixed: &Mixed, stretch: Real, held: Held) -> PatchError {
+    let levels = mixed.levels;
+    let across = 1.0 - levels.material.poisson_ratio() * stretch;
+    let f = Mat3::from_diagonal(&Vec3::new(1.0 + stretch, across, across));
+    let mean = green_strain(&f);
+    let mut x: Vec<Vec3> = levels.rest.iter().map(|u| f * u).collect();
+    let ghost_force = settle(mixed, &mut x, held);
     let (mut square, mut volume) = (0.0, 0.0);
     for (e, weight) in &mixed.weighted {
         let element = &levels.elements[*e];
@@ -198,7 +205,57 @@ pub fn patch_error(mixed: &Mixed, stretch: Real, held: Held) -> PatchError {
     let spacing = levels.tied[levels.count() - 1].spacing;
     PatchError {
         strain: (square / volume).sqrt() / mean.norm(),
-        ghost_force: first.unwrap_or(0.0) / (levels.material.pressure_modulus() * mean.norm() * spacing * spacing),
+        ghost_force: ghost_force / (levels.material.pressure_modulus() * mean.norm() * spacing * spacing),
+    }
+}
+
+/// A few neighbouring nodes of the finest level that a tool moves together.
+#[derive(Clone, Debug)]
+pub struct Press {
+    nodes: Vec<usize>,
+    by: Vec3,
+}
+
+/// How far they are moved, over the spacing of the finest level.
+const PRESSED: Real = 0.4;
+/// Fewer nodes are not what a tool touches.
+const LEAST_PRESSED: usize = 3;
+
+impl Press {
+    /// In a box from the origin to `size` [m], in the middle of what is `active` of its finest level: into a face, or
+    /// downward inside the body where no face is that fine. `None` when too few nodes are that fine for a tool.
+    pub fn new(levels: &Levels, active: &[bool], size: Vec3) -> Option<Self> {
+        let last = levels.count() - 1;
+        let finest = levels.first_node[last]..levels.first_node[last + 1];
+        let coarse: Vec<Vec3> = finest.clone().filter(|n| !active[*n]).map(|n| levels.rest[n]).collect();
+        let depth = |n: usize| coarse.iter().map(|u| (u - levels.rest[n]).norm()).fold(size.norm(), Real::min);
+        // Across which axis the node lies on a face; on an edge it does on two.
+        let walls = sliding_walls(&levels.rest, size);
+        let faces = |n: usize| (0..3).filter(|axis| walls(n, *axis)).collect::<Vec<_>>();
+        let middle = finest
+            .filter(|n| active[*n] && !levels.fixed[*n] && faces(*n).len() < 2)
+            .max_by(|a, b| faces(*a).len().cmp(&faces(*b).len()).then(depth(*a).total_cmp(&depth(*b))))?;
+        let by = match faces(middle).first() {
+            Some(&axis) if levels.rest[middle][axis] < 0.5 * size[axis] => Vec3::ith(axis, 1.0),
+            Some(&axis) => Vec3::ith(axis, -1.0),
+            None => -Vec3::z(),
+        };
+        let elements = &levels.elements[levels.first_element[last]..];
+        let around = elements.iter().filter(|e| e.nodes.contains(&middle)).flat_map(|e| e.nodes);
+        let mut nodes: Vec<usize> =
+            around.filter(|n| active[*n] && !levels.fixed[*n] && faces(*n) == faces(middle)).collect();
+        nodes.sort_unstable();
+        nodes.dedup();
+        (nodes.len() >= LEAST_PRESSED).then_some(Self { nodes, by: by * (PRESSED * levels.tied[last].spacing) })
+    }
+
+    /// The force [N] that it takes, once the body has come to rest.
+    pub fn force(&self, mixed: &Mixed) -> Real {
+        let mut x = mixed.levels.rest.clone();
+        self.nodes.iter().for_each(|n| x[*n] += self.by);
+        settle(mixed, &mut x, &|n, _| self.nodes.binary_search(&n).is_ok());
+        let force = mixed.force(&x);
+        -self.nodes.iter().map(|n| force[*n].dot(&self.by)).sum::<Real>() / self.by.norm()
     }
 }
 
@@ -233,5 +290,22 @@ mod tests {
         let sweeps = error(active.clone(), Weights::Kaczmarz(20));
         let bounded = error(active, Weights::BoundedLeastSquares);
         assert!(bounded < sweeps && sweeps < quarter, "{quarter} {sweeps} {bounded}");
+    }
+
+    #[test]
+    fn a_press_moves_finest_nodes_and_is_resisted() {
+        let size = Vec3::repeat(1.0);
+        let levels = Levels::of_box(size, &[[2; 3], [3; 3], [5; 3]], Material::from_young(2e5, 0.33, 1000.0), true);
+        assert!(Press::new(&levels, &levels.uniform(1), size).is_none());
+        for seed in 0..4 {
+            let active = levels.random_active_set(seed);
+            let Some(press) = Press::new(&levels, &active, size) else { continue };
+            assert!(press.nodes.iter().all(|n| active[*n] && !levels.fixed[*n] && levels.level_of[*n] == 2));
+            let force = |active| {
+                press.force(&Mixed::new(&levels, active, Law::Green, Coupling::Energy, RowKind::MovingLeastSquares))
+            };
+            let (mixed, fine) = (force(active.clone()), force(levels.uniform(2)));
+            assert!(fine > 0.0 && mixed > 0.3 * fine && mixed < 3.0 * fine, "{seed}: {mixed} and {fine} N");
+        }
     }
 }

@@ -24,6 +24,7 @@ mod damping;
 mod determinism;
 mod levels;
 mod modes;
+mod release;
 mod resolution;
 mod wild;
 

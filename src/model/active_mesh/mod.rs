@@ -500,9 +500,9 @@ impl ActiveMesh {
         let springs = self.springs_at(body.element(e).map(|n| self.slot[n as usize]));
         let strained = Strained::of(body.material_of(e), &history);
         let step = step_class::stable_step(self.omega_squared[e as usize], strained, body.damping_time(), springs);
-        let mut wanted = step_class::class_for(step);
+        let mut wanted = step_class::class_in(body, step);
         if wanted < class {
-            wanted = step_class::class_for(step / LENGTHENING_MARGIN).min(class);
+            wanted = step_class::class_in(body, step / LENGTHENING_MARGIN).min(class);
         }
         if wanted != class {
             self.pool.set_class(e, wanted);

@@ -270,7 +270,7 @@ impl ActiveMesh {
                 body.damping_time(),
                 self.springs_at(slots),
             );
-            let class = step_class::class_for(step);
+            let class = step_class::class_in(body, step);
             let taken = self.pool.insert(e, class, slots, &constants, &history);
             debug_assert!(taken, "whoever plans a change asks for room first");
             self.set_calm(body, e, class);
