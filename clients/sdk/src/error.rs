@@ -54,6 +54,24 @@ pub enum SdkError {
         /// What is wrong with it.
         reason: String,
     },
+    /// Nothing here has this name.
+    #[error("there is no {what} \"{name}\", only {known}")]
+    Unknown {
+        /// What was looked for: a device, a frame, a mode.
+        what: &'static str,
+        /// The name, as given.
+        name: String,
+        /// The names there are.
+        known: String,
+    },
+    /// A device file cannot be read, or says what no device can do.
+    #[error("{file}: {reason}")]
+    DeviceFile {
+        /// The file, as given.
+        file: String,
+        /// The line or the key, and what is wrong with it.
+        reason: String,
+    },
     /// A pose to be sent holds a number that is not finite as f32; it was not sent.
     #[error("the pose is not finite")]
     PoseNotFinite,

@@ -13,6 +13,7 @@
 #![allow(rustdoc::broken_intra_doc_links)] // units stand in square brackets: [m]
 
 mod connection;
+mod device;
 mod echo;
 mod error;
 mod surface;
@@ -20,6 +21,7 @@ mod tool;
 mod wrench;
 
 pub use connection::{Connection, Endpoints};
+pub use device::Device;
 pub use echo::EchoProbe;
 pub use error::SdkError;
 pub use palpate_proto as proto;
