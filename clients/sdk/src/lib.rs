@@ -16,6 +16,7 @@ mod connection;
 mod device;
 mod echo;
 mod error;
+mod frame;
 mod surface;
 mod tool;
 mod wrench;
@@ -24,6 +25,7 @@ pub use connection::{Connection, Endpoints};
 pub use device::Device;
 pub use echo::EchoProbe;
 pub use error::SdkError;
+pub use frame::Frame;
 pub use palpate_proto as proto;
 pub use palpate_proto::{
     ControlReply, ControlRequest, Session, Status, SurfaceFrame, ToolDescription, ToolPhase, control_request,
