@@ -72,6 +72,9 @@ pub enum SdkError {
         /// The line or the key, and what is wrong with it.
         reason: String,
     },
+    /// Points or numbers that give no registration.
+    #[error("no registration: {0}")]
+    Registration(String),
     /// A pose to be sent holds a number that is not finite as f32; it was not sent.
     #[error("the pose is not finite")]
     PoseNotFinite,

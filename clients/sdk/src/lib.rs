@@ -17,6 +17,7 @@ mod device;
 mod echo;
 mod error;
 mod frame;
+mod registration;
 mod surface;
 mod tool;
 mod wrench;
@@ -30,6 +31,7 @@ pub use palpate_proto as proto;
 pub use palpate_proto::{
     ControlReply, ControlRequest, Session, Status, SurfaceFrame, ToolDescription, ToolPhase, control_request,
 };
+pub use registration::{Clutch, Fit, Registration};
 pub use surface::{Subscription, Surface, frame_positions};
 pub use tool::{Counters, PoseSample, Received, Tool};
 pub use wrench::{LocalModel, WRENCH_BYTES, Wrench, watchdog_scale};
