@@ -75,6 +75,12 @@ pub enum SdkError {
     /// Points or numbers that give no registration.
     #[error("no registration: {0}")]
     Registration(String),
+    /// A link cannot lose this share of what is sent.
+    #[error("the loss is {loss}: it is a share, 0 to 1")]
+    Link {
+        /// The loss, as given.
+        loss: f64,
+    },
     /// A pose to be sent holds a number that is not finite as f32; it was not sent.
     #[error("the pose is not finite")]
     PoseNotFinite,
