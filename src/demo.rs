@@ -78,7 +78,7 @@ pub fn run(args: DemoArgs) -> anyhow::Result<ExitCode> {
             eprintln!("warning: {warning}");
         }
         let (stop, newest) = (Arc::new(AtomicBool::new(false)), Arc::new(Mutex::new(None)));
-        let phantom = start_phantom(&args, device, stop.clone(), newest.clone())?;
+        let phantom = start_phantom(&args, device.clone(), stop.clone(), newest.clone())?;
         let mut view = View {
             title: format!(
                 "palpate demo: {}, {} held by a virtual hand, {}",

@@ -5,7 +5,6 @@
 //! measures what comes back. Device, hand and path know no clock and no network: the same inputs give the same motion.
 #![allow(rustdoc::broken_intra_doc_links)] // units stand in square brackets: [m]
 
-mod device;
 mod hand;
 mod path;
 mod report;
@@ -16,8 +15,8 @@ mod site;
 /// A vector of the world frame (3), in the unit its name says.
 pub type Vec3 = nalgebra::Vector3<f64>;
 
-pub use device::Device;
 pub use hand::{Hand, HeldDevice};
+pub use palpate_sdk::Device;
 pub use path::{Path, Pattern, Site, Target};
 pub use report::{Distribution, Live, Report, Sample};
 pub use run::{Options, run};

@@ -30,8 +30,8 @@ struct Arguments {
     /// Session name of the server.
     #[arg(long, default_value_t = Endpoints::default().session)]
     session: String,
-    /// Device to model: Touch, PHANTOM Omni, PHANTOM Desktop, PHANTOM Premium 1.5 6DOF, omega.
-    #[arg(long, default_value = Device::default().name, value_parser = Device::by_name)]
+    /// Device to model: Touch, PHANTOM Omni, PHANTOM Desktop, Touch X, PHANTOM Premium 1.5 6DOF, omega.
+    #[arg(long, default_value = "PHANTOM Omni", value_parser = Device::by_name)]
     device: Device,
     /// What the hand does: press, palpate, stroke, tap, tremor.
     #[arg(long, default_value = "press")]

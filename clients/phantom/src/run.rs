@@ -108,7 +108,7 @@ pub fn run(options: &Options, stop: &AtomicBool, live: &mut dyn FnMut(&Live)) ->
 
     let device_loop = DeviceLoop {
         options,
-        held: HeldDevice::new(options.device, options.hand, path.target(0.0).position),
+        held: HeldDevice::new(options.device.clone(), options.hand, path.target(0.0).position),
         path,
         tool,
         log: &log,
@@ -119,7 +119,7 @@ pub fn run(options: &Options, stop: &AtomicBool, live: &mut dyn FnMut(&Live)) ->
         contact_points: 0,
         pose_slots: 0,
         report: Report {
-            device: options.device.name.to_owned(),
+            device: options.device.name.to_string(),
             pattern: options.pattern.name().to_owned(),
             tool: description.name.clone(),
             rate_hz: options.rate_hz,

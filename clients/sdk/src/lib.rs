@@ -13,19 +13,29 @@
 #![allow(rustdoc::broken_intra_doc_links)] // units stand in square brackets: [m]
 
 mod connection;
+mod device;
 mod echo;
 mod error;
+mod frame;
+mod link;
+mod registration;
+mod renderer;
 mod surface;
 mod tool;
 mod wrench;
 
 pub use connection::{Connection, Endpoints};
+pub use device::Device;
 pub use echo::EchoProbe;
 pub use error::SdkError;
+pub use frame::Frame;
+pub use link::{Link, LinkConditions};
 pub use palpate_proto as proto;
 pub use palpate_proto::{
     ControlReply, ControlRequest, Session, Status, SurfaceFrame, ToolDescription, ToolPhase, control_request,
 };
+pub use registration::{Clutch, Fit, Registration};
+pub use renderer::{RenderMode, Renderer};
 pub use surface::{Subscription, Surface, frame_positions};
 pub use tool::{Counters, PoseSample, Received, Tool};
 pub use wrench::{LocalModel, WRENCH_BYTES, Wrench, watchdog_scale};
