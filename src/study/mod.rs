@@ -14,6 +14,7 @@
 //! | [`press`] | a punch pressed deep into a cube, under every law |
 //! | [`relax`] | bodies brought to rest |
 //! | [`touch`] | the core under a tool: error against cost, a cut budget, the paper's figure 8 |
+//! | [`stability`] | how stiff a body may be before a hand far away shakes |
 //! | [`plot`] | pictures and tables |
 
 pub mod compare;
@@ -27,6 +28,7 @@ pub mod press;
 pub mod printed;
 pub mod relax;
 pub mod rows;
+pub mod stability;
 pub mod touch;
 
 use std::path::Path;
@@ -45,7 +47,7 @@ pub struct Study {
 }
 
 /// All studies, in the order in which they run.
-pub const STUDIES: [Study; 10] = [
+pub const STUDIES: [Study; 11] = [
     Study { name: "laws", about: "figures 4, 5 and 6 of the paper: laws and resolutions", work: oscillate::figures },
     Study { name: "depth", about: "force against depth of a punch, under every law", work: press::depth },
     Study {
@@ -71,6 +73,11 @@ pub const STUDIES: [Study; 10] = [
         name: "figure8",
         about: "figure 8 of the paper: soft to stiff, coloured by level",
         work: touch::stiffnesses,
+    },
+    Study {
+        name: "stability",
+        about: "largest stable stiffness against network delay, by device and way of rendering",
+        work: stability::map,
     },
 ];
 
