@@ -127,7 +127,7 @@ fn over(height: Real) -> Vec3 {
     Vec3::new(0.5 * SIDE, 0.5 * SIDE, SIDE + RADIUS + height)
 }
 
-/// Closes the loop for [`LENGTH`]: path, hand, device, client library, network, core, network.
+/// Closes the loop for 2 s: path, hand, device, client library, network, core, network.
 ///
 /// # Errors
 /// When the body does not fit the simulation.
