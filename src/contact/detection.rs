@@ -1,21 +1,22 @@
 //! Where a tool meets the display surface: point constraints, once per tick.
 //!
-//! A constraint stands at each display vertex near the tool and at each near triangle's point nearest to the tool's axis,
-//! so that nothing slips between vertices. Normals run from the tool's axis to the point, at the tool's place in the
-//! middle of the tick.
+//! A constraint stands at each display vertex near the tool and at each near triangle's point nearest to the core of each
+//! of the tool's parts, so that nothing slips between vertices. Normals run from the core to the point, at the tool's
+//! place in the middle of the tick.
 
-use super::tool::{MOST_POINTS, Shape, Tool, ToolState};
+use super::shape::{MOST_PARTS, Posed, Shape, posed};
+use super::tool::{MOST_POINTS, Tool, ToolState};
 use super::wrench::middle_pose;
-use crate::math::{Pose, Real, Vec3, from_parry, to_parry};
+use crate::math::{Pose, Real, Vec3};
 use crate::model::constraint::{Constraint, PointMemory, dent};
 use crate::model::{ActiveMesh, Body, Friction, skin};
-use parry3d_f64::query::PointQuery;
-use parry3d_f64::query::details::closest_points_segment_segment_with_locations_nD as segment_segment;
-use parry3d_f64::shape::{Segment, Triangle};
 
-/// Points this far from the tool [m] become constraints, so that contact begins with an open gap: an engaged tool at
-/// 1 m/s and a surface that comes to meet it as fast cover it in one tick.
+/// Points this far from the tool [m] become constraints, so that contact begins with an open gap, and no tool passes
+/// between two ticks what it did not push: more where a tick's motion is more.
 const MARGIN: Real = 2e-3;
+
+/// A surface that comes to meet a tool is taken to be no faster [m/s].
+const FASTEST_SURFACE: Real = 1.0;
 
 /// Part of an overlap found late that remains after each tick: 32 of them (a frame) close 99.5 % of it.
 const SLACK_KEPT: Real = 0.85;
@@ -34,8 +35,12 @@ struct Candidate {
     normal: Vec3,
     /// The surface point [m].
     place: Vec3,
-    /// Part of the axis (0..=1) nearest to the point.
-    along: Real,
+    /// Number of the tool's part.
+    part: u32,
+    /// Coordinates of the place of the part's core that it is measured from.
+    core: Vec3,
+    /// What is remembered of it: index into the memory.
+    known: Option<u32>,
     /// Display vertices and weights; one entry counts for a vertex.
     stencil: [(u32, Real); 3],
     /// Surface area that the point stands for [m²].
@@ -129,18 +134,19 @@ pub fn detect(
     (constraints, points_of_action): (&mut Vec<Constraint>, &mut Vec<Vec3>),
     work: &mut Workspace,
 ) {
-    let shape = &of.shape;
     let candidates = &mut work.candidates;
     candidates.clear();
-    let axis = Axis::new(&middle_pose(tool), shape);
-    let touch = Touch { axis: &axis, radius: shape.radius, memory };
-    // Whatever touches the tool has all its vertices within an edge's length of the tool's box.
-    let (low, high) = touch.axis.window(shape.radius + MARGIN + work.longest_edge);
+    let per_part = points_of_a_part(on.body);
+    let ((all, parts), (start, _), (end, _)) =
+        (posed(&middle_pose(tool), &of.shape), posed(&tool.previous, &of.shape), posed(&tool.pose, &of.shape));
+    let way = |i: usize| start[i].frame.farthest_move(&end[i].frame, all[i].part);
+    let margin = (0..parts).map(|i| way(i) + FASTEST_SURFACE * on.tick).fold(MARGIN, Real::max);
+    let touch = Touch { parts: &all[..parts], margin, per_part, memory };
+    // Whatever touches the tool has all its vertices within an edge's length of the box of one of its parts.
     work.near.clear();
+    let windows = touch.windows(work.longest_edge);
     for (v, p) in on.vertices.iter().enumerate() {
-        let inside =
-            (p.x >= low.x) & (p.x <= high.x) & (p.y >= low.y) & (p.y <= high.y) & (p.z >= low.z) & (p.z <= high.z);
-        if inside {
+        if windows[..parts].iter().any(|w| is_in(w, p)) {
             work.near.push(v as u32);
         }
     }
@@ -152,29 +158,32 @@ pub fn detect(
     }
     near_triangles(on, &touch, &work.near, (&mut work.seen, work.turn), candidates);
 
-    thin_out(candidates, on.vertices.len() as u32);
+    thin_out(candidates, on.vertices.len() as u32, per_part);
+    recall(candidates, memory, per_part, parts as u32);
 
-    let (start, end) = (Axis::new(&tool.previous, shape), Axis::new(&tool.pose, shape));
     work.memory.clear();
     work.loads.clear();
     work.loads.extend(candidates.iter().map(|c| Load::new(on, c, memory)));
     let (first, half_space) = (constraints.len() as u32, half_space(on.body));
     let nu = on.body.material().poisson_ratio();
     for (i, candidate) in candidates.iter().enumerate() {
-        let (n, along) = (candidate.normal, candidate.along);
+        let (n, core) = (candidate.normal, candidate.core);
+        let [start, end] = [&start, &end].map(|posed| posed[candidate.part as usize].frame.at(core));
+        let part = all[candidate.part as usize].part;
+        let (radius, most_dent) = (part.radius(), MOST_DENT * part.half_thickness());
         let (row, fade) = skin::row(on.mesh, candidate.stencil());
         let share = row.entries().iter().map(|(_, b)| b * b).sum::<Real>() / MEAN_SQUARE;
         let mut compliance = [0.0; MOST_POINTS];
         for (j, (g, other)) in compliance.iter_mut().zip(&work.loads).enumerate() {
             *g = half_space * if i == j { other.own(share) } else { work.loads[i].from(other) };
         }
-        let moved = n.dot(&(end.at(along) - start.at(along)));
-        let known = remembered(memory, candidate.point);
+        let moved = n.dot(&(end - start));
+        let known = candidate.known.map(|k| &memory[k as usize]);
         // Overlap at the start of the tick that neither the last multiplier nor the last slack explains: a tool that
         // came too fast, a body that stood still meanwhile, a point just found. It is closed gradually.
         let soft: Real = compliance.iter().zip(&work.loads).map(|(g, other)| g * other.multiplier).sum();
-        let shown = dent(soft, MOST_DENT * shape.radius);
-        let overlap = n.dot(&start.at(along)) + shape.radius - n.dot(&candidate.place) - shown;
+        let shown = dent(soft, most_dent);
+        let overlap = n.dot(&start) + radius - n.dot(&candidate.place) - shown;
         let slack = match known {
             Some(m) if overlap <= m.slack + UNNOTICED + 0.5 * moved.abs() => m.slack.min(overlap.max(0.0)),
             _ => overlap.max(0.0),
@@ -194,11 +203,11 @@ pub fn detect(
             row,
             normal: n,
             // What is displayed, and touched, is the row's point and its fade.
-            offset: n.dot(&(start.at(along) - fade)) + shape.radius - slack,
+            offset: n.dot(&(start - fade)) + radius - slack,
             rate: (moved + slack - slack_end) / on.tick,
             first,
             compliance,
-            most_dent: MOST_DENT * shape.radius,
+            most_dent,
             tool: index,
             point: candidate.point,
             multiplier: work.loads[i].multiplier,
@@ -231,9 +240,9 @@ pub fn detect(
 /// Keeps as many points as the solver may take, in the order of their numbers: vertices before triangles and the deepest
 /// first, ties to the smaller number. Those left out that touch leave their area to the nearest that is kept, so that the
 /// surface is as stiff as before.
-fn thin_out(candidates: &mut Vec<Candidate>, vertices: u32) {
+fn thin_out(candidates: &mut Vec<Candidate>, vertices: u32, per_part: u32) {
     if candidates.len() > MOST_POINTS {
-        let first = |c: &Candidate| (c.gap > 0.0, c.point >= vertices);
+        let first = |c: &Candidate| (c.gap > 0.0, c.point % per_part >= vertices);
         candidates
             .sort_unstable_by(|a, b| first(a).cmp(&first(b)).then(a.gap.total_cmp(&b.gap)).then(a.point.cmp(&b.point)));
         let (kept, others) = candidates.split_at_mut(MOST_POINTS);
@@ -248,10 +257,27 @@ fn thin_out(candidates: &mut Vec<Candidate>, vertices: u32) {
     candidates.sort_unstable_by_key(|c| c.point);
 }
 
+/// Finds what is remembered of each candidate. A point that has gone from one part of a tool to the next keeps its force
+/// and its anchor.
+fn recall(candidates: &mut [Candidate], memory: &[PointMemory], per_part: u32, parts: u32) {
+    let index = |point: u32| memory.binary_search_by_key(&point, |m| m.point).ok();
+    for i in 0..candidates.len() {
+        let (own, normal) = (candidates[i].point, candidates[i].normal);
+        let left = |point: &u32| candidates.binary_search_by_key(point, |c| c.point).is_err();
+        let others = (0..parts).map(|part| own % per_part + part * per_part).filter(|point| *point != own);
+        let alike = |k: &usize| memory[*k].normal.dot(&normal) > ALIKE;
+        let known = index(own).or_else(|| others.filter(left).filter_map(index).find(alike));
+        candidates[i].known = known.map(|k| k as u32);
+    }
+}
+
+/// Cosine between two normals up to which they count as those of one contact.
+const ALIKE: Real = 0.5;
+
 /// Overlap [m] that rounding and a solve of few sweeps may leave.
 const UNNOTICED: Real = 5e-5;
 
-/// Part of the tool's radius that the dent below the mesh's size may take: beyond it the displayed surface would swallow
+/// Part of half of a part's thickness that the dent below the mesh's size may take: beyond it the displayed surface would swallow
 /// a thin tip and lose it at the next triangle.
 const MOST_DENT: Real = 0.3;
 
@@ -273,7 +299,7 @@ impl Load {
             normal: candidate.normal,
             radius: (candidate.area / std::f64::consts::PI).sqrt(),
             spacing: candidate.stencil().iter().map(|(v, w)| w * spacing(*v)).sum(),
-            multiplier: remembered(memory, candidate.point).map_or(0.0, |m| m.multiplier),
+            multiplier: candidate.known.map_or(0.0, |k| memory[k as usize].multiplier),
         }
     }
 
@@ -304,73 +330,81 @@ const MEAN_SQUARE: Real = 0.35;
 /// Least distance between two loads over the sum of their radii.
 const LEAST_APART: Real = 0.85;
 
-/// A tool's axis in the world, from the reference point.
-struct Axis {
-    from: Vec3,
-    along: Vec3,
-    length_squared: Real,
-}
-
-impl Axis {
-    fn new(pose: &Pose, shape: &Shape) -> Self {
-        let along = pose.rotate(Vec3::z() * shape.length);
-        Self { from: pose.position, along, length_squared: along.norm_squared() }
-    }
-
-    fn at(&self, part: Real) -> Vec3 {
-        self.from + self.along * part
-    }
-
-    /// Part of the axis (0..=1) nearest to `p`.
-    fn nearest(&self, p: Vec3) -> Real {
-        if self.length_squared == 0.0 {
-            return 0.0;
-        }
-        ((p - self.from).dot(&self.along) / self.length_squared).clamp(0.0, 1.0)
-    }
-
-    /// Box around the axis, grown by `reach`.
-    fn window(&self, reach: Real) -> (Vec3, Vec3) {
-        let end = self.at(1.0);
-        (self.from.inf(&end).add_scalar(-reach), self.from.sup(&end).add_scalar(reach))
-    }
+/// Numbers that the points of one part of a tool take: its vertices and triangles.
+pub fn points_of_a_part(body: &Body) -> u32 {
+    (body.surface().vertices.len() + body.surface().triangles.len()) as u32
 }
 
 /// A tool near a surface, and what it touched before.
 struct Touch<'a> {
-    axis: &'a Axis,
-    /// Of the tool [m].
-    radius: Real,
+    parts: &'a [Posed<'a>],
+    /// Points with a gap up to this become constraints [m].
+    margin: Real,
+    per_part: u32,
     memory: &'a [PointMemory],
 }
 
 impl Touch<'_> {
-    /// Box around everything that the tool may touch.
-    fn window(&self) -> (Vec3, Vec3) {
-        self.axis.window(self.radius + MARGIN)
+    /// Boxes around everything that each part may touch, grown by `more`.
+    fn windows(&self, more: Real) -> [(Vec3, Vec3); MOST_PARTS] {
+        let mut windows = [(Vec3::zeros(), Vec3::zeros()); MOST_PARTS];
+        for (window, at) in windows.iter_mut().zip(self.parts) {
+            *window = at.window(at.part.radius() + self.margin + more);
+        }
+        windows
     }
 
-    /// Normal from the axis at `part` to `place` and the gap [m], or `None` where the place is out of reach or its sheet
-    /// of the surface, which faces `outward`, is not one that the tool pushes.
+    /// Where part `part` touches the surface's `place`, which faces `outward`, or `None` where it is out of reach or its
+    /// sheet of the surface is not one that the tool pushes. `core`: coordinates of the core's nearest point.
     ///
-    /// A point that was touched keeps the side it was touched on: should the axis itself slip below the surface, the
+    /// A point that was touched keeps the side it was touched on: should the core itself slip below the surface, the
     /// point is still pushed the way it was, instead of being let go.
-    fn side(&self, part: Real, place: Vec3, outward: Vec3, point: u32) -> Option<(Vec3, Real)> {
-        let away = place - self.axis.at(part);
+    fn side(&self, part: usize, core: Vec3, place: Vec3, outward: Vec3, base: u32) -> Option<Side> {
+        let at = &self.parts[part];
+        let (away, radius) = (place - at.frame.at(core), at.part.radius());
         let distance = away.norm();
-        if distance > self.radius + MARGIN {
+        if distance > radius + self.margin {
             return None;
         }
-        let normal = if distance > 1e-9 { away / distance } else { -outward.normalize() };
-        let front = (normal, distance - self.radius);
-        let below = (-normal, -distance - self.radius);
-        match remembered(self.memory, point) {
-            Some(m) if m.normal.dot(&normal) < 0.0 => Some(below),
-            Some(_) => Some(front),
-            None => (normal.dot(&outward) < 0.0).then_some(front),
-        }
-        .filter(|(_, gap)| *gap <= MARGIN)
+        let inside = distance <= 1e-9;
+        let normal = if inside { -outward.normalize() } else { away / distance };
+        let point = base + part as u32 * self.per_part;
+        let known = remembered(self.memory, point);
+        let sunk = match known {
+            Some(m) => m.normal.dot(&normal) < 0.0,
+            None if normal.dot(&outward) < 0.0 => false,
+            None => return None,
+        };
+        let (back, gap) = if sunk { (-normal, -distance - radius) } else { (normal, distance - radius) };
+        let side = Side { point, normal: back, gap, core };
+        let side = if sunk || inside { pushed_out(at, place, side, known.filter(|_| inside)) } else { side };
+        Some(side).filter(|side| side.gap <= self.margin)
     }
+}
+
+/// How a part of a tool touches a point of the surface.
+#[derive(Clone, Copy, Debug)]
+struct Side {
+    /// As [`Constraint::point`].
+    point: u32,
+    normal: Vec3,
+    /// [m].
+    gap: Real,
+    /// Coordinates of the core's point.
+    core: Vec3,
+}
+
+/// A place inside of a solid core, or past it, is pushed out all the way, along `known`'s normal where there is one.
+fn pushed_out(at: &Posed, place: Vec3, side: Side, known: Option<&PointMemory>) -> Side {
+    let normal = known.map_or(side.normal, |m| m.normal);
+    match at.exit(place, normal) {
+        Some((core, way)) => Side { normal, core, gap: -way - at.part.radius(), ..side },
+        None => side,
+    }
+}
+
+fn is_in((low, high): &(Vec3, Vec3), p: &Vec3) -> bool {
+    (p.x >= low.x) & (p.x <= high.x) & (p.y >= low.y) & (p.y <= high.y) & (p.z >= low.z) & (p.z <= high.z)
 }
 
 fn remembered(memory: &[PointMemory], point: u32) -> Option<&PointMemory> {
@@ -386,25 +420,45 @@ fn area_vector(on: &Touchable, t: u32) -> Vec3 {
 /// Part of the surface's area that vertices stand for; the rest is that of points inside triangles.
 const VERTEX_SHARE: Real = 0.5;
 
+/// Part nearest to `place`, coordinates of its core's nearest point there, and its distance [m], less that of its surface
+/// from its core.
+fn nearest_part(parts: &[Posed], place: Vec3) -> (usize, Vec3, Real) {
+    let mut best = (0, Vec3::zeros(), Real::INFINITY);
+    for (i, at) in parts.iter().enumerate() {
+        let core = at.nearest(place);
+        let gap = (place - at.frame.at(core)).norm() - at.part.radius();
+        if gap < best.2 {
+            best = (i, core, gap);
+        }
+    }
+    best
+}
+
 fn near_vertices(on: &Touchable, touch: &Touch, near: &[u32], out: &mut Vec<Candidate>) {
-    let (low, high) = touch.window();
+    let windows = touch.windows(0.0);
     for &v in near {
-        let (v, place) = (v as usize, &on.vertices[v as usize]);
-        let apart = (0..3).any(|c| place[c] < low[c] || place[c] > high[c]);
-        if apart {
+        let place = on.vertices[v as usize];
+        if !windows[..touch.parts.len()].iter().any(|w| is_in(w, &place)) {
             continue;
         }
-        let along = touch.axis.nearest(*place);
-        let outward: Vec3 = on.body.triangles_around(v).iter().map(|t| area_vector(on, *t)).sum();
-        if let Some((normal, gap)) = touch.side(along, *place, outward, v as u32) {
-            let stencil = [(v as u32, 1.0), (0, 0.0), (0, 0.0)];
-            let (place, area) = (*place, VERTEX_SHARE * on.body.vertex_area()[v]);
-            out.push(Candidate { point: v as u32, gap, normal, place, along, stencil, area });
+        let (part, core) = match touch.parts {
+            [at] => (0, at.nearest(place)),
+            parts => {
+                let (part, core, _) = nearest_part(parts, place);
+                (part, core)
+            }
+        };
+        let outward: Vec3 = on.body.triangles_around(v as usize).iter().map(|t| area_vector(on, *t)).sum();
+        if let Some(Side { point, normal, gap, core }) = touch.side(part, core, place, outward, v) {
+            let stencil = [(v, 1.0), (0, 0.0), (0, 0.0)];
+            let area = VERTEX_SHARE * on.body.vertex_area()[v as usize];
+            out.push(Candidate { point, gap, normal, place, part: part as u32, core, known: None, stencil, area });
         }
     }
 }
 
-/// Points inside triangles: between three vertices the surface could otherwise pass through the tool unfelt.
+/// Points inside triangles: between three vertices the surface could otherwise pass through the tool unfelt. Each part
+/// that is the nearest somewhere in a triangle has a point of its own there, and they share the area.
 fn near_triangles(
     on: &Touchable,
     touch: &Touch,
@@ -412,9 +466,8 @@ fn near_triangles(
     (seen, turn): (&mut [u32], u32),
     out: &mut Vec<Candidate>,
 ) {
-    let (low, high) = touch.window();
+    let windows = touch.windows(0.0);
     let first = on.vertices.len() as u32;
-    let segment = Segment::new(to_parry(touch.axis.from), to_parry(touch.axis.at(1.0)));
     let around = near.iter().flat_map(|v| on.body.triangles_around(*v as usize));
     for &t in around {
         if std::mem::replace(&mut seen[t as usize], turn) == turn {
@@ -422,61 +475,44 @@ fn near_triangles(
         }
         let triangle = &on.body.surface().triangles[t as usize];
         let corners = triangle.map(|v| on.vertices[v as usize]);
-        if is_apart(&corners, &low, &high) {
-            continue;
+        let found = out.len();
+        for (part, at) in touch.parts.iter().enumerate() {
+            if is_apart(&corners, &windows[part]) {
+                continue;
+            }
+            let outward = area_vector(on, t);
+            let known = remembered(touch.memory, first + t + part as u32 * touch.per_part);
+            let (place, core) = at.nearest_in_triangle(&corners, known.map_or(-outward, |m| m.normal));
+            let Some(weights) = weights_in_triangle(&corners, place) else { continue };
+            // A corner is a point of its own already.
+            if weights.iter().any(|w| *w > 0.999) {
+                continue;
+            }
+            let place = corners[0] * weights[0] + corners[1] * weights[1] + corners[2] * weights[2];
+            let core = core.unwrap_or_else(|| at.nearest(place));
+            if touch.parts.len() > 1 && nearest_part(touch.parts, place).0 != part {
+                continue;
+            }
+            if let Some(Side { point, normal, gap, core }) = touch.side(part, core, place, outward, first + t) {
+                let stencil = std::array::from_fn(|i| (triangle[i], weights[i]));
+                let (part, area) = (part as u32, (1.0 - VERTEX_SHARE) * 0.5 * outward.norm());
+                out.push(Candidate { point, gap, normal, place, part, core, known: None, stencil, area });
+            }
         }
-        let Some((along, weights)) = nearest_in_triangle(touch.axis, &segment, &corners) else { continue };
-        // A corner is a point of its own already.
-        if weights.iter().any(|w| *w > 0.999) {
-            continue;
-        }
-        let place = corners[0] * weights[0] + corners[1] * weights[1] + corners[2] * weights[2];
-        let point = first + t;
-        let outward = area_vector(on, t);
-        if let Some((normal, gap)) = touch.side(along, place, outward, point) {
-            let stencil = std::array::from_fn(|i| (triangle[i], weights[i]));
-            out.push(Candidate {
-                point,
-                gap,
-                normal,
-                place,
-                along,
-                stencil,
-                area: (1.0 - VERTEX_SHARE) * 0.5 * outward.norm(),
-            });
+        if out.len() > found + 1 {
+            let sharing = (out.len() - found) as Real;
+            out[found..].iter_mut().for_each(|c| c.area /= sharing);
         }
     }
 }
 
 /// True when the triangle lies wholly beyond one face of the box.
-fn is_apart(corners: &[Vec3; 3], low: &Vec3, high: &Vec3) -> bool {
+fn is_apart(corners: &[Vec3; 3], (low, high): &(Vec3, Vec3)) -> bool {
     (0..3).any(|c| corners.iter().all(|p| p[c] < low[c]) || corners.iter().all(|p| p[c] > high[c]))
 }
 
-/// Part of the axis and barycentric weights of the triangle's point nearest to it; `None` for a collapsed triangle.
-fn nearest_in_triangle(axis: &Axis, segment: &Segment, corners: &[Vec3; 3]) -> Option<(Real, [Real; 3])> {
-    let triangle = Triangle::new(to_parry(corners[0]), to_parry(corners[1]), to_parry(corners[2]));
-    let on_triangle = |p: Vec3| from_parry(triangle.project_local_point(to_parry(p), true).point);
-    // The nearest pair lies at an end of the axis or between the axis and an edge; an axis that pierces the triangle
-    // has passed the surface, and its reference end still gives the side.
-    let mut best = (Real::INFINITY, 0.0, Vec3::zeros());
-    let mut keep = |along: Real, p: Vec3| {
-        let distance = (p - axis.at(along)).norm_squared();
-        if distance < best.0 {
-            best = (distance, along, p);
-        }
-    };
-    keep(0.0, on_triangle(axis.from));
-    if axis.length_squared > 0.0 {
-        keep(1.0, on_triangle(axis.at(1.0)));
-        for i in 0..3 {
-            let edge = Segment::new(to_parry(corners[i]), to_parry(corners[(i + 1) % 3]));
-            let (_, place) = segment_segment((&segment.a, &segment.b), (&edge.a, &edge.b));
-            let p = from_parry(edge.point_at(&place));
-            keep(axis.nearest(p), p);
-        }
-    }
-    let (_, along, p) = best;
+/// Barycentric weights of the triangle's place `p`; `None` for a collapsed triangle.
+fn weights_in_triangle(corners: &[Vec3; 3], p: Vec3) -> Option<[Real; 3]> {
     let (e1, e2, d) = (corners[1] - corners[0], corners[2] - corners[0], p - corners[0]);
     let (a, b, c) = (e1.norm_squared(), e1.dot(&e2), e2.norm_squared());
     let det = a * c - b * b;
@@ -486,30 +522,34 @@ fn nearest_in_triangle(axis: &Axis, segment: &Segment, corners: &[Vec3; 3]) -> O
     }
     let (r, s) = (e1.dot(&d), e2.dot(&d));
     let (w1, w2) = ((c * r - b * s) / det, (a * s - b * r) / det);
-    Some((along, [1.0 - w1 - w2, w1, w2]))
+    Some([1.0 - w1 - w2, w1, w2])
 }
 
 /// True when the tool neither touches nor lies inside the closed surface `vertices`: where it may engage.
 pub fn is_outside(on: &Touchable, shape: &Shape, pose: &Pose) -> bool {
-    let axis = Axis::new(pose, shape);
-    let (low, high) = axis.window(shape.radius);
-    let touches = on.vertices.iter().any(|p| {
-        let boxed = (0..3).all(|c| p[c] >= low[c] && p[c] <= high[c]);
-        boxed && (p - axis.at(axis.nearest(*p))).norm_squared() < shape.radius * shape.radius
-    });
-    if touches {
+    let (all, parts) = posed(pose, shape);
+    all[..parts].iter().all(|at| is_part_outside(on, at))
+}
+
+fn is_part_outside(on: &Touchable, at: &Posed) -> bool {
+    let radius = at.part.radius();
+    let window = at.window(radius);
+    let near = |p: Vec3, core: Vec3| (p - at.frame.at(core)).norm_squared() < radius * radius;
+    if on.vertices.iter().any(|p| is_in(&window, p) && near(*p, at.nearest(*p))) {
         return false;
     }
-    let segment = Segment::new(to_parry(axis.from), to_parry(axis.at(1.0)));
     let grazes = on.body.surface().triangles.iter().any(|triangle| {
         let corners = triangle.map(|v| on.vertices[v as usize]);
-        !is_apart(&corners, &low, &high)
-            && nearest_in_triangle(&axis, &segment, &corners).is_some_and(|(along, w)| {
-                let p = corners[0] * w[0] + corners[1] * w[1] + corners[2] * w[2];
-                (p - axis.at(along)).norm_squared() < shape.radius * shape.radius
-            })
+        if is_apart(&corners, &window) {
+            return false;
+        }
+        let (place, core) = at.nearest_in_triangle(&corners, Vec3::z());
+        weights_in_triangle(&corners, place).is_some_and(|w| {
+            let p = corners[0] * w[0] + corners[1] * w[1] + corners[2] * w[2];
+            near(p, core.unwrap_or_else(|| at.nearest(p)))
+        })
     });
-    !grazes && !is_inside(on, axis.from)
+    !grazes && !is_inside(on, at.frame.at(Vec3::zeros()))
 }
 
 /// True when `p` lies inside: three rays vote by the parity of their crossings, so that none decides alone.

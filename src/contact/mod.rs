@@ -5,7 +5,9 @@
 pub mod detection;
 pub mod friction;
 pub mod safety;
+pub mod shape;
 pub mod tool;
 pub mod wrench;
 
-pub use tool::{Shape, Tool, ToolState};
+pub use shape::Shape;
+pub use tool::{Tool, ToolState};

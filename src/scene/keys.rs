@@ -352,7 +352,7 @@ impl Scene {
     pub fn settings(&self) -> Settings {
         let tool = |keys: &ToolKeys| Tool {
             name: keys.name.clone(),
-            shape: ToolShape { radius: keys.radius, length: keys.length },
+            shape: ToolShape::capsule(keys.radius, keys.length),
             friction: keys.friction,
         };
         Settings {

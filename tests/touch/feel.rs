@@ -55,12 +55,12 @@ fn momentum_errors(shape: ToolShape, friction: Real, pose_at: impl Fn(Real) -> T
 #[test]
 fn what_the_tool_gets_the_body_loses_tick_by_tick() {
     let ball = |friction, sideways: Real| {
-        momentum_errors(ToolShape { radius: 0.02, length: 0.0 }, friction, |t| {
+        momentum_errors(ToolShape::ball(0.02), friction, |t| {
             at(TOP + Vec3::new(0.02 - sideways * t, -0.01, 0.023 - 0.1 * t))
         })
     };
     let (ball, rough) = (ball(0.0, 0.0), ball(0.4, 0.1));
-    let capsule = momentum_errors(ToolShape { radius: 0.008, length: 0.06 }, 0.0, |t| {
+    let capsule = momentum_errors(ToolShape::capsule(0.008, 0.06), 0.0, |t| {
         let turned = normalized_quaternion([0.3 * t, 1.0, 0.1, 1.0 - t]).unwrap();
         posed(TOP + Vec3::new(-0.03 + 0.05 * t, -0.01, 0.012 - 0.08 * t), turned)
     });
