@@ -8,6 +8,7 @@
 use crate::adaptation::{self, Adaptivity, Focus, Means};
 use crate::contact::detection::{self, Touchable};
 use crate::contact::friction;
+use crate::contact::outside::is_outside;
 use crate::contact::safety::{self, ForceLimits, Limited};
 use crate::contact::shape::{MOST_PARTS, Part};
 use crate::contact::tool::{Following, MOST_POINTS, MOST_TOOLS, Phase, Tool, ToolEvent, ToolState};
@@ -433,7 +434,7 @@ impl Simulation {
         let on = Touchable { body: &self.body, mesh: &self.mesh, vertices: &self.vertices, tick: TICK };
         for (i, (tool, points)) in self.tools.iter_mut().zip(&mut self.points).enumerate() {
             let of = &self.settings.tools[i];
-            if tool.phase == Phase::Waiting && detection::is_outside(&on, &of.shape, &tool.pose) {
+            if tool.phase == Phase::Waiting && is_outside(&on, &of.shape, &tool.pose) {
                 tool.phase = Phase::Engaged;
                 tool.previous = tool.pose;
             }

@@ -2,8 +2,10 @@
 //!
 //! Emits point constraints and receives their multipliers; knows nothing of how they are solved.
 
+mod candidate;
 pub mod detection;
 pub mod friction;
+pub mod outside;
 pub mod safety;
 pub mod shape;
 pub mod tool;

@@ -175,6 +175,10 @@ fn bounds(points: &[Vec3]) -> (Vec3, Vec3) {
 }
 
 impl Core {
+    fn is_solid(&self) -> bool {
+        matches!(self, Core::Solid(_))
+    }
+
     /// Least and greatest coordinates.
     fn bounds(&self) -> (Vec3, Vec3) {
         match self {
@@ -360,16 +364,17 @@ impl Solid {
 
     /// The place of the triangle where it is nearest to the core, or deepest in it against `inward`: a smooth function of
     /// where they are, but for edges and corners.
-    fn nearest_in_triangle(&self, corners: &[Vec3; 3], inward: Vec3) -> Vec3 {
+    fn nearest_in_triangle(&self, corners: &[Vec3; 3], inward: Vec3, blend: Real) -> Vec3 {
         let triangle = Triangle::new(to_parry(corners[0]), to_parry(corners[1]), to_parry(corners[2]));
         let on_triangle = |p: Vec3| from_parry(triangle.project_local_point(to_parry(p), true).point);
         let middle = (corners[0] + corners[1] + corners[2]) / 3.0;
         match closest(self, &triangle, middle) {
             Closest::Apart(on_core, place) => {
-                // Where a face of the core lies flat on the triangle, all places are about as near, and the nearest
-                // would jump about; the middle stays.
-                let farther = (middle - self.nearest(middle)).norm() - (place - on_core).norm();
-                middle + (place - middle) * (farther / BLEND).clamp(0.0, 1.0)
+                // Where a face of the core lies flat on the triangle, many places are about as near, and the nearest would
+                // jump about; the one next to the middle stays.
+                let steady = on_triangle(self.nearest(middle));
+                let farther = (steady - self.nearest(steady)).norm() - (place - on_core).norm();
+                steady + (place - steady) * (farther / blend).clamp(0.0, 1.0)
             }
             Closest::Through => {
                 let deepest = on_triangle(from_parry(self.local_support_point(to_parry(inward))));
@@ -388,8 +393,9 @@ impl Solid {
     }
 }
 
-/// Difference of distances [m] over which a triangle's point goes from its middle to where it is nearest.
-const BLEND: Real = 1e-4;
+/// Difference of distances, over the rounding, up to which a triangle's point goes from next to its middle to where it is
+/// nearest: half as much makes a flat end on a flat face rattle, more hides the nearest place.
+const BLEND: Real = 0.3;
 
 /// Steps between core and triangle where they intersect.
 const MEETINGS: usize = 8;
@@ -503,6 +509,11 @@ impl<'a> Posed<'a> {
         ((p - self.frame.from).dot(&axis) / length_squared).clamp(0.0, 1.0)
     }
 
+    /// True when the surface can get inside of the core.
+    pub fn is_solid(&self) -> bool {
+        self.part.core.is_solid()
+    }
+
     /// Where the way from the world's place `p` along the unit vector `d` leaves a solid core (coordinates), and how long
     /// it is [m]; `None` for an axis, which has no inside.
     pub fn exit(&self, p: Vec3, d: Vec3) -> Option<(Vec3, Real)> {
@@ -532,9 +543,41 @@ impl<'a> Posed<'a> {
             Core::Axis(_) => self.nearest_to_axis(corners),
             Core::Solid(solid) => {
                 let own = corners.map(|p| self.frame.own(p));
-                (self.frame.at(solid.nearest_in_triangle(&own, self.frame.own_direction(push))), None)
+                let blend = BLEND * self.part.radius;
+                (self.frame.at(solid.nearest_in_triangle(&own, self.frame.own_direction(push), blend)), None)
             }
         }
+    }
+
+    /// Where an axis is deepest below a triangle that faces `outward`, straight below it: the place on the triangle, the
+    /// coordinates on the axis and the depth [m]. `None` where no part of the axis is below it, and for solid cores.
+    pub fn below_triangle(&self, corners: &[Vec3; 3], outward: Vec3) -> Option<(Vec3, Vec3, Real)> {
+        let size = outward.norm();
+        if self.part.core.is_solid() || size == 0.0 {
+            return None;
+        }
+        let (from, axis, up) = (self.frame.from, self.frame.axes[2], outward / size);
+        // The part of the axis between the planes that stand on the triangle's edges.
+        let mut part = (0.0 as Real, 1.0 as Real);
+        for i in 0..3 {
+            let across = up.cross(&(corners[(i + 1) % 3] - corners[i]));
+            let (at, rise) = (across.dot(&(from - corners[i])), across.dot(&axis));
+            if rise > 0.0 {
+                part.0 = part.0.max(-at / rise);
+            } else if rise < 0.0 {
+                part.1 = part.1.min(-at / rise);
+            } else if at < 0.0 {
+                return None;
+            }
+        }
+        if part.0 > part.1 {
+            return None;
+        }
+        let along = if up.dot(&axis) > 0.0 { part.0 } else { part.1 };
+        let core = Vec3::new(0.0, 0.0, if axis == Vec3::zeros() { 0.0 } else { along });
+        let p = self.frame.at(core);
+        let depth = up.dot(&(corners[0] - p));
+        (depth > 0.0).then_some((p + up * depth, core, depth))
     }
 
     fn nearest_to_axis(&self, corners: &[Vec3; 3]) -> (Vec3, Option<Vec3>) {
