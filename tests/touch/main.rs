@@ -23,6 +23,8 @@ use random::Random;
 mod endurance;
 mod feel;
 mod friction;
+mod shapes;
+mod tunnel;
 
 /// Edge of every body here [m].
 const SIDE: Real = 0.1;
