@@ -8,7 +8,9 @@
 use crate::adaptation::{self, Adaptivity, Focus, Means};
 use crate::contact::detection::{self, Touchable};
 use crate::contact::friction;
+use crate::contact::outside::is_outside;
 use crate::contact::safety::{self, ForceLimits, Limited};
+use crate::contact::shape::{MOST_PARTS, Part};
 use crate::contact::tool::{Following, MOST_POINTS, MOST_TOOLS, Phase, Tool, ToolEvent, ToolState};
 use crate::contact::wrench::{self, Wrench};
 use crate::math::{Real, Vec3};
@@ -215,7 +217,7 @@ impl Simulation {
             vertices: vec![Vec3::zeros(); vertices],
             constraints: Vec::with_capacity(MOST_POINTS * tools),
             points_of_action: Vec::with_capacity(MOST_POINTS * tools),
-            focus: Vec::with_capacity(MOST_TOOLS * LOOKS_AHEAD),
+            focus: Vec::with_capacity(MOST_TOOLS * MOST_PARTS * LOOKS_AHEAD),
             adaptation: adaptation::Workspace::new(&body, &settings.adaptivity.clone().unwrap_or_default()),
             stepping: step::Workspace::new(&mesh, MOST_POINTS * tools),
             detection: detection::Workspace::new(&body),
@@ -399,9 +401,12 @@ impl Simulation {
                 }
                 let velocity = (tool.pose.position - tool.previous.position) / TICK;
                 for k in 0..LOOKS_AHEAD {
-                    let from = tool.pose.position + velocity * (k as Real * LOOK_AHEAD);
-                    let to = from + tool.pose.rotate(Vec3::z() * held.shape.length);
-                    self.focus.push(Focus { from, to, radius: held.shape.radius });
+                    let place = tool.pose.position + velocity * (k as Real * LOOK_AHEAD);
+                    for (start, along, radius) in held.shape.parts().iter().map(Part::outline) {
+                        let from = place + tool.pose.rotate(start);
+                        let to = from + tool.pose.rotate(along);
+                        self.focus.push(Focus { from, to, radius });
+                    }
                 }
             }
             let (body, mesh) = (&self.body, &mut self.mesh);
@@ -421,8 +426,11 @@ impl Simulation {
     /// Tools that touch what now hangs on other elements follow their force slowly for a while.
     fn settle_tools(&mut self) {
         let first_triangle = self.body.surface().vertices.len() as u32;
-        for (tool, points) in self.tools.iter_mut().zip(&self.points) {
-            let touched = |point: u32| points.binary_search_by_key(&point, |p| p.point).is_ok();
+        let per_part = detection::points_of_a_part(&self.body);
+        for ((tool, points), of) in self.tools.iter_mut().zip(&self.points).zip(&self.settings.tools) {
+            let parts = of.shape.parts().len() as u32;
+            let by_part = |point: u32| points.binary_search_by_key(&point, |p| p.point).is_ok();
+            let touched = |point: u32| (0..parts).any(|part| by_part(point + part * per_part));
             let concerned = |v: &u32| {
                 touched(*v) || self.body.triangles_around(*v as usize).iter().any(|t| touched(first_triangle + t))
             };
@@ -444,7 +452,7 @@ impl Simulation {
         let on = Touchable { body: &self.body, mesh: &self.mesh, vertices: &self.vertices, tick: TICK };
         for (i, (tool, points)) in self.tools.iter_mut().zip(&mut self.points).enumerate() {
             let of = &self.settings.tools[i];
-            if tool.phase == Phase::Waiting && detection::is_outside(&on, &of.shape, &tool.pose) {
+            if tool.phase == Phase::Waiting && is_outside(&on, &of.shape, &tool.pose) {
                 tool.phase = Phase::Engaged;
                 tool.previous = tool.pose;
             }

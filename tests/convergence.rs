@@ -14,7 +14,7 @@ use std::sync::Arc;
 fn settings(gravity: Vec3, adaptivity: Option<Adaptivity>, radius: Real) -> Settings {
     Settings {
         gravity,
-        tools: vec![Tool { name: "ball".into(), shape: ToolShape { radius, length: 0.0 }, friction: 0.0 }],
+        tools: vec![Tool { name: "ball".into(), shape: ToolShape::ball(radius), friction: 0.0 }],
         following: Following { speed: 1.0, engage_ticks: 1 },
         limits: ForceLimits { force: 100.0, torque: 10.0, slew: 1e6 },
         adaptivity,

@@ -87,6 +87,10 @@ fn the_simulation_thread_allocates_nothing() {
         "hold=[{min=[0,0,0], max=[0.1,0.1,0]}]",
         "material.damping_ratio=0.1",
         "world.gravity=[0,0,0]",
+        // A ball, and solid cores beside it that touch, too.
+        "tool=[{name='all', shape='compound', part=[{radius=0.02}, \
+            {shape='cylinder', radius=0.005, length=0.03, position=[0.0,0.0,-0.02]}, \
+            {shape='convex', points=[[0.01,0,-0.02],[0.03,0,-0.02],[0.01,0.01,-0.02],[0.01,0,0.01]]}]}]",
     ]
     .map(String::from);
     let loaded = LoadedScene::load(Path::new("cube"), &given).unwrap();

@@ -1,21 +1,23 @@
 //! Where a tool meets the display surface: point constraints, once per tick.
 //!
-//! A constraint stands at each display vertex near the tool and at each near triangle's point nearest to the tool's axis,
-//! so that nothing slips between vertices. Normals run from the tool's axis to the point, at the tool's place in the
-//! middle of the tick.
+//! A constraint stands at each display vertex near the tool and at each near triangle's point nearest to the core of each
+//! of the tool's parts, so that nothing slips between vertices. Normals run from the core to the point, at the tool's
+//! place in the middle of the tick.
 
-use super::tool::{MOST_POINTS, Shape, Tool, ToolState};
+use super::candidate::{Candidate, Sheet, Touch, follow_sunk, is_in, near_triangles, near_vertices, sunk_depth};
+use super::shape::posed;
+use super::tool::{MOST_POINTS, Tool, ToolState};
 use super::wrench::middle_pose;
-use crate::math::{Pose, Real, Vec3, from_parry, to_parry};
+use crate::math::{Real, Vec3};
 use crate::model::constraint::{Constraint, Coupling, PointMemory, dent};
 use crate::model::{ActiveMesh, Body, Friction, skin};
-use parry3d_f64::query::PointQuery;
-use parry3d_f64::query::details::closest_points_segment_segment_with_locations_nD as segment_segment;
-use parry3d_f64::shape::{Segment, Triangle};
 
-/// Points this far from the tool [m] become constraints, so that contact begins with an open gap: an engaged tool at
-/// 1 m/s and a surface that comes to meet it as fast cover it in one tick.
+/// Points this far from the tool [m] become constraints, so that contact begins with an open gap, and no tool passes
+/// between two ticks what it did not push: more where a tick's motion is more.
 const MARGIN: Real = 2e-3;
+
+/// A surface that comes to meet a tool is taken to be no faster [m/s].
+const FASTEST_SURFACE: Real = 1.0;
 
 /// Part of an overlap found late that remains after each tick: 32 of them (a frame) close 99.5 % of it.
 const SLACK_KEPT: Real = 0.85;
@@ -23,35 +25,6 @@ const SLACK_KEPT: Real = 0.85;
 /// κ of the sub-grid compliance: the half-space's displacement farther than κ·spacing from a load is already in the
 /// mesh.
 const KAPPA: Real = 1.0 / 3.0;
-
-/// A constraint in the making.
-#[derive(Clone, Copy, Debug)]
-struct Candidate {
-    /// As [`Constraint::point`].
-    point: u32,
-    /// Signed distance from the tool's surface [m].
-    gap: Real,
-    normal: Vec3,
-    /// The surface point [m].
-    place: Vec3,
-    /// Part of the axis (0..=1) nearest to the point.
-    along: Real,
-    /// Display vertices and weights; one entry counts for a vertex.
-    stencil: [(u32, Real); 3],
-    /// Surface area that the point stands for [m²].
-    area: Real,
-}
-
-impl Candidate {
-    /// The place of its triangle with other `weights` [m].
-    fn at(&self, on: &Touchable, weights: [Real; 3]) -> Vec3 {
-        self.stencil.iter().zip(weights).map(|(s, w)| on.vertices[s.0 as usize] * w).sum()
-    }
-
-    fn stencil(&self) -> &[(u32, Real)] {
-        if self.stencil[0].1 == 1.0 { &self.stencil[..1] } else { &self.stencil[..] }
-    }
-}
 
 /// What a candidate's force does to the surface below the mesh's size.
 #[derive(Clone, Copy, Debug)]
@@ -87,7 +60,8 @@ const MOST_STRETCH: Real = 2.0;
 impl Workspace {
     /// For surfaces of `body`: all of it may come near a tool at once.
     pub fn new(body: &Body) -> Self {
-        let most = body.surface().vertices.len() + body.surface().triangles.len();
+        // Some triangles have a point for each of several parts.
+        let most = body.surface().vertices.len() + 2 * body.surface().triangles.len();
         let surface = body.surface();
         let edge = |t: &[u32; 3], i: usize| {
             (surface.vertices[t[i] as usize] - surface.vertices[t[(i + 1) % 3] as usize]).norm()
@@ -129,18 +103,20 @@ pub fn detect(
     (constraints, points_of_action): (&mut Vec<Constraint>, &mut Vec<Vec3>),
     work: &mut Workspace,
 ) {
-    let shape = &of.shape;
     let candidates = &mut work.candidates;
     candidates.clear();
-    let axis = Axis::new(&middle_pose(tool), shape);
-    let touch = Touch { axis: &axis, radius: shape.radius, memory };
-    // Whatever touches the tool has all its vertices within an edge's length of the tool's box.
-    let (low, high) = touch.axis.window(shape.radius + MARGIN + work.longest_edge);
+    let per_part = points_of_a_part(on.body);
+    let ((all, parts), (start, _), (end, _)) =
+        (posed(&middle_pose(tool), &of.shape), posed(&tool.previous, &of.shape), posed(&tool.pose, &of.shape));
+    let way = |i: usize| start[i].frame.farthest_move(&end[i].frame, all[i].part);
+    let margin = (0..parts).map(|i| way(i) + FASTEST_SURFACE * on.tick).fold(MARGIN, Real::max);
+    let deep = sunk_depth(on, &all[..parts], per_part, memory);
+    let touch = Touch { parts: &all[..parts], margin, deep, per_part, memory };
+    // Whatever touches the tool has all its vertices within an edge's length of the box of one of its parts.
     work.near.clear();
+    let windows = touch.windows(work.longest_edge);
     for (v, p) in on.vertices.iter().enumerate() {
-        let inside =
-            (p.x >= low.x) & (p.x <= high.x) & (p.y >= low.y) & (p.y <= high.y) & (p.z >= low.z) & (p.z <= high.z);
-        if inside {
+        if windows[..parts].iter().any(|w| is_in(w, p)) {
             work.near.push(v as u32);
         }
     }
@@ -152,9 +128,10 @@ pub fn detect(
     }
     near_triangles(on, &touch, &work.near, (&mut work.seen, work.turn), candidates);
 
-    thin_out(candidates, on.vertices.len() as u32);
+    follow_sunk(on, &all[..parts], 2.0 * margin + deep, candidates);
+    thin_out(candidates, on.vertices.len() as u32, per_part);
+    recall(on, candidates, memory, per_part, parts as u32);
 
-    let (start, end) = (Axis::new(&tool.previous, shape), Axis::new(&tool.pose, shape));
     work.memory.clear();
     work.loads.clear();
     work.loads.extend(candidates.iter().map(|c| Load::new(on, c, memory)));
@@ -163,25 +140,29 @@ pub fn detect(
     // The pose is where the coupling's spring is as long as the last force made it.
     let coupling = Coupling { compliance: tool.coupling, allowed_for: -tool.physical_force };
     for (i, candidate) in candidates.iter().enumerate() {
-        let (n, along) = (candidate.normal, candidate.along);
+        let (n, core) = (candidate.normal, candidate.core);
+        let [start, end] = [&start, &end].map(|posed| posed[candidate.part as usize].frame.at(core));
+        let part = all[candidate.part as usize].part;
+        let (radius, most_dent) = (part.radius(), MOST_DENT * part.half_thickness());
         let (row, fade) = skin::row(on.mesh, candidate.stencil());
         let share = row.entries().iter().map(|(_, b)| b * b).sum::<Real>() / MEAN_SQUARE;
         let mut compliance = [0.0; MOST_POINTS];
         for (j, (g, other)) in compliance.iter_mut().zip(&work.loads).enumerate() {
             *g = half_space * if i == j { other.own(share) } else { work.loads[i].from(other) };
         }
-        let moved = n.dot(&(end.at(along) - start.at(along)));
-        let known = remembered(memory, candidate.point);
+        let moved = n.dot(&(end - start));
+        let known = candidate.known.map(|k| &memory[k as usize]);
         // Overlap at the start of the tick that neither the last multiplier nor the last slack explains: a tool that
         // came too fast, a body that stood still meanwhile, a point just found. It is closed gradually.
         let soft: Real = compliance.iter().zip(&work.loads).map(|(g, other)| g * other.multiplier).sum();
-        let shown = dent(soft, MOST_DENT * shape.radius);
-        let overlap = n.dot(&start.at(along)) + shape.radius - n.dot(&candidate.place) - shown;
+        let shown = dent(soft, most_dent);
+        let overlap = n.dot(&start) + radius - n.dot(&candidate.place) - shown;
         let slack = match known {
             Some(m) if overlap <= m.slack + UNNOTICED + 0.5 * moved.abs() => m.slack.min(overlap.max(0.0)),
             _ => overlap.max(0.0),
         };
-        let (anchor, tangential) = match known.filter(|_| of.friction > 0.0) {
+        let same = |m: &&PointMemory| m.point % per_part == candidate.point % per_part;
+        let (anchor, tangential) = match known.filter(|_| of.friction > 0.0).filter(same) {
             Some(m) => {
                 // Another place of the triangle is the nearest now: the anchor goes along by as much.
                 let now = candidate.place - candidate.at(on, m.weights);
@@ -196,11 +177,11 @@ pub fn detect(
             row,
             normal: n,
             // What is displayed, and touched, is the row's point and its fade.
-            offset: n.dot(&(start.at(along) - fade)) + shape.radius - slack,
+            offset: n.dot(&(start - fade)) + radius - slack,
             rate: (moved + slack - slack_end) / on.tick,
             first,
             compliance,
-            most_dent: MOST_DENT * shape.radius,
+            most_dent,
             tool: index,
             point: candidate.point,
             multiplier: work.loads[i].multiplier,
@@ -234,9 +215,9 @@ pub fn detect(
 /// Keeps as many points as the solver may take, in the order of their numbers: vertices before triangles and the deepest
 /// first, ties to the smaller number. Those left out that touch leave their area to the nearest that is kept, so that the
 /// surface is as stiff as before.
-fn thin_out(candidates: &mut Vec<Candidate>, vertices: u32) {
+fn thin_out(candidates: &mut Vec<Candidate>, vertices: u32, per_part: u32) {
     if candidates.len() > MOST_POINTS {
-        let first = |c: &Candidate| (c.gap > 0.0, c.point >= vertices);
+        let first = |c: &Candidate| (c.gap > 0.0, c.point % per_part >= vertices);
         candidates
             .sort_unstable_by(|a, b| first(a).cmp(&first(b)).then(a.gap.total_cmp(&b.gap)).then(a.point.cmp(&b.point)));
         let (kept, others) = candidates.split_at_mut(MOST_POINTS);
@@ -251,10 +232,48 @@ fn thin_out(candidates: &mut Vec<Candidate>, vertices: u32) {
     candidates.sort_unstable_by_key(|c| c.point);
 }
 
+/// Finds what is remembered of each candidate. A point that has gone from one part of a tool to the next keeps its force
+/// and its anchor; a tip that has sunk below one triangle and slid below the next takes them along.
+fn recall(on: &Touchable, candidates: &mut [Candidate], memory: &[PointMemory], per_part: u32, parts: u32) {
+    let index = |point: u32| memory.binary_search_by_key(&point, |m| m.point).ok();
+    for i in 0..candidates.len() {
+        let (own, normal) = (candidates[i].point, candidates[i].normal);
+        let left = |point: &u32| candidates.binary_search_by_key(point, |c| c.point).is_err();
+        let others = (0..parts).map(|part| own % per_part + part * per_part).filter(|point| *point != own);
+        let alike = |k: &usize| memory[*k].normal.dot(&normal) > ALIKE;
+        let known = index(own).or_else(|| others.filter(left).filter_map(index).find(alike));
+        candidates[i].known = known.map(|k| k as u32);
+    }
+    let vertices = on.vertices.len() as u32;
+    for i in 0..candidates.len() {
+        let c = candidates[i];
+        if c.sheet != Sheet::Sunk || c.known.is_some() {
+            continue;
+        }
+        let meets = |point: u32| match (point % per_part).checked_sub(vertices) {
+            None => c.stencil().iter().any(|s| s.0 == point % per_part),
+            Some(t) => c.stencil().iter().any(|s| on.body.surface().triangles[t as usize].contains(&s.0)),
+        };
+        let left = |k: &usize| {
+            let (point, taken) = (memory[*k].point, Some(*k as u32));
+            point / per_part == c.part
+                && meets(point)
+                && candidates.iter().all(|o| o.point != point && o.known != taken)
+        };
+        let alike = |k: &usize| memory[*k].normal.dot(&c.normal) > ALIKE;
+        let force = |k: &usize| memory[*k].multiplier;
+        let known = (0..memory.len()).filter(left).filter(alike).max_by(|a, b| force(a).total_cmp(&force(b)));
+        candidates[i].known = known.map(|k| k as u32);
+    }
+}
+
+/// Cosine between two normals up to which they count as those of one contact.
+const ALIKE: Real = 0.5;
+
 /// Overlap [m] that rounding and a solve of few sweeps may leave.
 const UNNOTICED: Real = 5e-5;
 
-/// Part of the tool's radius that the dent below the mesh's size may take: beyond it the displayed surface would swallow
+/// Part of half of a part's thickness that the dent below the mesh's size may take: beyond it the displayed surface would swallow
 /// a thin tip and lose it at the next triangle.
 const MOST_DENT: Real = 0.3;
 
@@ -276,7 +295,7 @@ impl Load {
             normal: candidate.normal,
             radius: (candidate.area / std::f64::consts::PI).sqrt(),
             spacing: candidate.stencil().iter().map(|(v, w)| w * spacing(*v)).sum(),
-            multiplier: remembered(memory, candidate.point).map_or(0.0, |m| m.multiplier),
+            multiplier: candidate.known.map_or(0.0, |k| memory[k as usize].multiplier),
         }
     }
 
@@ -307,249 +326,7 @@ const MEAN_SQUARE: Real = 0.35;
 /// Least distance between two loads over the sum of their radii.
 const LEAST_APART: Real = 0.85;
 
-/// A tool's axis in the world, from the reference point.
-struct Axis {
-    from: Vec3,
-    along: Vec3,
-    length_squared: Real,
-}
-
-impl Axis {
-    fn new(pose: &Pose, shape: &Shape) -> Self {
-        let along = pose.rotate(Vec3::z() * shape.length);
-        Self { from: pose.position, along, length_squared: along.norm_squared() }
-    }
-
-    fn at(&self, part: Real) -> Vec3 {
-        self.from + self.along * part
-    }
-
-    /// Part of the axis (0..=1) nearest to `p`.
-    fn nearest(&self, p: Vec3) -> Real {
-        if self.length_squared == 0.0 {
-            return 0.0;
-        }
-        ((p - self.from).dot(&self.along) / self.length_squared).clamp(0.0, 1.0)
-    }
-
-    /// Box around the axis, grown by `reach`.
-    fn window(&self, reach: Real) -> (Vec3, Vec3) {
-        let end = self.at(1.0);
-        (self.from.inf(&end).add_scalar(-reach), self.from.sup(&end).add_scalar(reach))
-    }
-}
-
-/// A tool near a surface, and what it touched before.
-struct Touch<'a> {
-    axis: &'a Axis,
-    /// Of the tool [m].
-    radius: Real,
-    memory: &'a [PointMemory],
-}
-
-impl Touch<'_> {
-    /// Box around everything that the tool may touch.
-    fn window(&self) -> (Vec3, Vec3) {
-        self.axis.window(self.radius + MARGIN)
-    }
-
-    /// Normal from the axis at `part` to `place` and the gap [m], or `None` where the place is out of reach or its sheet
-    /// of the surface, which faces `outward`, is not one that the tool pushes.
-    ///
-    /// A point that was touched keeps the side it was touched on: should the axis itself slip below the surface, the
-    /// point is still pushed the way it was, instead of being let go.
-    fn side(&self, part: Real, place: Vec3, outward: Vec3, point: u32) -> Option<(Vec3, Real)> {
-        let away = place - self.axis.at(part);
-        let distance = away.norm();
-        if distance > self.radius + MARGIN {
-            return None;
-        }
-        let normal = if distance > 1e-9 { away / distance } else { -outward.normalize() };
-        let front = (normal, distance - self.radius);
-        let below = (-normal, -distance - self.radius);
-        match remembered(self.memory, point) {
-            Some(m) if m.normal.dot(&normal) < 0.0 => Some(below),
-            Some(_) => Some(front),
-            None => (normal.dot(&outward) < 0.0).then_some(front),
-        }
-        .filter(|(_, gap)| *gap <= MARGIN)
-    }
-}
-
-fn remembered(memory: &[PointMemory], point: u32) -> Option<&PointMemory> {
-    memory.binary_search_by_key(&point, |m| m.point).ok().map(|i| &memory[i])
-}
-
-/// Outward area vector of display triangle `t`, twice its area long [m²].
-fn area_vector(on: &Touchable, t: u32) -> Vec3 {
-    let [a, b, c] = on.body.surface().triangles[t as usize].map(|v| on.vertices[v as usize]);
-    (b - a).cross(&(c - a))
-}
-
-/// Part of the surface's area that vertices stand for; the rest is that of points inside triangles.
-const VERTEX_SHARE: Real = 0.5;
-
-fn near_vertices(on: &Touchable, touch: &Touch, near: &[u32], out: &mut Vec<Candidate>) {
-    let (low, high) = touch.window();
-    for &v in near {
-        let (v, place) = (v as usize, &on.vertices[v as usize]);
-        let apart = (0..3).any(|c| place[c] < low[c] || place[c] > high[c]);
-        if apart {
-            continue;
-        }
-        let along = touch.axis.nearest(*place);
-        let outward: Vec3 = on.body.triangles_around(v).iter().map(|t| area_vector(on, *t)).sum();
-        if let Some((normal, gap)) = touch.side(along, *place, outward, v as u32) {
-            let stencil = [(v as u32, 1.0), (0, 0.0), (0, 0.0)];
-            let (place, area) = (*place, VERTEX_SHARE * on.body.vertex_area()[v]);
-            out.push(Candidate { point: v as u32, gap, normal, place, along, stencil, area });
-        }
-    }
-}
-
-/// Points inside triangles: between three vertices the surface could otherwise pass through the tool unfelt.
-fn near_triangles(
-    on: &Touchable,
-    touch: &Touch,
-    near: &[u32],
-    (seen, turn): (&mut [u32], u32),
-    out: &mut Vec<Candidate>,
-) {
-    let (low, high) = touch.window();
-    let first = on.vertices.len() as u32;
-    let segment = Segment::new(to_parry(touch.axis.from), to_parry(touch.axis.at(1.0)));
-    let around = near.iter().flat_map(|v| on.body.triangles_around(*v as usize));
-    for &t in around {
-        if std::mem::replace(&mut seen[t as usize], turn) == turn {
-            continue;
-        }
-        let triangle = &on.body.surface().triangles[t as usize];
-        let corners = triangle.map(|v| on.vertices[v as usize]);
-        if is_apart(&corners, &low, &high) {
-            continue;
-        }
-        let Some((along, weights)) = nearest_in_triangle(touch.axis, &segment, &corners) else { continue };
-        // A corner is a point of its own already.
-        if weights.iter().any(|w| *w > 0.999) {
-            continue;
-        }
-        let place = corners[0] * weights[0] + corners[1] * weights[1] + corners[2] * weights[2];
-        let point = first + t;
-        let outward = area_vector(on, t);
-        if let Some((normal, gap)) = touch.side(along, place, outward, point) {
-            let stencil = std::array::from_fn(|i| (triangle[i], weights[i]));
-            out.push(Candidate {
-                point,
-                gap,
-                normal,
-                place,
-                along,
-                stencil,
-                area: (1.0 - VERTEX_SHARE) * 0.5 * outward.norm(),
-            });
-        }
-    }
-}
-
-/// True when the triangle lies wholly beyond one face of the box.
-fn is_apart(corners: &[Vec3; 3], low: &Vec3, high: &Vec3) -> bool {
-    (0..3).any(|c| corners.iter().all(|p| p[c] < low[c]) || corners.iter().all(|p| p[c] > high[c]))
-}
-
-/// Part of the axis and barycentric weights of the triangle's point nearest to it; `None` for a collapsed triangle.
-fn nearest_in_triangle(axis: &Axis, segment: &Segment, corners: &[Vec3; 3]) -> Option<(Real, [Real; 3])> {
-    let triangle = Triangle::new(to_parry(corners[0]), to_parry(corners[1]), to_parry(corners[2]));
-    let on_triangle = |p: Vec3| from_parry(triangle.project_local_point(to_parry(p), true).point);
-    // The nearest pair lies at an end of the axis or between the axis and an edge; an axis that pierces the triangle
-    // has passed the surface, and its reference end still gives the side.
-    let mut best = (Real::INFINITY, 0.0, Vec3::zeros());
-    let mut keep = |along: Real, p: Vec3| {
-        let distance = (p - axis.at(along)).norm_squared();
-        if distance < best.0 {
-            best = (distance, along, p);
-        }
-    };
-    keep(0.0, on_triangle(axis.from));
-    if axis.length_squared > 0.0 {
-        keep(1.0, on_triangle(axis.at(1.0)));
-        for i in 0..3 {
-            let edge = Segment::new(to_parry(corners[i]), to_parry(corners[(i + 1) % 3]));
-            let (_, place) = segment_segment((&segment.a, &segment.b), (&edge.a, &edge.b));
-            let p = from_parry(edge.point_at(&place));
-            keep(axis.nearest(p), p);
-        }
-    }
-    let (_, along, p) = best;
-    let (e1, e2, d) = (corners[1] - corners[0], corners[2] - corners[0], p - corners[0]);
-    let (a, b, c) = (e1.norm_squared(), e1.dot(&e2), e2.norm_squared());
-    let det = a * c - b * b;
-    #[expect(clippy::neg_cmp_op_on_partial_ord, reason = "NaN, too, must leave here")]
-    if !(det > 0.0) {
-        return None;
-    }
-    let (r, s) = (e1.dot(&d), e2.dot(&d));
-    let (w1, w2) = ((c * r - b * s) / det, (a * s - b * r) / det);
-    Some((along, [1.0 - w1 - w2, w1, w2]))
-}
-
-/// True when the tool neither touches nor lies inside the closed surface `vertices`: where it may engage.
-pub fn is_outside(on: &Touchable, shape: &Shape, pose: &Pose) -> bool {
-    let axis = Axis::new(pose, shape);
-    let (low, high) = axis.window(shape.radius);
-    let touches = on.vertices.iter().any(|p| {
-        let boxed = (0..3).all(|c| p[c] >= low[c] && p[c] <= high[c]);
-        boxed && (p - axis.at(axis.nearest(*p))).norm_squared() < shape.radius * shape.radius
-    });
-    if touches {
-        return false;
-    }
-    let segment = Segment::new(to_parry(axis.from), to_parry(axis.at(1.0)));
-    let grazes = on.body.surface().triangles.iter().any(|triangle| {
-        let corners = triangle.map(|v| on.vertices[v as usize]);
-        !is_apart(&corners, &low, &high)
-            && nearest_in_triangle(&axis, &segment, &corners).is_some_and(|(along, w)| {
-                let p = corners[0] * w[0] + corners[1] * w[1] + corners[2] * w[2];
-                (p - axis.at(along)).norm_squared() < shape.radius * shape.radius
-            })
-    });
-    !grazes && !is_inside(on, axis.from)
-}
-
-/// True when `p` lies inside: three rays vote by the parity of their crossings, so that none decides alone.
-fn is_inside(on: &Touchable, p: Vec3) -> bool {
-    let mut crossings = [0u32; 3];
-    for triangle in &on.body.surface().triangles {
-        for (axis, count) in crossings.iter_mut().enumerate() {
-            *count += u32::from(crosses(on.vertices, triangle, p, axis));
-        }
-    }
-    crossings.iter().filter(|c| *c % 2 == 1).count() >= 2
-}
-
-/// True when the ray from `p`, nearly along +`axis`, meets the triangle.
-///
-/// The ray leans a little, so that it does not run along the edges of boxes and other regular shapes. A ray through an
-/// edge meets exactly one of its two triangles: both ask on which side it passes with the edge's ends in the same order.
-fn crosses(vertices: &[Vec3], triangle: &[u32; 3], p: Vec3, axis: usize) -> bool {
-    let (i, j) = ((axis + 1) % 3, (axis + 2) % 3);
-    let flat = |v: u32| {
-        let d = vertices[v as usize] - p;
-        (d[i] - 0.0173 * d[axis], d[j] - 0.0419 * d[axis])
-    };
-    // Twice the area of the ray's foot with the edge, and the side; positive counts as left, zero too.
-    let side = |from: u32, to: u32| {
-        let (a, b) = (flat(from.min(to)), flat(from.max(to)));
-        let area = a.0 * b.1 - a.1 * b.0;
-        if from < to { (area, area >= 0.0) } else { (-area, area < 0.0) }
-    };
-    let [a, b, c] = *triangle;
-    let (to_a, to_b, to_c) = (side(b, c), side(c, a), side(a, b));
-    if to_a.1 != to_b.1 || to_b.1 != to_c.1 {
-        return false;
-    }
-    let height = |v: u32| vertices[v as usize][axis] - p[axis];
-    let total = to_a.0 + to_b.0 + to_c.0;
-    let weighted = to_a.0 * height(a) + to_b.0 * height(b) + to_c.0 * height(c);
-    // The sign of weighted / total.
-    (weighted > 0.0) == (total > 0.0) && weighted != 0.0
+/// Numbers that the points of one part of a tool take: its vertices and triangles.
+pub fn points_of_a_part(body: &Body) -> u32 {
+    (body.surface().vertices.len() + body.surface().triangles.len()) as u32
 }

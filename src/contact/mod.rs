@@ -2,10 +2,14 @@
 //!
 //! Emits point constraints and receives their multipliers; knows nothing of how they are solved.
 
+mod candidate;
 pub mod detection;
 pub mod friction;
+pub mod outside;
 pub mod safety;
+pub mod shape;
 pub mod tool;
 pub mod wrench;
 
-pub use tool::{Shape, Tool, ToolState};
+pub use shape::Shape;
+pub use tool::{Tool, ToolState};

@@ -5,19 +5,11 @@
 use crate::math::{Pose, Real, Vec3, is_finite};
 use serde::{Deserialize, Serialize};
 
+pub use super::shape::{Part, Shape};
 pub use crate::model::constraint::{MOST_POINTS, MOST_TOOLS};
 
-/// Rigid shape of a tool, around its own z axis.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Shape {
-    /// Radius [m].
-    pub radius: Real,
-    /// Length of the axis from the reference point along the tool's own +z [m]; 0 makes a ball.
-    pub length: Real,
-}
-
 /// A tool as the scene gives it.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Tool {
     /// Name that clients ask for.
     pub name: String,

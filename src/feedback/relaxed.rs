@@ -14,7 +14,7 @@
 //! it is still true a frame later.
 
 use crate::contact::tool::{MOST_TOOLS, Shape};
-use crate::math::{Mat3, Real, Vec3};
+use crate::math::{Mat3, Pose, Real, Vec3};
 use crate::model::constraint::{FIRMER, Row};
 use crate::model::element_kernel::Path;
 use crate::model::{ActiveMesh, Body, Constraint};
@@ -102,7 +102,7 @@ impl Probe {
         let mut found = [None; MOST_TOOLS];
         self.simulation.load(snapshot);
         let body = self.simulation.body().clone();
-        let shapes: Vec<Shape> = self.simulation.settings().tools.iter().map(|t| t.shape).collect();
+        let shapes: Vec<Shape> = self.simulation.settings().tools.iter().map(|t| t.shape.clone()).collect();
         let tools = snapshot.tools.clone();
         let (mesh, constraints) = self.simulation.contacts();
         let mut system: Option<System> = None;
@@ -112,10 +112,8 @@ impl Probe {
                 self.answers[i] = None;
                 continue;
             }
-            let axis = tool.pose.rotate(Vec3::z());
-            let axis = (shapes[i].length > 0.0).then_some(axis);
             let system = system.get_or_insert_with(|| System::new(&body, self.path, mesh));
-            let Some(contact) = Contact::new(&own, shapes[i].radius, axis, system) else { continue };
+            let Some(contact) = Contact::new(&own, round(&shapes[i], &tool.pose), system) else { continue };
             let answer = self.answers[i].get_or_insert_with(|| Answer::new(body.node_count()));
             found[i] = system.relax(mesh, &contact, answer).map(|(matrix, iterations)| {
                 let matrix = half_along(&matrix, slip(&own));
@@ -142,7 +140,7 @@ struct Contact {
 }
 
 impl Contact {
-    fn new(own: &[&Constraint], radius: Real, axis: Option<Vec3>, system: &System) -> Option<Self> {
+    fn new(own: &[&Constraint], round: Option<(Real, Vec3)>, system: &System) -> Option<Self> {
         let first = own.first()?.first as usize;
         let pushing: Vec<(usize, &Constraint)> =
             own.iter().enumerate().filter(|(_, c)| c.multiplier > 0.0).map(|(i, c)| (i, *c)).collect();
@@ -157,8 +155,8 @@ impl Contact {
                 rows.extend([(p, s), (p, t)]);
             }
             let mut across = Mat3::identity() - c.normal * c.normal.transpose();
-            if let Some(along) = axis.map(|a| a - c.normal * c.normal.dot(&a)).filter(|a| a.norm() > 0.1) {
-                let along = along.normalize();
+            let (radius, axis) = round.unwrap_or((Real::INFINITY, Vec3::zeros()));
+            if let Some(along) = (axis - c.normal * c.normal.dot(&axis)).try_normalize(0.1) {
                 across -= along * along.transpose();
             }
             turning.push(if sticks { Mat3::zeros() } else { across * (c.multiplier / radius) });
@@ -228,6 +226,15 @@ fn half_along(k: &Mat3, way: Vec3) -> Mat3 {
     let Some(along) = way.try_normalize(1e-9) else { return *k };
     let a = Mat3::identity() - along * along.transpose() * (1.0 - (1.0 - 0.5 * way.norm().min(1.0)).sqrt());
     a * k * a
+}
+
+/// Radius and axis (unit, or zero for a ball) of a tool that is round all over. Along flat faces normals do not turn, and
+/// edges are too sharp for a model that is linear.
+fn round(shape: &Shape, pose: &Pose) -> Option<(Real, Vec3)> {
+    let [part] = shape.parts() else { return None };
+    let (_, axis, radius) = part.outline();
+    let axis = pose.rotate(axis).try_normalize(1e-9).unwrap_or_default();
+    (!part.is_solid()).then_some((radius, axis))
 }
 
 /// Two unit vectors across `n`.

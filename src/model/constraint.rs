@@ -105,7 +105,7 @@ pub struct Constraint {
     /// Index of the tool.
     pub tool: u32,
     /// What tells this point from the tool's others, from tick to tick: a display vertex, or the number of vertices
-    /// plus a display triangle.
+    /// plus a display triangle; plus, for each part of the tool before its own, the number of both.
     pub point: u32,
     /// Multiplier to start from [N].
     pub multiplier: Real,

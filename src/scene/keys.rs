@@ -1,8 +1,9 @@
 //! The keys of a scene, each with its range and default, and what follows from them.
 
+use super::tool_keys::ToolKeys;
 use crate::adaptation::{Adaptivity, finest_steppable};
 use crate::contact::safety::ForceLimits;
-use crate::contact::tool::{Following, MOST_TOOLS, Shape as ToolShape, Tool};
+use crate::contact::tool::{Following, MOST_TOOLS};
 use crate::geometry::locate::{Host, Locator};
 use crate::geometry::mesh_io::LengthUnit;
 use crate::math::{Real, Vec3};
@@ -210,28 +211,6 @@ pub struct HoldKeys {
     pub exact: bool,
 }
 
-/// `[[tool]]`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Validate)]
-#[serde(deny_unknown_fields)]
-#[garde(allow_unvalidated)]
-pub struct ToolKeys {
-    /// Name that clients ask for.
-    #[garde(length(min = 1, max = 32))]
-    pub name: String,
-    /// Radius [m].
-    #[serde(default = "centimetre")]
-    #[garde(range(min = 5e-4, max = 0.1))]
-    pub radius: Real,
-    /// Length of the capsule's axis along the tool's own +z [m]; 0 is a ball.
-    #[serde(default)]
-    #[garde(range(min = 0.0, max = 1.0))]
-    pub length: Real,
-    /// Coulomb's coefficient of friction on the body.
-    #[serde(default)]
-    #[garde(range(min = 0.0, max = 2.0))]
-    pub friction: Real,
-}
-
 /// `[world]`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Validate)]
 #[serde(deny_unknown_fields, default)]
@@ -305,7 +284,7 @@ pub struct ProbeKeys {
 fn one() -> Real {
     1.0
 }
-fn centimetre() -> Real {
+pub(super) fn centimetre() -> Real {
     0.01
 }
 fn decimetre() -> [Real; 3] {
@@ -318,7 +297,7 @@ fn display_vertices() -> usize {
     2_500
 }
 fn one_ball() -> Vec<ToolKeys> {
-    vec![ToolKeys { name: "ball".into(), radius: centimetre(), length: 0.0, friction: 0.0 }]
+    vec![ToolKeys::ball("ball", centimetre())]
 }
 fn falling(spacings: &[Real], _: &()) -> garde::Result {
     let ordered = spacings.windows(2).all(|pair| pair[1] <= 0.8 * pair[0]);
@@ -350,14 +329,9 @@ impl Scene {
 
     /// The simulation's settings.
     pub fn settings(&self) -> Settings {
-        let tool = |keys: &ToolKeys| Tool {
-            name: keys.name.clone(),
-            shape: ToolShape { radius: keys.radius, length: keys.length },
-            friction: keys.friction,
-        };
         Settings {
             gravity: Vec3::from(self.world.gravity),
-            tools: self.tool.iter().map(tool).collect(),
+            tools: self.tool.iter().map(ToolKeys::tool).collect(),
             following: Following {
                 speed: self.safety.tool_speed,
                 engage_ticks: (self.safety.engage_time / TICK).ceil() as u32,

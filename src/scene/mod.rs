@@ -4,9 +4,11 @@
 //! A wrong key, a bad value or a bad mesh gets an error that names the file, the line and what to do.
 
 pub mod keys;
+pub mod tool_keys;
 
 pub use keys::Scene;
 
+use crate::contact::tool::Part;
 use crate::geometry::decimate::decimate;
 use crate::geometry::{MeshError, Surface, TetMesh, mesh_io, primitives};
 use crate::math::{Real, Vec3};
@@ -66,6 +68,18 @@ pub enum SceneError {
         path: PathBuf,
         /// Why.
         source: Box<MeshError>,
+    },
+    /// A file of a tool's shape that cannot be used.
+    #[error("{origin}: {key}: {}: {reason}", path.display())]
+    ToolFile {
+        /// File or bundled scene.
+        origin: String,
+        /// The key.
+        key: String,
+        /// The shape's file.
+        path: PathBuf,
+        /// Why.
+        reason: String,
     },
     /// A key that the source needs.
     #[error("{origin}: body.source = \"{source_name}\" needs {needs}")]
@@ -136,7 +150,9 @@ impl LoadedScene {
         } else {
             (override_keys(&text, &origin, overrides)?, format!("{origin} with --set"))
         };
-        Ok(Self { scene: parse(&text, &origin)?, origin, folder })
+        let mut scene = parse(&text, &origin)?;
+        load_tools(&mut scene, &origin, &folder)?;
+        Ok(Self { scene, origin, folder })
     }
 
     /// Builds the body; `progress` hears what is done next, and its place among how many.
@@ -226,15 +242,52 @@ const TOY_AREA: Real = 0.060;
 pub fn parse(text: &str, origin: &str) -> Result<Scene, SceneError> {
     let scene: Scene = toml::from_str(text)
         .map_err(|e| SceneError::Syntax { origin: origin.to_owned(), message: e.to_string().trim_end().to_owned() })?;
-    scene.validate().map_err(|report| {
-        let line = |path: &str| match line_of(text, path) {
-            Some(line) => format!("{origin}, line {line}: {path}"),
-            None => format!("{origin}: {path}"),
-        };
-        SceneError::Values(report.iter().map(|(path, e)| format!("{}: {e}", line(&path.to_string()))).collect())
-    })?;
+    let mut faults: Vec<(String, String)> = match scene.validate() {
+        Ok(()) => vec![],
+        Err(report) => report.iter().map(|(path, e)| (path.to_string(), e.to_string())).collect(),
+    };
+    // What belongs together is looked at once each value is in its range.
+    if faults.is_empty() {
+        scene.tool.iter().enumerate().for_each(|(i, tool)| tool.faults(&format!("tool[{i}]"), &mut faults));
+    }
+    let told = |(path, fault): &(String, String)| match line_of(text, path) {
+        Some(line) => format!("{origin}, line {line}: {path}: {fault}"),
+        None => format!("{origin}: {path}: {fault}"),
+    };
+    if !faults.is_empty() {
+        return Err(SceneError::Values(faults.iter().map(told).collect()));
+    }
     Ok(scene)
 }
+
+/// Puts the shapes in tools' files in their files' place.
+fn load_tools(scene: &mut Scene, origin: &str, folder: &Path) -> Result<(), SceneError> {
+    for (i, tool) in scene.tool.iter_mut().enumerate() {
+        tool.load_files(&format!("tool[{i}]"), |key, file, unit, rounding| {
+            let path = folder.join(file);
+            let failed = |reason: String| SceneError::ToolFile {
+                origin: origin.to_owned(),
+                key: format!("{key}.file"),
+                path: path.clone(),
+                reason,
+            };
+            let surface = mesh_io::read_surface(&path, unit).map_err(|e| failed(e.to_string()))?;
+            let hull = Part::convex(&surface.vertices, rounding);
+            let hull = hull.ok_or_else(|| failed("all its vertices lie in a plane".into()))?;
+            if hull.bounding_radius() > LARGEST_TOOL {
+                return Err(failed(format!(
+                    "reaches {:.3} m, a tool {LARGEST_TOOL} m at most",
+                    hull.bounding_radius()
+                )));
+            }
+            Ok(hull.corners().iter().map(|p| (*p).into()).collect())
+        })?;
+    }
+    Ok(())
+}
+
+/// How far a tool may reach from its reference point [m]: what scenes allow for points.
+const LARGEST_TOOL: Real = 1.0;
 
 /// Line (from 1) where the value of the dotted key `path` (with `[index]`) starts.
 fn line_of(text: &str, path: &str) -> Option<usize> {
@@ -322,6 +375,7 @@ mod tests {
             material: MaterialKeys { phi: None, psi: None, ..scene.material.clone() },
             resolution: ResolutionKeys { finest_level: None, ..scene.resolution.clone() },
             body: BodyKeys { file: None, files: vec![], unit: None, active_level: None, ..scene.body.clone() },
+            tool: vec![scene.tool[0].clone()],
             ..scene.clone()
         };
         assert_eq!(optional, minimal);
@@ -330,7 +384,9 @@ mod tests {
         for key in full.lines().filter_map(|l| l.split_once(" = ")).map(|(k, _)| k) {
             assert!(text.lines().any(|l| l.split_once(" = ").is_some_and(|(k, _)| k == key)), "{key}");
         }
-        for key in ["phi", "psi", "file", "files", "unit", "active_level", "finest_level", "stiffness"] {
+        for key in
+            ["phi", "psi", "file", "files", "unit", "active_level", "finest_level", "stiffness", "rounding", "points"]
+        {
             assert!(full.contains(&format!("{key} = ")), "the reference leaves out {key}");
         }
     }
@@ -350,6 +406,63 @@ mod tests {
             assert!(e.contains(part), "{e}");
         }
         assert!(e.contains("line 4: body.spacings") && e.contains("0.8 of the one before"), "{e}");
+    }
+
+    fn tools(text: &str) -> Result<Scene, SceneError> {
+        parse(&format!("name = \"x\"\n[body]\nsource = \"liver\"\n{text}"), "my.toml")
+    }
+
+    #[test]
+    fn shapes_that_contradict_themselves_are_named_by_key_and_line() {
+        let corners = "points = [[0,0,0],[1,0,0],[0,1,0],[0,0,1]]";
+        let flat = "points = [[0,0,0],[1,0,0],[0,1,0],[1,1,0]]";
+        for (text, key, why) in [
+            ("shape = \"ball\"\nlength = 0.1", "length", "capsule"),
+            ("shape = \"cylinder\"", "length", "needs one"),
+            ("shape = \"cylinder\"\nlength = 0.01\nrounding = 0.006", "rounding", "half its length"),
+            ("shape = \"convex\"", "points", "file"),
+            ("shape = \"convex\"\nfile = \"a.stl\"", "unit", "mm"),
+            (&format!("shape = \"convex\"\n{flat}"), "points", "plane"),
+            (&format!("shape = \"convex\"\n{corners}\nfile = \"a.stl\"\nunit = \"m\""), "file", "either"),
+            (corners, "points", "convex"),
+            ("rounding = 0.001", "rounding", "cylinder"),
+            ("shape = \"convex\"\npoints = [[0,0,2]]", "points[0][2]", "1"),
+            ("shape = \"compound\"", "part", "1 to 8"),
+            ("[[tool.part]]\nradius = 0.01", "part", "compound"),
+            ("shape = \"compound\"\n[[tool.part]]\nshape = \"compound\"", "part[0].shape", "capsule"),
+            ("shape = \"compound\"\n[[tool.part]]\norientation = [1,1,0,0]", "part[0].orientation", "quaternion"),
+            ("shape = \"compound\"\n[[tool.part]]\n[[tool.part]]\nradius = 1.0", "part[1].radius", "0.1"),
+        ] {
+            let e = tools(&format!("[[tool]]\nname = \"t\"\n{text}\n")).unwrap_err().to_string();
+            assert!(e.contains("my.toml, line ") && e.contains(&format!("tool[0].{key}: ")) && e.contains(why), "{e}");
+        }
+        let e = tools("[[tool]]\nname = \"t\"\nshape = \"cone\"\n").unwrap_err().to_string();
+        assert!(e.contains("line 6") && e.contains("cylinder"), "{e}");
+    }
+
+    #[test]
+    fn a_tool_from_a_file_is_in_the_scene_that_is_recorded() {
+        let folder = tempfile::tempdir().unwrap();
+        let obj = "v 0 0 0\nv 10 0 0\nv 0 10 0\nv 0 0 10\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n";
+        std::fs::write(folder.path().join("tip.obj"), obj).unwrap();
+        let path = folder.path().join("my.toml");
+        let text = |file: &str| {
+            format!(
+                "name = \"x\"\n[body]\nsource = \"liver\"\n[[tool]]\nname = \"t\"\nshape = \"compound\"\n[[tool.part]]\n\
+                 radius = 0.003\n[[tool.part]]\nshape = \"convex\"\nfile = \"{file}\"\nunit = \"mm\"\nposition = [0, 0, 0.1]\n"
+            )
+        };
+        std::fs::write(&path, text("tip.obj")).unwrap();
+        let loaded = LoadedScene::load(&path, &[]).unwrap();
+        let again = parse(&loaded.scene.to_toml(), "recorded").unwrap();
+        assert_eq!(again, loaded.scene);
+        assert_eq!(again.settings(), loaded.scene.settings());
+        let shape = &again.settings().tools[0].shape;
+        assert_eq!(shape.parts()[1].corners().len(), 4);
+        assert!((shape.bounding_radius() - 0.1105).abs() < 2e-3, "{}", shape.bounding_radius());
+        std::fs::write(&path, text("lost.obj")).unwrap();
+        let e = LoadedScene::load(&path, &[]).unwrap_err().to_string();
+        assert!(e.contains("my.toml: tool[0].part[1].file") && e.contains("lost.obj"), "{e}");
     }
 
     #[test]

@@ -3,6 +3,7 @@
 use super::{ServerError, Shared, lock, network, recorder};
 use crate::contact::tool::MOST_TOOLS;
 use crate::realtime::mailbox::Command;
+use crate::scene::tool_keys::ToolKind;
 use crate::simulation::{TICK, TICKS_PER_FRAME};
 use crate::wire;
 use palpate_proto::control_request::Request;
@@ -234,9 +235,15 @@ fn describe(shared: &Shared) -> proto::Session {
             .map(|(i, t)| proto::ToolDescription {
                 tool: i as u32,
                 name: t.name.clone(),
-                shape: if t.length > 0.0 { "capsule" } else { "ball" }.into(),
-                radius: t.radius,
-                length: t.length,
+                shape: t.kind().name().into(),
+                radius: match t.kind() {
+                    ToolKind::Convex | ToolKind::Compound => t.shape().bounding_radius(),
+                    ToolKind::Ball | ToolKind::Capsule | ToolKind::Cylinder => t.radius,
+                },
+                length: match t.kind() {
+                    ToolKind::Capsule | ToolKind::Cylinder => t.length,
+                    ToolKind::Ball | ToolKind::Convex | ToolKind::Compound => 0.0,
+                },
                 taken: shared.holders.taken(i),
             })
             .collect(),

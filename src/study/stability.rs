@@ -105,7 +105,7 @@ const MODULUS_FOR: Real = 109.0;
 fn settings() -> Settings {
     Settings {
         gravity: Vec3::zeros(),
-        tools: vec![Tool { name: "ball".into(), shape: Shape { radius: RADIUS, length: 0.0 }, friction: 0.0 }],
+        tools: vec![Tool { name: "ball".into(), shape: Shape::ball(RADIUS), friction: 0.0 }],
         following: Following { speed: 1.0, engage_ticks: 100 },
         limits: ForceLimits { force: 20.0, torque: 1.0, slew: 1000.0 },
         adaptivity: Some(Adaptivity::default()),

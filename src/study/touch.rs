@@ -72,7 +72,7 @@ struct Run {
 fn settings(radius: Real, adaptivity: Option<Adaptivity>) -> Settings {
     Settings {
         gravity: Vec3::zeros(),
-        tools: vec![Tool { name: "ball".into(), shape: Shape { radius, length: 0.0 }, friction: 0.0 }],
+        tools: vec![Tool { name: "ball".into(), shape: Shape::ball(radius), friction: 0.0 }],
         following: Following { speed: 1.0, engage_ticks: 1 },
         limits: ForceLimits { force: 1e3, torque: 1e2, slew: 1e9 },
         adaptivity,

@@ -31,8 +31,11 @@ fn body() -> Arc<Body> {
 }
 
 fn wild_settings() -> Settings {
-    let tool =
-        |name: &str, radius, length| Tool { name: name.into(), shape: ToolShape { radius, length }, friction: 0.0 };
+    let tool = |name: &str, radius, length| Tool {
+        name: name.into(),
+        shape: ToolShape::capsule(radius, length),
+        friction: 0.0,
+    };
     Settings {
         tools: vec![tool("ball", 0.01, 0.0), tool("rod", 0.005, 0.08), tool("tip", 0.001, 0.0)],
         limits: ForceLimits { force: 3.3, torque: 0.2, slew: 1000.0 },

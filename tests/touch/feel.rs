@@ -5,7 +5,7 @@ use super::*;
 // ---- What a press gives and takes ----
 
 /// A cube that nothing holds, under one tool.
-fn free_cube(shape: ToolShape, friction: Real) -> Setup {
+fn free_cube(shapes: &[ToolShape], friction: Real) -> Setup {
     let elastic = Material::from_young(1e4, 0.35, 1000.0);
     let recipe = Recipe {
         name: "free".into(),
@@ -16,36 +16,45 @@ fn free_cube(shape: ToolShape, friction: Real) -> Setup {
     };
     let settings = Settings {
         gravity: Vec3::zeros(),
-        tools: vec![Tool { name: "tool".into(), shape, friction }],
+        tools: shapes.iter().map(|shape| Tool { name: "tool".into(), shape: shape.clone(), friction }).collect(),
         following: Following { speed: 1.0, engage_ticks: 100 },
         limits: ForceLimits { force: 3.3, torque: 0.2, slew: 1000.0 },
         adaptivity: None,
         most_elements: usize::MAX,
     };
     let body = Arc::new(prepare(&recipe, &mut |_, _, _| {}).unwrap());
-    Setup { rest: Snapshot::at_rest(&body, 0, 1), body, settings }
+    Setup { rest: Snapshot::at_rest(&body, 0, shapes.len()), body, settings }
 }
 
 /// Largest error of the momentum balance over any tick, against the largest momentum, and largest error of the
 /// balance of angular momentum as a lever arm [m] of the force, against the way that the fastest node made in the tick.
-fn momentum_errors(shape: ToolShape, friction: Real, pose_at: impl Fn(Real) -> ToolEvent) -> (Real, Real) {
-    let mut free = simulation(&free_cube(shape, friction));
-    tick(&mut free, attach());
+pub(super) fn momentum_errors<const N: usize>(
+    shapes: [ToolShape; N],
+    friction: Real,
+    pose_at: impl Fn(Real) -> [ToolEvent; N],
+) -> (Real, Real) {
+    let mut free = simulation(&free_cube(&shapes, friction));
+    free.advance(&inputs(&[Some(attach()); N]));
     let (mut worst, mut most_momentum, mut worst_lever, mut pushed) = (0.0 as Real, 0.0 as Real, 0.0 as Real, 0);
     for i in 0..400 {
         let before = energy(free.body(), free.mesh(), Vec3::zeros());
-        let tool = tick(&mut free, pose_at(i as Real * TICK)).tools[0].state;
+        let tools: Vec<ToolState> =
+            free.advance(&inputs(&pose_at(i as Real * TICK).map(Some))).tools.iter().map(|t| t.state).collect();
         let after = energy(free.body(), free.mesh(), Vec3::zeros());
-        let given = tool.physical_force * TICK;
+        let given = tools.iter().map(|t| t.physical_force).sum::<Vec3>() * TICK;
+        let size = tools.iter().map(|t| t.physical_force.norm()).sum::<Real>() * TICK;
         worst = worst.max((after.linear_momentum - before.linear_momentum + given).norm());
         most_momentum = most_momentum.max(after.linear_momentum.norm());
-        if given.norm() > 1e-6 {
+        if tools.iter().all(|t| t.physical_force.norm() * TICK > 1e-6) {
             pushed += 1;
-            let middle = (tool.previous.position + tool.pose.position) * 0.5;
-            let moment = (tool.physical_torque + middle.cross(&tool.physical_force)) * TICK;
-            let error = (after.angular_momentum - before.angular_momentum + moment).norm();
+            let moment = |tool: &ToolState| {
+                let middle = (tool.previous.position + tool.pose.position) * 0.5;
+                (tool.physical_torque + middle.cross(&tool.physical_force)) * TICK
+            };
+            let moments = tools.iter().map(moment).sum::<Vec3>();
+            let error = (after.angular_momentum - before.angular_momentum + moments).norm();
             let way = fastest(&free) * TICK;
-            worst_lever = worst_lever.max(error / given.norm() / way);
+            worst_lever = worst_lever.max(error / size / way);
         }
     }
     assert!(pushed > 50, "pushed in {pushed} ticks only");
@@ -55,14 +64,14 @@ fn momentum_errors(shape: ToolShape, friction: Real, pose_at: impl Fn(Real) -> T
 #[test]
 fn what_the_tool_gets_the_body_loses_tick_by_tick() {
     let ball = |friction, sideways: Real| {
-        momentum_errors(ToolShape { radius: 0.02, length: 0.0 }, friction, |t| {
-            at(TOP + Vec3::new(0.02 - sideways * t, -0.01, 0.023 - 0.1 * t))
+        momentum_errors([ToolShape::ball(0.02)], friction, |t| {
+            [at(TOP + Vec3::new(0.02 - sideways * t, -0.01, 0.023 - 0.1 * t))]
         })
     };
     let (ball, rough) = (ball(0.0, 0.0), ball(0.4, 0.1));
-    let capsule = momentum_errors(ToolShape { radius: 0.008, length: 0.06 }, 0.0, |t| {
+    let capsule = momentum_errors([ToolShape::capsule(0.008, 0.06)], 0.0, |t| {
         let turned = normalized_quaternion([0.3 * t, 1.0, 0.1, 1.0 - t]).unwrap();
-        posed(TOP + Vec3::new(-0.03 + 0.05 * t, -0.01, 0.012 - 0.08 * t), turned)
+        [posed(TOP + Vec3::new(-0.03 + 0.05 * t, -0.01, 0.012 - 0.08 * t), turned)]
     });
     println!("linear: ball {:.1e}, rough {:.1e}, capsule {:.1e} of the momentum", ball.0, rough.0, capsule.0);
     println!(

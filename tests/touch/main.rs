@@ -25,6 +25,8 @@ mod endurance;
 mod feedback;
 mod feel;
 mod friction;
+mod shapes;
+mod tunnel;
 
 /// Edge of every body here [m].
 const SIDE: Real = 0.1;

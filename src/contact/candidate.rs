@@ -1,0 +1,443 @@
+//! Places of the display surface near a tool that may become constraints, and on which side of them the tool is.
+//!
+//! A tool comes from outside, so whatever is behind a sheet of the surface that it touched has sunk below it, and pushes it
+//! as before: what is remembered of each point tells the two apart, and where a thin tip slides on below the next
+//! triangle, it is followed.
+
+use super::detection::Touchable;
+use super::outside::is_inside;
+use super::shape::{MOST_PARTS, Posed};
+use crate::math::{Real, Vec3};
+use crate::model::constraint::PointMemory;
+
+/// A constraint in the making.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Candidate {
+    /// As [`Constraint::point`].
+    pub(super) point: u32,
+    /// Signed distance from the tool's surface [m].
+    pub(super) gap: Real,
+    pub(super) normal: Vec3,
+    /// The surface point [m].
+    pub(super) place: Vec3,
+    /// Number of the tool's part.
+    pub(super) part: u32,
+    /// Coordinates of the place of the part's core that it is measured from.
+    pub(super) core: Vec3,
+    pub(super) sheet: Sheet,
+    /// What is remembered of it: index into the memory.
+    pub(super) known: Option<u32>,
+    /// Display vertices and weights; one entry counts for a vertex.
+    pub(super) stencil: [(u32, Real); 3],
+    /// Surface area that the point stands for [m²].
+    pub(super) area: Real,
+}
+
+impl Candidate {
+    fn new(part: usize, side: Side, (place, stencil): (Vec3, [(u32, Real); 3]), area: Real) -> Self {
+        let Side { point, normal, gap, core, sheet } = side;
+        Self { point, gap, normal, place, part: part as u32, core, sheet, known: None, stencil, area }
+    }
+
+    /// The place of its triangle with other `weights` [m].
+    pub(super) fn at(&self, on: &Touchable, weights: [Real; 3]) -> Vec3 {
+        self.stencil.iter().zip(weights).map(|(s, w)| on.vertices[s.0 as usize] * w).sum()
+    }
+
+    pub(super) fn stencil(&self) -> &[(u32, Real)] {
+        stencil_of(&self.stencil)
+    }
+
+    /// True for a point of another place of the same sheet: their triangles or vertices meet.
+    fn meets(&self, other: &Candidate) -> bool {
+        self.stencil().iter().any(|(v, _)| other.stencil().iter().any(|(w, _)| v == w))
+    }
+
+    /// True for a place inside a triangle.
+    fn is_within(&self) -> bool {
+        self.stencil().len() == 3 && self.stencil.iter().all(|(_, w)| *w > ON_EDGE)
+    }
+}
+
+fn stencil_of(stencil: &[(u32, Real); 3]) -> &[(u32, Real)] {
+    if stencil[0].1 == 1.0 { &stencil[..1] } else { &stencil[..] }
+}
+
+/// Weight of a corner below which a place counts as on the edge opposite.
+const ON_EDGE: Real = 1e-3;
+
+/// On which side of its sheet of the surface a core is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Sheet {
+    /// Outside.
+    Front,
+    /// It came from outside and is behind the sheet now.
+    Sunk,
+    /// Behind a sheet that it did not touch so far: that of a far side, or one next to a sheet that it has sunk below.
+    Behind,
+    /// Not in front of a sheet that it did not touch so far, as beside an edge of the body.
+    Beside,
+    /// Not in front of a sheet that it touched: it has gone around an edge of the body, or through it there.
+    Turned,
+}
+
+/// A tool near a surface, and what it touched before.
+pub(super) struct Touch<'a> {
+    pub(super) parts: &'a [Posed<'a>],
+    /// Points with a gap up to this become constraints [m].
+    pub(super) margin: Real,
+    /// How deep the tool has sunk below what it touched [m].
+    pub(super) deep: Real,
+    pub(super) per_part: u32,
+    pub(super) memory: &'a [PointMemory],
+}
+
+/// How deep any core is behind any of the points that it touched at the last tick [m].
+pub(super) fn sunk_depth(on: &Touchable, parts: &[Posed], per_part: u32, memory: &[PointMemory]) -> Real {
+    let vertices = on.vertices.len() as u32;
+    let depth = |m: &PointMemory| {
+        let (part, point) = ((m.point / per_part) as usize, m.point % per_part);
+        let place = match point.checked_sub(vertices) {
+            None => on.vertices[point as usize],
+            Some(t) => {
+                let corners = on.body.surface().triangles[t as usize].map(|v| on.vertices[v as usize]);
+                corners[0] * m.weights[0] + corners[1] * m.weights[1] + corners[2] * m.weights[2]
+            }
+        };
+        let Some(at) = parts.get(part) else { return 0.0 };
+        let away = place - at.frame.at(at.nearest(place));
+        if away.dot(&m.normal) < 0.0 { away.norm() } else { 0.0 }
+    };
+    memory.iter().map(depth).fold(0.0, Real::max)
+}
+
+impl Touch<'_> {
+    /// Boxes around everything that each part may touch, grown by `more`.
+    pub(super) fn windows(&self, more: Real) -> [(Vec3, Vec3); MOST_PARTS] {
+        let mut windows = [(Vec3::zeros(), Vec3::zeros()); MOST_PARTS];
+        for (window, at) in windows.iter_mut().zip(self.parts) {
+            *window = at.window(at.part.radius() + self.margin + self.deep + more);
+        }
+        windows
+    }
+
+    /// Where part `part` touches the surface's `place`, which faces `outward`, or `None` where it is out of reach or its
+    /// sheet of the surface is not one that the tool pushes. `core`: coordinates of the core's nearest point; `base`: the
+    /// point's number on the first part.
+    ///
+    /// A point that was touched stays touched: should the core itself slip below the surface, the point is still pushed
+    /// the way it was, instead of being let go. A core that has come behind a sheet around its rim has not slipped: the
+    /// last normal did not point into that sheet.
+    fn side(
+        &self,
+        on: &Touchable,
+        (part, core): (usize, Vec3),
+        (place, outward): (Vec3, Vec3),
+        stencil: &[(u32, Real); 3],
+        base: u32,
+    ) -> Option<Side> {
+        let at = &self.parts[part];
+        let (from, radius) = (at.frame.at(core), at.part.radius());
+        let away = place - from;
+        let distance = away.norm();
+        if distance > radius + self.margin + self.deep {
+            return None;
+        }
+        let inside = distance <= 1e-9;
+        let normal = if inside { -outward.normalize() } else { away / distance };
+        let point = base + part as u32 * self.per_part;
+        let known = remembered(self.memory, point);
+        let turned = normal.dot(&outward) >= 0.0;
+        let behind = turned && is_behind(on, from, stencil_of(stencil));
+        let sheet = match known {
+            Some(m) if behind && m.normal.dot(&outward) < 0.0 => Sheet::Sunk,
+            // A thin tip that slides fast turns its normal, and so does one that is through an edge.
+            Some(m) if m.normal.dot(&normal) < 0.0 => Sheet::Turned,
+            _ if !turned => Sheet::Front,
+            Some(_) => Sheet::Turned,
+            None if behind => Sheet::Behind,
+            None => Sheet::Beside,
+        };
+        let front = matches!(sheet, Sheet::Front | Sheet::Turned);
+        let (normal, gap) = if front { (normal, distance - radius) } else { (-normal, -distance - radius) };
+        let side = Side { point, normal, gap, core, sheet };
+        let side = if inside || !front { pushed_out(at, place, side, known.filter(|_| inside)) } else { side };
+        Some(side).filter(|side| side.gap <= self.margin)
+    }
+}
+
+impl Touch<'_> {
+    /// How an axis is below a triangle, straight below it, and where on the triangle that is.
+    fn below(&self, part: usize, corners: &[Vec3; 3], outward: Vec3, base: u32) -> Option<(Side, Vec3)> {
+        let at = &self.parts[part];
+        let (place, core, depth) = at.below_triangle(corners, outward)?;
+        if depth > at.part.radius() + self.margin + self.deep {
+            return None;
+        }
+        let point = base + part as u32 * self.per_part;
+        let facing = remembered(self.memory, point).is_some_and(|m| m.normal.dot(&outward) < 0.0);
+        let sheet = if facing { Sheet::Sunk } else { Sheet::Behind };
+        Some((Side { point, normal: -outward.normalize(), gap: -depth - at.part.radius(), core, sheet }, place))
+    }
+}
+
+/// True when `p` is behind all triangles that meet in the place of the `stencil`: inside the body, if it is near.
+fn is_behind(on: &Touchable, p: Vec3, stencil: &[(u32, Real)]) -> bool {
+    let mut meeting = stencil.iter().filter(|(_, w)| *w > ON_EDGE).map(|s| s.0);
+    let Some(first) = meeting.next() else { return false };
+    on.body.triangles_around(first as usize).iter().all(|t| {
+        let triangle = &on.body.surface().triangles[*t as usize];
+        let meets = meeting.clone().all(|v| triangle.contains(&v));
+        !meets || area_vector(on, *t).dot(&(p - on.vertices[first as usize])) < 0.0
+    })
+}
+
+/// A core that has sunk below the surface somewhere has sunk below the sheets that meet there, too: else a thin tip would
+/// be lost at the next triangle. An axis that is inside the body, although nothing says how it got there, has come through the
+/// sheet that it is the least behind of. Of edges and corners only those nearest to it count.
+pub(super) fn follow_sunk(on: &Touchable, parts: &[Posed], deepest: Real, candidates: &mut Vec<Candidate>) {
+    spread(candidates);
+    for (part, at) in parts.iter().enumerate() {
+        let own = |c: &Candidate| c.part as usize == part;
+        // What gets inside of a solid core is pushed out anyway.
+        if at.is_solid() || candidates.iter().any(|c| own(c) && c.sheet == Sheet::Sunk) {
+            continue;
+        }
+        let mut nearest = (deepest, None);
+        for c in candidates.iter_mut().filter(|c| own(c)) {
+            let away = (c.place - at.frame.at(c.core)).norm();
+            if away < nearest.0 {
+                nearest = (away, Some(c));
+            }
+        }
+        let (away, Some(c)) = nearest else { continue };
+        let from = at.frame.at(c.core);
+        if away > 1e-9 && faces_away(on, c, from) && is_inside(on, from) {
+            if matches!(c.sheet, Sheet::Front | Sheet::Turned) {
+                (c.normal, c.gap) = (-c.normal, -away - at.part.radius());
+            }
+            c.sheet = Sheet::Sunk;
+            spread(candidates);
+        }
+    }
+    candidates.retain(|c| !matches!(c.sheet, Sheet::Behind | Sheet::Beside));
+    let mut i = 0;
+    while i < candidates.len() {
+        let c = candidates[i];
+        let better = |o: &Candidate| o.is_within() || o.gap > c.gap + 1e-9;
+        let nearer = |o: &Candidate| o.sheet == Sheet::Sunk && o.part == c.part && better(o) && o.meets(&c);
+        let same = |o: &Candidate| o.sheet == Sheet::Sunk && o.point == c.point;
+        let gives_way = match c.sheet {
+            Sheet::Sunk => !c.is_within() && candidates.iter().any(nearer),
+            _ => candidates.iter().any(same),
+        };
+        if gives_way {
+            candidates.remove(i);
+        } else {
+            i += 1;
+        }
+    }
+}
+
+/// True when `from`, to which the candidate is the nearest place, is behind the surface there, as far as the triangles
+/// around the place can tell: the one that faces it the most decides.
+fn faces_away(on: &Touchable, c: &Candidate, from: Vec3) -> bool {
+    let mut meeting = c.stencil().iter().filter(|(_, w)| *w > ON_EDGE).map(|s| s.0);
+    let Some(first) = meeting.next() else { return false };
+    let mut most = 0.0 as Real;
+    for &t in on.body.triangles_around(first as usize) {
+        let outward = area_vector(on, t);
+        let size = outward.norm();
+        if size > 0.0 && meeting.clone().all(|v| on.body.surface().triangles[t as usize].contains(&v)) {
+            let facing = outward.dot(&(from - c.place)) / size;
+            most = if facing.abs() > most.abs() { facing } else { most };
+        }
+    }
+    most < 0.0
+}
+
+/// From sheets that a core has sunk below to those that meet them.
+fn spread(candidates: &mut [Candidate]) {
+    for _ in 0..FOLLOWED {
+        let mut more = false;
+        for i in 0..candidates.len() {
+            let c = candidates[i];
+            let follows = |o: &Candidate| {
+                o.sheet == Sheet::Sunk && o.part == c.part && o.meets(&c) && o.normal.dot(&c.normal) > 0.0
+            };
+            if c.sheet == Sheet::Behind && candidates.iter().any(follows) {
+                candidates[i].sheet = Sheet::Sunk;
+                more = true;
+            }
+        }
+        if !more {
+            break;
+        }
+    }
+}
+
+/// Rings of triangles around the sunk ones of the last tick that are followed in one tick.
+const FOLLOWED: usize = 3;
+
+/// How a part of a tool touches a point of the surface.
+#[derive(Clone, Copy, Debug)]
+struct Side {
+    /// As [`Constraint::point`].
+    point: u32,
+    normal: Vec3,
+    /// [m].
+    gap: Real,
+    /// Coordinates of the core's point.
+    core: Vec3,
+    sheet: Sheet,
+}
+
+/// A place inside of a solid core, or past it, is pushed out all the way, along `known`'s normal where there is one.
+fn pushed_out(at: &Posed, place: Vec3, side: Side, known: Option<&PointMemory>) -> Side {
+    let normal = known.map_or(side.normal, |m| m.normal);
+    match at.exit(place, normal) {
+        Some((core, way)) => Side { normal, core, gap: -way - at.part.radius(), ..side },
+        None => side,
+    }
+}
+
+pub(super) fn is_in((low, high): &(Vec3, Vec3), p: &Vec3) -> bool {
+    (p.x >= low.x) & (p.x <= high.x) & (p.y >= low.y) & (p.y <= high.y) & (p.z >= low.z) & (p.z <= high.z)
+}
+
+fn remembered(memory: &[PointMemory], point: u32) -> Option<&PointMemory> {
+    memory.binary_search_by_key(&point, |m| m.point).ok().map(|i| &memory[i])
+}
+
+/// Outward area vector of display triangle `t`, twice its area long [m²].
+pub(super) fn area_vector(on: &Touchable, t: u32) -> Vec3 {
+    let [a, b, c] = on.body.surface().triangles[t as usize].map(|v| on.vertices[v as usize]);
+    (b - a).cross(&(c - a))
+}
+
+/// Part of the surface's area that vertices stand for; the rest is that of points inside triangles.
+const VERTEX_SHARE: Real = 0.5;
+
+/// Part nearest to `place`, coordinates of its core's nearest point there, and its distance [m], less that of its surface
+/// from its core.
+fn nearest_part(parts: &[Posed], place: Vec3) -> (usize, Vec3, Real) {
+    let mut best = (0, Vec3::zeros(), Real::INFINITY);
+    for (i, at) in parts.iter().enumerate() {
+        let core = at.nearest(place);
+        let gap = (place - at.frame.at(core)).norm() - at.part.radius();
+        if gap < best.2 {
+            best = (i, core, gap);
+        }
+    }
+    best
+}
+
+/// Adds to the list what there is room for: a tick allocates nothing.
+fn put(out: &mut Vec<Candidate>, candidate: Candidate) {
+    if out.len() < out.capacity() {
+        out.push(candidate);
+    }
+}
+
+pub(super) fn near_vertices(on: &Touchable, touch: &Touch, near: &[u32], out: &mut Vec<Candidate>) {
+    let windows = touch.windows(0.0);
+    for &v in near {
+        let place = on.vertices[v as usize];
+        if !windows[..touch.parts.len()].iter().any(|w| is_in(w, &place)) {
+            continue;
+        }
+        let (part, core) = match touch.parts {
+            [at] => (0, at.nearest(place)),
+            parts => {
+                let (part, core, _) = nearest_part(parts, place);
+                (part, core)
+            }
+        };
+        let outward: Vec3 = on.body.triangles_around(v as usize).iter().map(|t| area_vector(on, *t)).sum();
+        let stencil = [(v, 1.0), (0, 0.0), (0, 0.0)];
+        if let Some(side) = touch.side(on, (part, core), (place, outward), &stencil, v) {
+            let area = VERTEX_SHARE * on.body.vertex_area()[v as usize];
+            put(out, Candidate::new(part, side, (place, stencil), area));
+        }
+    }
+}
+
+/// Points inside triangles: between three vertices the surface could otherwise pass through the tool unfelt. Each part
+/// that is the nearest somewhere in a triangle has a point of its own there, and they share the area.
+pub(super) fn near_triangles(
+    on: &Touchable,
+    touch: &Touch,
+    near: &[u32],
+    (seen, turn): (&mut [u32], u32),
+    out: &mut Vec<Candidate>,
+) {
+    let windows = touch.windows(0.0);
+    let first = on.vertices.len() as u32;
+    let around = near.iter().flat_map(|v| on.body.triangles_around(*v as usize));
+    for &t in around {
+        if std::mem::replace(&mut seen[t as usize], turn) == turn {
+            continue;
+        }
+        let triangle = &on.body.surface().triangles[t as usize];
+        let corners = triangle.map(|v| on.vertices[v as usize]);
+        let found = out.len();
+        for (part, at) in touch.parts.iter().enumerate() {
+            if is_apart(&corners, &windows[part]) {
+                continue;
+            }
+            let outward = area_vector(on, t);
+            let known = remembered(touch.memory, first + t + part as u32 * touch.per_part);
+            let below = touch.below(part, &corners, outward, first + t).and_then(|(side, place)| {
+                let weights = weights_in_triangle(&corners, place)?;
+                let area = (1.0 - VERTEX_SHARE) * 0.5 * outward.norm();
+                Some(Candidate::new(part, side, (place, std::array::from_fn(|i| (triangle[i], weights[i]))), area))
+            });
+            if let Some(below) = below.filter(|c| c.sheet == Sheet::Sunk) {
+                put(out, below);
+                continue;
+            }
+            let (place, core) = at.nearest_in_triangle(&corners, known.map_or(-outward, |m| m.normal));
+            let Some(weights) = weights_in_triangle(&corners, place) else { continue };
+            // A corner is a point of its own already.
+            if weights.iter().any(|w| *w > 0.999) {
+                below.into_iter().for_each(|c| put(out, c));
+                continue;
+            }
+            let place = corners[0] * weights[0] + corners[1] * weights[1] + corners[2] * weights[2];
+            let core = core.unwrap_or_else(|| at.nearest(place));
+            if touch.parts.len() > 1 && nearest_part(touch.parts, place).0 != part {
+                continue;
+            }
+            let stencil = std::array::from_fn(|i| (triangle[i], weights[i]));
+            let side = touch.side(on, (part, core), (place, outward), &stencil, first + t);
+            let area = (1.0 - VERTEX_SHARE) * 0.5 * outward.norm();
+            let side =
+                side.filter(|s| matches!(s.sheet, Sheet::Front | Sheet::Sunk | Sheet::Turned) || below.is_none());
+            let side = side.map(|s| Candidate::new(part, s, (place, stencil), area));
+            side.into_iter().chain(below).for_each(|c| put(out, c));
+        }
+        if touch.parts.len() > 1 && out.len() > found + 1 {
+            let sharing = (out.len() - found) as Real;
+            out[found..].iter_mut().for_each(|c| c.area /= sharing);
+        }
+    }
+}
+
+/// True when the triangle lies wholly beyond one face of the box.
+pub(super) fn is_apart(corners: &[Vec3; 3], (low, high): &(Vec3, Vec3)) -> bool {
+    (0..3).any(|c| corners.iter().all(|p| p[c] < low[c]) || corners.iter().all(|p| p[c] > high[c]))
+}
+
+/// Barycentric weights of the triangle's place `p`; `None` for a collapsed triangle.
+pub(super) fn weights_in_triangle(corners: &[Vec3; 3], p: Vec3) -> Option<[Real; 3]> {
+    let (e1, e2, d) = (corners[1] - corners[0], corners[2] - corners[0], p - corners[0]);
+    let (a, b, c) = (e1.norm_squared(), e1.dot(&e2), e2.norm_squared());
+    let det = a * c - b * b;
+    #[expect(clippy::neg_cmp_op_on_partial_ord, reason = "NaN, too, must leave here")]
+    if !(det > 0.0) {
+        return None;
+    }
+    let (r, s) = (e1.dot(&d), e2.dot(&d));
+    let (w1, w2) = ((c * r - b * s) / det, (a * s - b * r) / det);
+    Some([1.0 - w1 - w2, w1, w2])
+}

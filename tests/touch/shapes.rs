@@ -1,0 +1,210 @@
+//! Tools that are no balls: cylinders, convex hulls and several parts at once.
+
+use super::feel::momentum_errors;
+use super::*;
+use palpate::contact::tool::Part;
+
+/// A box with the least corner `low` [m].
+fn block(low: Vec3, size: Vec3, rounding: Real) -> Part {
+    let corners: Vec<Vec3> =
+        (0..8).map(|i| low + Vec3::from_fn(|c, _| if i >> c & 1 == 0 { 0.0 } else { size[c] })).collect();
+    Part::convex(&corners, rounding).unwrap()
+}
+
+/// Two jaws that gape `wide` at their tips, along x, and nearly close 40 mm above; the reference point is between the tips.
+fn forceps(wide: Real) -> ToolShape {
+    let jaw = |side: Real| {
+        let half = 0.5 * wide * side;
+        let out = Vec3::x() * (0.004 * side);
+        let (tip, hinge) = (Vec3::new(half, 0.0, 0.0), Vec3::new(0.001 * side, 0.0, 0.04));
+        let across = Vec3::y() * 0.006;
+        let corners = [tip - across, tip + across, tip + out - across, tip + out + across].into_iter().chain([
+            hinge - across,
+            hinge + across,
+            hinge + out - across,
+            hinge + out + across,
+        ]);
+        Part::convex(&corners.collect::<Vec<_>>(), 0.001).unwrap()
+    };
+    let handle = Part::cylinder(0.004, 0.05, 0.001).at(Pose { position: Vec3::new(0.0, 0.0, 0.04), ..Pose::default() });
+    ToolShape::compound(vec![jaw(-1.0), jaw(1.0), handle]).unwrap()
+}
+
+fn quaternion(axis: Vec3, angle: Real) -> [Real; 4] {
+    let v = axis.normalize() * (0.5 * angle).sin();
+    [v.x, v.y, v.z, (0.5 * angle).cos()]
+}
+
+/// Lowers the only tool by `depth` within 0.3 s, `way(depth)` being its pose, holds it for 0.2 s and gives its force in
+/// every tick, the torque at the end, and the contact points at the end.
+fn lowered(cube: &Setup, depth: Real, way: impl Fn(Real) -> ToolEvent) -> (Vec<Vec3>, Vec3, u32) {
+    let mut press = simulation(cube);
+    tick(&mut press, attach());
+    let mut forces = Vec::new();
+    let (mut torque, mut points) = (Vec3::zeros(), 0);
+    for i in 0..500 {
+        let down = -0.002 + (depth + 0.002) * ease(Real::from(i) * TICK, 0.0, 0.3);
+        let tool = tick(&mut press, way(down)).tools[0];
+        (torque, points) = (tool.state.physical_torque, tool.contact_points);
+        assert!(is_finite(&tool.state.physical_force) && is_finite(&torque));
+        forces.push(tool.state.physical_force);
+    }
+    (forces, torque, points)
+}
+
+fn with_shape(shape: ToolShape, overrides: &[&str]) -> Setup {
+    let mut cube = cube(&[&["material.damping_time=0.01"], overrides].concat());
+    cube.settings.tools[0].shape = shape;
+    cube
+}
+
+#[test]
+fn a_flat_end_feels_its_force_in_its_middle_and_quietly() {
+    for (name, shape) in [
+        ("cylinder", ToolShape::from(Part::cylinder(0.012, 0.03, 0.001))),
+        ("block", block(Vec3::new(-0.01, -0.01, 0.0), Vec3::new(0.02, 0.02, 0.03), 0.001).into()),
+    ] {
+        let rounding = if name == "block" { 0.001 } else { 0.0 };
+        let cube = with_shape(shape, &[]);
+        let (forces, torque, points) = lowered(&cube, 0.004, |down| at(TOP + Vec3::z() * (rounding - down)));
+        let held = forces[499];
+        let noise = forces[400..].windows(2).map(|f| (f[1] - f[0]).norm()).fold(0.0, Real::max);
+        println!(
+            "{name}: {:.3} N on {points} points, sideways {:.1e}, arm {:.2} mm, {noise:.1e} N from tick to tick",
+            held.z,
+            held.xy().norm() / held.z,
+            1e3 * torque.norm() / held.z
+        );
+        assert!(held.z > 0.5 && held.xy().norm() < 0.03 * held.z && points >= 4);
+        // The display's triangles are larger than the tool, and all cut the same way.
+        assert!(torque.norm() < 2.5e-3 * held.z, "{torque:?}");
+        assert!(noise < 5e-3 * held.z, "{noise} N");
+    }
+}
+
+#[test]
+fn a_rim_and_an_edge_are_felt_inside_a_triangle_and_across_an_edge_of_the_surface() {
+    // Display vertices stand every 25 mm: both the rim and the edge are shorter than a triangle.
+    let coarse = ["body.cells=[[4,4,4]]", "body.active_level=0"];
+    let inside = TOP + Vec3::new(0.008, 0.016, 0.0);
+    let across = TOP + Vec3::new(0.0125, 0.0, 0.0);
+    let rounding = 0.0005;
+    let rim = ToolShape::from(Part::cylinder(0.006, 0.02, rounding));
+    let edge = ToolShape::from(block(Vec3::new(-0.004, 0.0, 0.0), Vec3::new(0.008, 0.01, 0.01), rounding));
+    for (place_name, place) in [("inside", inside), ("across an edge", across)] {
+        for (name, shape, turned, lift) in [
+            // Tilted by 45°, the lowest place of the rim's core is this far below the reference point.
+            ("rim", &rim, quaternion(Vec3::y(), 0.25 * std::f64::consts::PI), (0.0055 - rounding) * 0.5f64.sqrt()),
+            // Stands on its edge along x.
+            ("edge", &edge, quaternion(Vec3::x(), 0.25 * std::f64::consts::PI), 0.0),
+        ] {
+            let cube = with_shape(shape.clone(), &coarse);
+            let (forces, _, points) =
+                lowered(&cube, 0.003, |down| posed(place + Vec3::z() * (lift + rounding - down), turned));
+            let first = forces.iter().position(|f| f.z > 1e-3).unwrap();
+            let held = forces[400..].iter().map(|f| f.z).sum::<Real>() / 100.0;
+            let most = forces[400..].iter().map(|f| (f.z / held - 1.0).abs()).fold(0.0, Real::max);
+            let down = -0.002 + 0.005 * ease(first as Real * TICK, 0.0, 0.3);
+            println!(
+                "{name} {place_name}: felt from {:.2} mm on, {held:.3} N at 3 mm on {points} points, within {:.0} %",
+                down * 1e3,
+                most * 1e2
+            );
+            assert!(points > 0 && held > 0.1, "{name} {place_name}");
+            assert!(down > -0.3e-3 && down < 0.3e-3, "{name} {place_name}: felt at {down} m");
+        }
+    }
+}
+
+#[test]
+fn two_jaws_squeeze_a_fold_with_opposite_forces() {
+    // A fold 16 mm thick, held at its foot; forceps whose tips gape 24 mm come down over it.
+    let fold = [
+        "body.size=[0.016,0.06,0.05]",
+        "body.cells=[[2,8,6],[4,16,12]]",
+        "hold=[{min=[0,0,0],max=[1,1,0],exact=true}]",
+    ];
+    let cube = with_shape(forceps(0.024), &fold);
+    let top = Vec3::new(0.008, 0.03, 0.05);
+    let per_part = palpate::contact::detection::points_of_a_part(&cube.body);
+    let mut press = simulation(&cube);
+    tick(&mut press, attach());
+    let mut jaws = [Vec3::zeros(); 3];
+    let mut total = Vec3::zeros();
+    for i in 0..900 {
+        let height = 0.002 - 0.024 * ease(Real::from(i) * TICK, 0.0, 0.6);
+        let tool = tick(&mut press, at(top + Vec3::z() * height)).tools[0];
+        assert!(is_finite(&tool.state.physical_force));
+        total = tool.state.physical_force;
+        jaws = [Vec3::zeros(); 3];
+        for p in &press.snapshot().points[0] {
+            jaws[(p.point / per_part) as usize] -= p.normal * p.multiplier;
+        }
+    }
+    println!(
+        "jaws {:.3?} and {:.3?} N, handle {:.3?}, in all {total:.3?}",
+        jaws[0].as_slice(),
+        jaws[1].as_slice(),
+        jaws[2].as_slice()
+    );
+    assert!(jaws[0].x < -0.2 && jaws[1].x > 0.2, "both are pushed outward");
+    assert!((jaws[0].x + jaws[1].x).abs() < 0.05 * jaws[1].x);
+    assert!((jaws.iter().sum::<Vec3>() - total).norm() < 0.05 * jaws[1].x);
+}
+
+#[test]
+fn what_tools_of_other_shapes_get_the_body_loses_tick_by_tick() {
+    // Forceps with both tips on the free cube; a cylinder and a block in one body.
+    let pinch = momentum_errors([forceps(0.03)], 0.3, |t| {
+        let turned = quaternion(Vec3::new(0.2, 1.0, 0.0), 0.1 + 0.2 * t);
+        [posed(TOP + Vec3::new(-0.02 * t, 0.0, 0.006 - 0.08 * t), turned)]
+    });
+    let cylinder = Part::cylinder(0.01, 0.04, 0.001).into();
+    let block = block(Vec3::repeat(-0.01), Vec3::repeat(0.02), 0.001).into();
+    let two = momentum_errors([cylinder, block], 0.3, |t| {
+        let turned = quaternion(Vec3::new(1.0, 0.3, 0.0), 0.5 - t);
+        [
+            posed(TOP + Vec3::new(0.01, 0.0, 0.012 - 0.08 * t), turned),
+            posed(Vec3::new(-0.02 + 0.08 * t, 0.05, 0.05), turned),
+        ]
+    });
+    println!("linear {:.1e} and {:.1e} of the momentum, angular {:.1e} and {:.1e}", pinch.0, two.0, pinch.1, two.1);
+    // The lever arm counts against the force of the whole tool, and what its jaws do to each other adds nothing to that.
+    for ((linear, angular), most) in [(pinch, 1.5), (two, 0.5)] {
+        assert!(linear <= 1e-12 && angular <= most);
+    }
+}
+
+/// How far the force of a ball of 10 mm that slides 3 mm deep over 30 mm of the top gets from its mean, over the mean.
+fn sliding(cube: &Setup) -> Real {
+    let radius = 0.01;
+    let mut slide = simulation(cube);
+    tick(&mut slide, attach());
+    let mut forces = Vec::new();
+    for i in 0..2100 {
+        let t = Real::from(i) * TICK;
+        let way = 0.03 * ((t - 0.6) / 1.5).clamp(0.0, 1.0) - 0.015;
+        let height = radius + 5e-4 - 3.5e-3 * ease(t, 0.0, 0.3);
+        let force = tick(&mut slide, at(TOP + Vec3::new(way, 0.003, height))).tools[0].state.physical_force;
+        if i > 600 {
+            forces.push(force.z);
+        }
+    }
+    let mean = forces.iter().sum::<Real>() / forces.len() as Real;
+    forces.iter().map(|f| (f / mean - 1.0).abs()).fold(0.0, Real::max)
+}
+
+#[test]
+fn a_ball_that_slides_at_constant_depth_keeps_its_force_as_well_as_the_mesh_can() {
+    let ball = ["tool.radius=0.01", "material.damping_time=0.01"];
+    let with = |more: &[&str]| scene(&[&ball, more].concat());
+    // What is left repeats with the elements under the ball, not with the triangles that are displayed.
+    for (name, cube, most) in [
+        ("uniform 12.5 mm", with(&["body.cells=[[4,4,4],[8,8,8]]", "body.active_level=1"]), 0.05),
+        ("adaptive, 25 to 6.3 mm", with(&["body.cells=[[4,4,4],[8,8,8],[16,16,16]]"]), 0.2),
+    ] {
+        let away = sliding(&cube);
+        println!("{name}: within {:.1} % of the mean", 1e2 * away);
+        assert!(away < most, "{name}: {away}");
+    }
+}
