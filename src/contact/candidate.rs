@@ -195,8 +195,10 @@ fn is_behind(on: &Touchable, p: Vec3, stencil: &[(u32, Real)]) -> bool {
 /// A core that has sunk below the surface somewhere has sunk below the sheets that meet there, too: else a thin tip would
 /// be lost at the next triangle. An axis that is inside the body, although nothing says how it got there, has come through the
 /// sheet that it is the least behind of. Of edges and corners only those nearest to it count.
+///
+/// That holds down to `deepest` [m] only: a surface that still clung to a tool deep inside would be turned inside out by it.
 pub(super) fn follow_sunk(on: &Touchable, parts: &[Posed], deepest: Real, candidates: &mut Vec<Candidate>) {
-    spread(candidates);
+    spread(deepest, candidates);
     for (part, at) in parts.iter().enumerate() {
         let own = |c: &Candidate| c.part as usize == part;
         // What gets inside of a solid core is pushed out anyway.
@@ -217,7 +219,7 @@ pub(super) fn follow_sunk(on: &Touchable, parts: &[Posed], deepest: Real, candid
                 (c.normal, c.gap) = (-c.normal, -away - at.part.radius());
             }
             c.sheet = Sheet::Sunk;
-            spread(candidates);
+            spread(deepest, candidates);
         }
     }
     candidates.retain(|c| !matches!(c.sheet, Sheet::Behind | Sheet::Beside));
@@ -256,8 +258,9 @@ fn faces_away(on: &Touchable, c: &Candidate, from: Vec3) -> bool {
     most < 0.0
 }
 
-/// From sheets that a core has sunk below to those that meet them.
-fn spread(candidates: &mut [Candidate]) {
+/// From sheets that a core has sunk below to those that meet them, which the part's far side is no more than `deepest` [m]
+/// behind.
+fn spread(deepest: Real, candidates: &mut [Candidate]) {
     for _ in 0..FOLLOWED {
         let mut more = false;
         for i in 0..candidates.len() {
@@ -265,7 +268,7 @@ fn spread(candidates: &mut [Candidate]) {
             let follows = |o: &Candidate| {
                 o.sheet == Sheet::Sunk && o.part == c.part && o.meets(&c) && o.normal.dot(&c.normal) > 0.0
             };
-            if c.sheet == Sheet::Behind && candidates.iter().any(follows) {
+            if c.sheet == Sheet::Behind && c.gap > -deepest && candidates.iter().any(follows) {
                 candidates[i].sheet = Sheet::Sunk;
                 more = true;
             }
