@@ -14,6 +14,7 @@ use crate::contact::shape::{MOST_PARTS, Part};
 use crate::contact::tool::{Following, MOST_POINTS, MOST_TOOLS, Phase, Tool, ToolEvent, ToolState};
 use crate::contact::wrench::{self, Wrench};
 use crate::math::{Real, Vec3};
+use crate::model::active_mesh::Loads;
 use crate::model::constraint::PointMemory;
 use crate::model::element_kernel::{Extremes, Path};
 pub use crate::model::step_class::TICK;
@@ -341,11 +342,11 @@ impl Simulation {
         }
     }
 
-    /// Where the tools touch now, standing still, and the body: for questions about a copy.
-    pub fn contacts(&mut self) -> (&mut ActiveMesh, &[Constraint]) {
+    /// The body, where the tools touch it, standing still, and its display vertices [m]: for questions about a copy.
+    pub fn contacts(&mut self) -> (&mut ActiveMesh, &[Constraint], &[Vec3]) {
         self.tools.iter_mut().for_each(|tool| tool.previous = tool.pose);
         self.find_contacts();
-        (&mut self.mesh, &self.constraints)
+        (&mut self.mesh, &self.constraints, &self.vertices)
     }
 
     /// One tick.
@@ -413,8 +414,9 @@ impl Simulation {
             let contacts = self.points.iter().map(Vec::len).sum();
             let allowed = (i64::from(budget) + self.credit).clamp(0, i64::from(u32::MAX)) as u32;
             let means = Means { budget, allowed, contacts };
+            let loads = Loads { points: &self.points, gravity: self.settings.gravity };
             self.outputs.adapted =
-                adaptation::adapt(body, mesh, adaptivity, &self.focus, &means, ticks, &mut self.adaptation);
+                adaptation::adapt(body, mesh, adaptivity, &self.focus, (&means, &loads), ticks, &mut self.adaptation);
             if self.outputs.adapted.work > 0 {
                 self.settle_tools();
             }

@@ -6,12 +6,14 @@
 pub mod indicator;
 
 use crate::math::{Real, Vec3};
-use crate::model::active_mesh::Upkeep;
+use crate::model::active_mesh::{Loads, Upkeep};
 use crate::model::active_set::Change;
 use crate::model::element_pool::CLASSES;
 use crate::model::step_class::{self, Strained};
 use crate::model::{ActiveMesh, Body};
-use crate::stepping::work::{self, BATCH_UPKEEP, CHANGE_UPKEEP, ELEMENT_UPKEEP, ROW_UPKEEP, SHED_UPKEEP};
+use crate::stepping::work::{
+    self, BATCH_UPKEEP, CHANGE_UPKEEP, EASE_UPKEEP, EASED_CHANGE, ELEMENT_UPKEEP, ROW_UPKEEP, SHED_UPKEEP,
+};
 
 /// When to refine and to coarsen.
 #[derive(Clone, Debug, PartialEq)]
@@ -127,13 +129,13 @@ pub struct Means {
     pub contacts: usize,
 }
 
-/// Decides what to change after `ticks` completed ticks, with tools in `focus`, and has it done.
+/// Decides what to change after `ticks` completed ticks, with tools in `focus`, while `loads` act on the body, and has it done.
 pub fn adapt(
     body: &Body,
     mesh: &mut ActiveMesh,
     adaptivity: &Adaptivity,
     focus: &[Focus],
-    means: &Means,
+    (means, loads): (&Means, &Loads),
     ticks: u64,
     work: &mut Workspace,
 ) -> Adapted {
@@ -146,7 +148,11 @@ pub fn adapt(
     let (budget, load) = (means.budget, work::of_tick(mesh, means.contacts));
     let full = (u64::from(budget) * u64::from(FILLED) / 16) as u32;
     let look = Look { body, adaptivity, focus };
-    if load > budget {
+    let shedding = load > budget;
+    // Under a tool, what changes put out of balance is eased; a body that has too much to do cannot afford that.
+    let eases = !shedding && loads.points.iter().flatten().any(|p| p.multiplier > 0.0);
+    let each = CHANGE_UPKEEP + if eases { EASED_CHANGE } else { 0 };
+    if shedding {
         // Before it moves again the body sheds what is too much, in batches as large as may be: they share the rows that
         // they make, so few large ones take less than many small ones, even if they have to be saved up for.
         look.spare_families(mesh, 0, 1, Real::INFINITY, &mut work.spare);
@@ -156,25 +162,26 @@ pub fn adapt(
             return Adapted { saving: true, ..Adapted::default() };
         }
     } else {
-        let upkeep = means.allowed.saturating_sub(load).min((budget / UPKEEP_PART).max(BATCH_UPKEEP + CHANGE_UPKEEP));
+        let upkeep = means.allowed.saturating_sub(load).min((budget / UPKEEP_PART).max(BATCH_UPKEEP + each));
         look.wanted_nodes(mesh, ticks, work.finest, &mut work.wanted);
-        plan_splits(&look, mesh, most_changes(upkeep, CHANGE_UPKEEP), full.saturating_sub(load), work);
+        plan_splits(&look, mesh, most_changes(upkeep, each), full.saturating_sub(load), work);
         if work.changes.is_empty() {
             // What is wanted and does not fit may take the place of what is worth less.
             let limit = work.wanted.first().map_or(adaptivity.merge, |w| 0.5 * w.0);
             look.spare_families(mesh, ticks % INDICATOR_TICKS, INDICATOR_TICKS, limit, &mut work.spare);
-            plan_merges(body, mesh, most_changes(upkeep, CHANGE_UPKEEP), u32::MAX, work);
+            plan_merges(body, mesh, most_changes(upkeep, each), u32::MAX, work);
         }
     }
     if work.changes.is_empty() {
         return Adapted::default();
     }
-    let Upkeep { elements, rows } = mesh.apply(body, &work.changes);
+    let Upkeep { elements, rows, eased } =
+        if eases { mesh.apply_under(body, &work.changes, loads) } else { mesh.apply(body, &work.changes) };
     let splits = work.changes.iter().filter(|c| matches!(c, Change::Split(_))).count() as u32;
     Adapted {
         splits,
         merges: work.changes.len() as u32 - splits,
-        work: BATCH_UPKEEP + elements * ELEMENT_UPKEEP + rows * ROW_UPKEEP,
+        work: BATCH_UPKEEP + elements * ELEMENT_UPKEEP + rows * ROW_UPKEEP + eased * EASE_UPKEEP,
         saving: false,
     }
 }

@@ -145,13 +145,15 @@ pub fn detect(
         let part = all[candidate.part as usize].part;
         let (radius, most_dent) = (part.radius(), MOST_DENT * part.half_thickness());
         let (row, fade) = skin::row(on.mesh, candidate.stencil());
+        let known = candidate.known.map(|k| &memory[k as usize]);
         let share = row.entries().iter().map(|(_, b)| b * b).sum::<Real>() / MEAN_SQUARE;
+        // Where the resolution has changed it is another all at once.
+        let share = known.map_or(share, |m| m.share + SHARE_FOLLOWED * (share - m.share));
         let mut compliance = [0.0; MOST_POINTS];
         for (j, (g, other)) in compliance.iter_mut().zip(&work.loads).enumerate() {
             *g = half_space * if i == j { other.own(share) } else { work.loads[i].from(other) };
         }
         let moved = n.dot(&(end - start));
-        let known = candidate.known.map(|k| &memory[k as usize]);
         // Overlap at the start of the tick that neither the last multiplier nor the last slack explains: a tool that
         // came too fast, a body that stood still meanwhile, a point just found. It is closed gradually.
         let soft: Real = compliance.iter().zip(&work.loads).map(|(g, other)| g * other.multiplier).sum();
@@ -203,6 +205,7 @@ pub fn detect(
             // What the solve changes is written back after it.
             multiplier: 0.0,
             slack: slack_end,
+            share,
             normal: n,
             tangential,
             anchor,
@@ -320,6 +323,8 @@ impl Load {
     }
 }
 
+/// Part of the way to what the mesh shows now that a point's compliance goes in a tick.
+const SHARE_FOLLOWED: Real = 0.05;
 /// Mean `Σ b²` of surface points.
 const MEAN_SQUARE: Real = 0.35;
 

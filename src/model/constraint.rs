@@ -133,6 +133,8 @@ pub struct PointMemory {
     pub point: u32,
     /// Last multiplier [N].
     pub multiplier: Real,
+    /// How much of its dent the mesh shows, over what it shows on average.
+    pub share: Real,
     /// Overlap that has not been closed yet [m].
     pub slack: Real,
     /// Last normal, from the tool towards the surface.

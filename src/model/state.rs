@@ -16,6 +16,8 @@ pub struct State {
     pub position: Vec<Vec3>,
     /// Their velocities [m/s], (n_active).
     pub velocity: Vec<Vec3>,
+    /// Forces on them that changes of resolution have left to fade [N], (n_active).
+    pub ease: Vec<Vec3>,
     /// Interface nodes; where they are follows from the active ones.
     pub interface: Vec<u32>,
     /// Elements in use by step class.
@@ -65,6 +67,7 @@ impl State {
         }
         Self {
             velocity: vec![Vec3::zeros(); position.len()],
+            ease: vec![Vec3::zeros(); position.len()],
             calm: Vec::new(),
             history: vec![History::REST; classes.iter().map(Vec::len).sum()],
             fade: vec![[0.0; 4]; body.surface().vertices.len()],
@@ -82,6 +85,7 @@ impl State {
             nodes: Vec::with_capacity(slots),
             position: Vec::with_capacity(slots),
             velocity: Vec::with_capacity(slots),
+            ease: Vec::with_capacity(slots),
             interface: Vec::with_capacity(slots),
             classes: (0..CLASSES).map(|_| Vec::with_capacity(elements)).collect(),
             history: Vec::with_capacity(elements),
@@ -94,6 +98,7 @@ impl State {
     pub fn is_finite(&self) -> bool {
         self.position.iter().all(is_finite)
             && self.velocity.iter().all(is_finite)
+            && self.ease.iter().all(is_finite)
             && self.history.iter().all(History::is_finite)
             && self.fade.iter().flatten().all(|x| x.is_finite())
     }

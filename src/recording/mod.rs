@@ -12,7 +12,7 @@ pub use writer::RecordingWriter;
 
 /// Version of what `RecordingStart` and `TickInputs` mean. A change of the physics does not change it: replay says
 /// where the result differs.
-pub const FORMAT: u32 = 3;
+pub const FORMAT: u32 = 4;
 
 /// Why a recording cannot be written or read.
 #[derive(Debug, thiserror::Error)]

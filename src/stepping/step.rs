@@ -265,10 +265,11 @@ fn fall(slots: &[u32], time: &mut [Real], motion: &mut crate::model::active_mesh
         let step = now - std::mem::replace(&mut time[s], now);
         // Nodes held fast never had a velocity, and do not fall.
         if motion.inverse_mass[s] > 0.0 {
-            let (x, v) = (&mut motion.position[s], &mut motion.velocity[s]);
+            let (x, v, ease) = (&mut motion.position[s], &mut motion.velocity[s], &motion.ease[s]);
             for c in 0..4 {
-                x[c] += step * (v[c] + 0.5 * step * gravity[c]);
-                v[c] += step * gravity[c];
+                let pull = gravity[c] + ease[c] * motion.inverse_mass[s];
+                x[c] += step * (v[c] + 0.5 * step * pull);
+                v[c] += step * pull;
             }
         }
     }

@@ -17,12 +17,16 @@ const CONTACT: u32 = 1_000;
 const POINT: u32 = 150;
 /// Units per element put in or taken out.
 pub const ELEMENT_UPKEEP: u32 = 20;
+/// Units per element whose forces are weighed before and after a change under a load.
+pub const EASE_UPKEEP: u32 = 30;
 /// Units per interface row made.
 pub const ROW_UPKEEP: u32 = 80;
 /// Units of a batch of changes of resolution, whatever is in it: momenta, masses and the surface before and after.
 pub const BATCH_UPKEEP: u32 = 7_000;
 /// Units of one change in a batch, for plans.
 pub const CHANGE_UPKEEP: u32 = 4_500;
+/// Units of weighing the forces of one change under a load, for plans.
+pub const EASED_CHANGE: u32 = 2_500;
 /// Units of one merge among many, which share the rows that they make, for plans.
 pub const SHED_UPKEEP: u32 = 1_500;
 

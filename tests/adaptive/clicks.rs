@@ -13,7 +13,7 @@ const UNFELT_PART: Real = 0.05;
 const UNSEEN: Real = 1e-3;
 /// How far beyond [`UNFELT`] the force may get in [`RINGS`] ticks: levels do not agree on a dent as small as their
 /// elements, so it has to go somewhere, but a hand tells 10 to 15 per cent that come within some milliseconds.
-const MOST_RING: Real = 2.5;
+const MOST_RING: Real = 2.2;
 /// Ticks in which what a change has put out of balance shows in the force.
 const RINGS: u64 = 8;
 
@@ -137,30 +137,27 @@ fn resolution_that_comes_late_and_goes_early_is_not_felt() {
     let away = Adaptivity { split: 10.0, reach: 0.0, ..Adaptivity::default() };
     let mut hold = with_settings(&hold, &settings(Some(away)));
     let going = compare(&mut hold, 1300, 600, held);
-    // The load that lay on few heavy nodes now lies on many light ones, or the other way round: they find their place
-    // within some ticks.
-    judge(&coming, SIDE, 2.0);
-    judge(&going, SIDE, 2.0);
+    judge(&coming, SIDE);
+    judge(&going, SIDE);
 }
 
-/// `seen`: how much of the surface's motion in one tick the changes may be, over [`UNSEEN`].
-fn judge(clicks: &Clicks, size: Real, seen: Real) {
+fn judge(clicks: &Clicks, size: Real) {
     assert!(clicks.over < 1.0, "a change can be felt at once: {clicks:?}");
     assert!(clicks.rings < MOST_RING, "a change can be felt within milliseconds: {clicks:?}");
-    assert!(clicks.surface < seen * UNSEEN * size, "a change can be seen: {clicks:?}");
+    assert!(clicks.surface < UNSEEN * size, "a change can be seen: {clicks:?}");
     assert!(clicks.fade < UNSEEN * size, "what fades can be seen: {clicks:?}");
 }
 
 #[test]
 fn a_press_and_a_stroke_on_the_cube_feel_and_show_no_change() {
-    judge(&press(&damped_cube(), Vec3::new(0.03, 0.05, SIDE), Vec3::x()), SIDE, 1.0);
+    judge(&press(&damped_cube(), Vec3::new(0.03, 0.05, SIDE), Vec3::x()), SIDE);
 }
 
 #[test]
 fn a_press_and_a_stroke_on_the_liver_feel_and_show_no_change() {
     let body = liver(0.45, vec![0.028, 0.017, 0.010], 5e3, 0.15);
     let (low, high) = body.surface().bounds();
-    judge(&press(&body, summit(&body), Vec3::x()), (high - low).max(), 1.0);
+    judge(&press(&body, summit(&body), Vec3::x()), (high - low).max());
 }
 
 /// The whole contact region refined by hand, and coarsened again, in one tick each: far more than adaptation does.

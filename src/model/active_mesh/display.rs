@@ -161,6 +161,7 @@ impl ActiveMesh {
 
     /// Fades what changes of resolution have left, by one tick.
     pub fn fade_out(&mut self) {
+        self.ease_off();
         let most = FASTEST_FADE * self.size;
         for fade in &mut self.fade {
             let away = vec3(fade).norm();

@@ -8,9 +8,11 @@
 //! Everything here is sized once. What changes with the resolution changes where it changes, and only there.
 
 mod display;
+mod easing;
 mod reshape;
 
 pub use display::Attachment;
+pub use easing::Loads;
 pub use reshape::Upkeep;
 
 use super::active_set::ActiveSet;
@@ -35,6 +37,8 @@ pub struct Motion {
     pub velocity: Vec<Padded>,
     /// Forces under way [N], zero between events.
     pub force: Vec<Padded>,
+    /// Forces that changes of resolution have left to fade [N], see [`ActiveMesh::apply_under`].
+    pub ease: Vec<Padded>,
     /// [1/kg]; 0 for nodes that are held fast and for interface nodes.
     pub inverse_mass: Vec<Real>,
     /// [kg]; 0 for interface nodes.
@@ -99,6 +103,9 @@ struct Work {
     turn: u32,
     before: Vec<Vec3>,
     rehung: Vec<u32>,
+    concerned: Vec<u32>,
+    balance: Vec<Vec3>,
+    handed: Vec<Vec3>,
 }
 
 /// Momenta about the origin.
@@ -138,6 +145,7 @@ impl ActiveMesh {
                 position: vec![[0.0; 4]; slots],
                 velocity: vec![[0.0; 4]; slots],
                 force: vec![[0.0; 4]; slots],
+                ease: vec![[0.0; 4]; slots],
                 inverse_mass: vec![0.0; slots],
                 mass: vec![0.0; slots],
             },
@@ -176,6 +184,9 @@ impl ActiveMesh {
                 before: vec![Vec3::zeros(); vertices],
                 // An element that changes on each of several levels may name a vertex each time.
                 rehung: Vec::with_capacity(vertices * body.levels().len()),
+                concerned: Vec::with_capacity(body.element_count()),
+                balance: vec![Vec3::zeros(); slots],
+                handed: Vec::with_capacity(slots),
             },
         };
         let set = ActiveSet::from_nodes(body, &state.nodes)
@@ -200,14 +211,16 @@ impl ActiveMesh {
         self.motion.mass.fill(0.0);
         self.motion.inverse_mass.fill(0.0);
         self.motion.force.fill([0.0; 4]);
+        self.motion.ease.fill([0.0; 4]);
         self.active.clear();
         self.interface.clear();
         self.free.clear();
         self.free.extend((0..self.node.len() as u32).rev());
         self.row_entries = 0;
-        for ((&n, x), v) in state.nodes.iter().zip(&state.position).zip(&state.velocity) {
+        for (((&n, x), v), ease) in state.nodes.iter().zip(&state.position).zip(&state.velocity).zip(&state.ease) {
             let slot = self.take_slot(n);
             self.enlist(slot, true);
+            self.motion.ease[slot as usize] = padded(*ease);
             self.motion.position[slot as usize] = padded(*x);
             self.motion.velocity[slot as usize] = padded(*v);
         }
@@ -253,7 +266,8 @@ impl ActiveMesh {
 
     fn check(&self, body: &Body, set: &ActiveSet, state: &State) -> Result<(), String> {
         let nodes = state.nodes.len();
-        if state.position.len() != nodes || state.velocity.len() != nodes || state.fade.len() != self.fade.len() {
+        let moving = [&state.position, &state.velocity, &state.ease];
+        if moving.iter().any(|of| of.len() != nodes) || state.fade.len() != self.fade.len() {
             return Err(format!("the state's arrays do not fit {nodes} active nodes and the body's surface"));
         }
         let calm = state.calm.len();
@@ -296,10 +310,12 @@ impl ActiveMesh {
         state.nodes.clear();
         state.position.clear();
         state.velocity.clear();
+        state.ease.clear();
         for &slot in &self.active {
             state.nodes.push(self.node[slot as usize]);
             state.position.push(vec3(&self.motion.position[slot as usize]));
             state.velocity.push(vec3(&self.motion.velocity[slot as usize]));
+            state.ease.push(vec3(&self.motion.ease[slot as usize]));
         }
         state.interface.clear();
         state.interface.extend(self.interface.iter().map(|s| self.node[*s as usize]));
@@ -560,6 +576,7 @@ impl ActiveMesh {
         self.row[s] = InterfaceRow::EMPTY;
         self.motion.position[s] = [0.0; 4];
         self.motion.velocity[s] = [0.0; 4];
+        self.motion.ease[s] = [0.0; 4];
         self.motion.mass[s] = 0.0;
         self.motion.inverse_mass[s] = 0.0;
         self.springs[s] = 0.0;
@@ -574,6 +591,7 @@ impl ActiveMesh {
             self.motion.mass[slot as usize] = 0.0;
             self.motion.inverse_mass[slot as usize] = 0.0;
             self.motion.velocity[slot as usize] = [0.0; 4];
+            self.motion.ease[slot as usize] = [0.0; 4];
             self.springs[slot as usize] = 0.0;
         }
     }

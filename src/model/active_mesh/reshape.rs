@@ -16,6 +16,8 @@ pub struct Upkeep {
     pub elements: u32,
     /// Interface rows made.
     pub rows: u32,
+    /// Elements whose forces were weighed before and after.
+    pub eased: u32,
 }
 
 impl ActiveMesh {
@@ -71,10 +73,11 @@ impl ActiveMesh {
         Upkeep {
             elements: (self.work.entering.len() + self.work.leaving.len()) as u32,
             rows: self.work.dirty.len() as u32,
+            eased: 0,
         }
     }
 
-    fn next_turn(&mut self) {
+    pub(super) fn next_turn(&mut self) {
         self.work.turn = self.work.turn.wrapping_add(1);
         if self.work.turn == 0 {
             self.work.node_stamp.fill(0);

@@ -1,0 +1,179 @@
+//! Changes of resolution under a load: what they put out of balance is held at first, and let go little by little.
+//!
+//! New nodes lie where the old ones say, strained otherwise than by themselves. Let loose at once, light nodes under a tool
+//! would ring for some milliseconds, and the hand would feel it. So every node gets a force that leaves its acceleration as
+//! it was, and that fades. These forces add up to nothing, as those between the elements do.
+
+use super::{ActiveMesh, Upkeep, constants, padded, vec3};
+use crate::math::{Mat3, Real, Vec3};
+use crate::model::active_set::Change;
+use crate::model::body::{Body, NONE};
+use crate::model::constraint::PointMemory;
+use crate::model::element_pool::{ElementConstants, History};
+use crate::model::material::{COLLAPSE_ONSET, COLLAPSE_STIFFNESS};
+use crate::model::skin;
+
+/// What acts on a body from outside.
+#[derive(Clone, Copy, Debug)]
+pub struct Loads<'a> {
+    /// By tool: the points that it holds.
+    pub points: &'a [Vec<PointMemory>],
+    /// [m/s²].
+    pub gravity: Vec3,
+}
+
+/// Part of what is held that is left after a tick: a time constant of 66 ms is slow enough for hand and eye, where 20 ms
+/// still rang.
+const EASE_KEPT: Real = 0.985;
+/// Less than this [N] is let go at once.
+const LEAST_EASE: Real = 1e-9;
+
+impl ActiveMesh {
+    /// Makes `changes` as [`ActiveMesh::apply`] does, under `loads`.
+    pub fn apply_under(&mut self, body: &Body, changes: &[Change], loads: &Loads) -> Upkeep {
+        self.find_concerned(body, changes);
+        self.work.balance.fill(Vec3::zeros());
+        for &slot in &self.active {
+            self.work.balance[slot as usize] = vec3(&self.motion.ease[slot as usize]);
+        }
+        self.add_balance(body, loads, 1.0);
+        self.work.handed.clear();
+        for change in changes {
+            let (off, _) = sides(body, change);
+            let sum = off.iter().map(|n| std::mem::take(&mut self.work.balance[self.slot[*n as usize] as usize])).sum();
+            self.work.handed.push(sum);
+        }
+        let mut upkeep = self.apply(body, changes);
+        for (i, change) in changes.iter().enumerate() {
+            let (_, on) = sides(body, change);
+            let slots = || on.iter().map(|n| self.slot[*n as usize] as usize);
+            let mass: Real = slots().map(|s| self.motion.mass[s]).sum();
+            for slot in on.iter().map(|n| self.slot[*n as usize] as usize) {
+                self.work.balance[slot] = self.work.handed[i] * (self.motion.mass[slot] / mass);
+            }
+        }
+        self.add_balance(body, loads, -1.0);
+        for &slot in &self.active {
+            let s = slot as usize;
+            let free = self.motion.inverse_mass[s] > 0.0;
+            self.motion.ease[s] = if free { padded(self.work.balance[s]) } else { [0.0; 4] };
+        }
+        upkeep.eased = self.work.concerned.len() as u32;
+        upkeep
+    }
+
+    /// Elements whose forces `changes` alter: those around nodes that come and go, and those of interface nodes that will
+    /// hang otherwise.
+    fn find_concerned(&mut self, body: &Body, changes: &[Change]) {
+        self.next_turn();
+        self.work.concerned.clear();
+        let changed = || changes.iter().flat_map(|c| <[_; 2]>::from(sides(body, c))).flatten().copied();
+        let (mut low, mut high) = (Vec3::repeat(Real::INFINITY), Vec3::repeat(Real::NEG_INFINITY));
+        for n in changed() {
+            (low, high) = (low.inf(&body.rest(n)), high.sup(&body.rest(n)));
+            self.concern(body, n);
+            for &e in body.elements_around(n) {
+                for m in body.element(e) {
+                    self.work.node_stamp[m as usize] = self.work.turn;
+                }
+            }
+        }
+        for i in 0..self.interface.len() {
+            let slot = self.interface[i] as usize;
+            let node = self.node[slot];
+            let reach = self.row[slot].reach_squared * (1.0 + 1e-12);
+            let u = body.rest(node);
+            let apart = (low - u).sup(&(u - high)).sup(&Vec3::zeros());
+            if self.work.node_stamp[node as usize] == self.work.turn
+                || (apart.norm_squared() <= reach && changed().any(|n| (body.rest(n) - u).norm_squared() <= reach))
+            {
+                self.concern(body, node);
+            }
+        }
+    }
+
+    fn concern(&mut self, body: &Body, n: u32) {
+        for &e in body.elements_around(n) {
+            if std::mem::replace(&mut self.work.element_stamp[e as usize], self.work.turn) != self.work.turn {
+                self.work.concerned.push(e);
+            }
+        }
+    }
+
+    /// Adds `sign` times what accelerates each active node, as far as the concerned elements go.
+    fn add_balance(&mut self, body: &Body, loads: &Loads, sign: Real) {
+        for i in 0..self.work.concerned.len() {
+            let e = self.work.concerned[i];
+            let Some(history) = self.pool.history(e).filter(|_| self.active_vertices[e as usize] > 0) else { continue };
+            let slots = body.element(e).map(|n| self.slot[n as usize] as usize);
+            debug_assert!(slots.iter().all(|s| *s != NONE as usize));
+            let constants = constants(body, e, self.active_vertices[e as usize]);
+            let x = slots.map(|s| vec3(&self.motion.position[s]));
+            let forces = element_forces(body, &constants, &history, &x);
+            for (s, f) in slots.into_iter().zip(forces) {
+                (0..3).for_each(|c| self.motion.force[s][c] += f[c]);
+            }
+        }
+        self.hand_back_all();
+        let vertices = body.surface().vertices.len() as u32;
+        let per_part = vertices + body.surface().triangles.len() as u32;
+        for point in loads.points.iter().flatten().filter(|p| p.multiplier > 0.0) {
+            let on_body = point.normal * point.multiplier + point.tangential;
+            let number = point.point % per_part;
+            let corners = number.checked_sub(vertices).map_or([number; 3], |t| body.surface().triangles[t as usize]);
+            let stencil: [(u32, Real); 3] = std::array::from_fn(|i| (corners[i], point.weights[i]));
+            let row = skin::row(self, if number < vertices { &stencil[..1] } else { &stencil }).0;
+            for (slot, b) in row.entries() {
+                (0..3).for_each(|c| self.motion.force[*slot as usize][c] += on_body[c] * b);
+            }
+        }
+        for &slot in &self.active {
+            let s = slot as usize;
+            let force = vec3(&std::mem::replace(&mut self.motion.force[s], [0.0; 4]));
+            self.work.balance[s] += (force + loads.gravity * self.motion.mass[s]) * sign;
+        }
+    }
+
+    /// Lets go a little of what is held, by one tick.
+    pub(super) fn ease_off(&mut self) {
+        for &slot in &self.active {
+            let ease = &mut self.motion.ease[slot as usize];
+            for e in &mut ease[..3] {
+                *e = if e.abs() > LEAST_EASE { *e * EASE_KEPT } else { 0.0 };
+            }
+        }
+    }
+}
+
+/// Nodes that cease to be active by a change, and those that become so.
+fn sides<'a>(body: &'a Body, change: &'a Change) -> (&'a [u32], &'a [u32]) {
+    match change {
+        Change::Split(n) => (std::slice::from_ref(n), body.children(*n)),
+        Change::Merge(n) => (body.children(*n), std::slice::from_ref(n)),
+    }
+}
+
+/// Forces of an element on its nodes at `x` [N], with what its Maxwell branches hold: the law of the kernel for one element
+/// that is not evaluated in its turn.
+fn element_forces(body: &Body, constants: &ElementConstants, history: &History, x: &[Vec3; 4]) -> [Vec3; 4] {
+    let (lambda, mu) = (constants.lambda, constants.mu);
+    let g = constants.gradient.map(Vec3::from);
+    let f: Mat3 = (0..3).map(|i| (x[i + 1] - x[0]) * g[i].transpose()).sum();
+    let doubled = f.transpose() * f - Mat3::identity();
+    let mut s = doubled * mu + Mat3::identity() * (0.5 * lambda * doubled.trace());
+    for (branch, held) in body.maxwell().iter().zip(&history.branch) {
+        let [xx, yy, zz, yz, xz, xy] = *held;
+        let d = Mat3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz) * 2.0;
+        s += (d - Mat3::identity() * (d.trace() / 3.0)) * (mu * branch.modulus);
+    }
+    let mut p = f * s;
+    let det = f.determinant();
+    if det < COLLAPSE_ONSET {
+        let rows: [Vec3; 3] = std::array::from_fn(|r| f.row(r).transpose());
+        let cofactor = [rows[1].cross(&rows[2]), rows[2].cross(&rows[0]), rows[0].cross(&rows[1])];
+        let squeeze = COLLAPSE_STIFFNESS * (lambda + 2.0 * mu) * (det - COLLAPSE_ONSET);
+        p += Mat3::from_rows(&cofactor.map(|c| c.transpose())) * squeeze;
+    }
+    let q = g.map(|g| p * g);
+    [q[0] + q[1] + q[2], -q[0], -q[1], -q[2]]
+}
