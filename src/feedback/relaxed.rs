@@ -13,6 +13,7 @@
 //! counts along its normal, which turns as the tool goes by. Conjugate gradients that start from the last answer: much of
 //! it is still true a frame later.
 
+use super::approach::ahead;
 use crate::contact::tool::{MOST_TOOLS, Shape};
 use crate::math::{Mat3, Pose, Real, Vec3};
 use crate::model::constraint::{FIRMER, Row};
@@ -43,6 +44,10 @@ pub struct Stiffness {
     pub normal: Vec3,
     /// How far it holds [m]: a model that is linear knows nothing of where contact ends.
     pub range: Real,
+    /// The force under which it is so [N].
+    pub load: Real,
+    /// Where there was no contact yet: `normal · x` of the handle at which it begins [m].
+    pub begins: Option<Real>,
     /// Iterations that it took, of all axes together.
     pub iterations: usize,
 }
@@ -97,19 +102,20 @@ impl Probe {
         Ok(Self { simulation, path: Path::best(), answers: [const { None }; MOST_TOOLS] })
     }
 
-    /// The relaxed stiffness under each tool that touches in `snapshot`, by id.
+    /// The relaxed stiffness under each tool that touches in `snapshot`, and what is told of those about to, by id.
     pub fn stiffness(&mut self, snapshot: &Snapshot) -> [Option<Stiffness>; MOST_TOOLS] {
         let mut found = [None; MOST_TOOLS];
         self.simulation.load(snapshot);
         let body = self.simulation.body().clone();
         let shapes: Vec<Shape> = self.simulation.settings().tools.iter().map(|t| t.shape.clone()).collect();
         let tools = snapshot.tools.clone();
-        let (mesh, constraints) = self.simulation.contacts();
+        let (mesh, constraints, vertices) = self.simulation.contacts();
         let mut system: Option<System> = None;
         for (i, tool) in tools.iter().enumerate() {
             let own: Vec<&Constraint> = constraints.iter().filter(|c| c.tool == i as u32).collect();
             if tool.physical_force.norm() < LEAST_FORCE || !own.iter().any(|c| c.multiplier > 0.0) {
                 self.answers[i] = None;
+                found[i] = Some(tool).filter(|t| t.touches()).and_then(|t| ahead(&body, vertices, &shapes[i], t));
                 continue;
             }
             let system = system.get_or_insert_with(|| System::new(&body, self.path, mesh));
@@ -120,7 +126,7 @@ impl Probe {
                 let normal = tool.physical_force.normalize();
                 let along = normal.dot(&(matrix * normal));
                 let range = (tool.physical_force.norm() / along.max(1.0)).clamp(RANGES.0, RANGES.1);
-                Stiffness { matrix, normal, range, iterations }
+                Stiffness { matrix, normal, range, load: tool.physical_force.norm(), begins: None, iterations }
             });
         }
         found

@@ -57,11 +57,11 @@ impl SimThread {
                 adapted: outputs.adapted,
                 restored: outputs.restored,
             };
-            let touched = outputs.tools.iter().any(|t| t.contact_points > 0);
+            let engaged = outputs.tools.iter().any(|t| t.state.touches());
             if overflowed {
                 self.retire();
             }
-            self.copy_if_due(touched);
+            self.copy_if_due(engaged);
             (timing.compute, timing.missed) = pacer.end();
             self.governor.measure(spent, timing.compute);
             if self.ends.timings.push(timing).is_err() {
@@ -118,9 +118,9 @@ impl SimThread {
         }
     }
 
-    /// A copy while a tool touches, in the middle of each frame: its end has enough to do.
-    fn copy_if_due(&mut self, touched: bool) {
-        if touched && self.simulation.tick() % TICKS_PER_FRAME == TICKS_PER_FRAME / 2 {
+    /// A copy while a tool may touch, in the middle of each frame: its end has enough to do.
+    fn copy_if_due(&mut self, engaged: bool) {
+        if engaged && self.simulation.tick() % TICKS_PER_FRAME == TICKS_PER_FRAME / 2 {
             self.simulation.save_into(self.ends.copies.input_buffer_mut());
             self.ends.copies.publish();
         }

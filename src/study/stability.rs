@@ -170,7 +170,7 @@ pub fn close(body: &Arc<Body>, on: &Loop, seed: u64) -> Result<Felt> {
         let mut message = wire::wrench(0, tick, tick, &tool, flags);
         wire::add_model(&mut message, local.update(&tool, &found));
         wrenches.send(now_ns, Wrench::try_from(&message).map_err(Error::other)?);
-        if tick.is_multiple_of(TICKS_PER_FRAME) && tool.contact_points > 0 {
+        if tick.is_multiple_of(TICKS_PER_FRAME) && tool.state.touches() {
             next = Some((tick + MODEL_TICKS, probe.stiffness(&core.snapshot())[0]));
         }
     }
@@ -335,6 +335,21 @@ mod tests {
             let far = at_rest(delay);
             println!("{far:.4} N at {delay} ms, {near:.4} N without");
             assert!((far / near - 1.0).abs() < 0.05, "{far} N, not {near} N");
+        }
+    }
+
+    #[test]
+    fn over_a_network_the_force_is_that_without_one_within_five_per_cent() {
+        let body = cube(800.0).unwrap();
+        let felt = |delay, seed| close(&body, &loop_with(RenderMode::LocalModelPassive, delay), seed).unwrap();
+        let near = felt(0, 1);
+        let peak = near.force.iter().copied().fold(0.0, Real::max);
+        for delay in DELAYS {
+            for seed in [1, 2] {
+                let off = apart(&near, &felt(delay, seed)) / peak;
+                println!("{delay} ms: {:.1} % of {peak:.2} N", 100.0 * off);
+                assert!(off < 0.05, "{delay} ms: {:.1} %", 100.0 * off);
+            }
         }
     }
 }

@@ -20,6 +20,7 @@ use std::sync::Arc;
 mod random;
 use random::Random;
 
+mod continuity;
 mod coupling;
 mod endurance;
 mod feedback;
