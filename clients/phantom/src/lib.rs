@@ -1,11 +1,12 @@
 //! The virtual Phantom: a haptic device and the hand that holds it, in closed loop over the network.
 //!
 //! Data flow: a [`Path`] says where the hand wants to be; [`HeldDevice`] moves device and hand under its pull and
-//! the force that came from the server; [`run`] sends the pose the encoders report a thousand times a second and
+//! the force that [`Renderer`](palpate_sdk::Renderer) makes of the server's; [`run`] sends the pose the encoders report a thousand times a second and
 //! measures what comes back. Device, hand and path know no clock and no network: the same inputs give the same motion.
 #![allow(rustdoc::broken_intra_doc_links)] // units stand in square brackets: [m]
 
 mod hand;
+mod network;
 mod path;
 mod report;
 mod run;
@@ -16,6 +17,7 @@ mod site;
 pub type Vec3 = nalgebra::Vector3<f64>;
 
 pub use hand::{Hand, HeldDevice};
+pub use network::Network;
 pub use palpate_sdk::Device;
 pub use path::{Path, Pattern, Site, Target};
 pub use report::{Distribution, Live, Report, Sample};

@@ -12,7 +12,8 @@ use std::{
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use hdrhistogram::Histogram;
 use palpate_sdk::{
-    Connection, EchoProbe, Endpoints, PoseSample, Session, Tool, ToolDescription, ToolPhase, WRENCH_BYTES, Wrench,
+    Attachment, Connection, EchoProbe, Endpoints, Link, LinkConditions, PoseSample, Registration, RenderMode, Renderer,
+    Session, Tool, ToolDescription, ToolPhase, WRENCH_BYTES, Wrench,
 };
 
 use crate::{
@@ -20,9 +21,10 @@ use crate::{
     scheduling::raise_this_thread, top_of_surface,
 };
 
-/// Rate of the device loop [Hz] and its period [s].
+/// Rate of the device loop [Hz] and its period [s], [ns].
 const RATE_HZ: f64 = 1000.0;
 const DT: f64 = 1e-3;
+const DT_NS: u64 = 1_000_000;
 /// Height of the tool above the body at the start [m].
 const STANDOFF: f64 = 0.02;
 /// Silence after which the server counts as gone [ns].
@@ -57,6 +59,12 @@ pub struct Options {
     pub site: Option<(Vec3, Vec3)>,
     /// Whether to measure the bare round trip meanwhile, 100 times a second.
     pub echo: bool,
+    /// How the force is made from the wrenches.
+    pub render: RenderMode,
+    /// What to do to poses and to wrenches beside what the network does.
+    pub link: LinkConditions,
+    /// Seed of the jitter and the loss.
+    pub seed: u64,
     /// How many ticks to keep as samples, from the beginning.
     pub samples: usize,
 }
@@ -75,6 +83,9 @@ impl Default for Options {
             tool: String::new(),
             site: None,
             echo: true,
+            render: RenderMode::default(),
+            link: LinkConditions::default(),
+            seed: 0,
             samples: 0,
         }
     }
@@ -90,6 +101,7 @@ impl Default for Options {
 pub fn run(options: &Options, stop: &AtomicBool, live: &mut dyn FnMut(&Live)) -> Result<Report> {
     ensure!(options.rate_hz > 0.0 && options.rate_hz <= RATE_HZ, "the pose rate must be above 0 and at most 1000 Hz");
     ensure!(options.depth > 0.0 && options.depth.is_finite(), "the depth must be above 0");
+    options.link.check()?;
     let scheduling = raise_this_thread();
     let connection = Connection::open(&options.endpoints)?;
     let session = connection.session()?;
@@ -97,7 +109,14 @@ pub fn run(options: &Options, stop: &AtomicBool, live: &mut dyn FnMut(&Live)) ->
     let log = Arc::new(Mutex::new(WrenchLog::new()));
     let observed = log.clone();
     let observer = move |wrench: &Wrench, arrival_ns| locked(&observed).record(wrench, arrival_ns);
-    let tool = connection.attach_observed("palpate-phantom", &options.tool, options.rate_hz, observer)?;
+    // The imagined device stands in the body's own frame.
+    let registration = Registration::default();
+    let attachment = Attachment {
+        tool: options.tool.clone(),
+        rate_hz: options.rate_hz,
+        ..Attachment::of("palpate-phantom", &options.device, &registration)
+    };
+    let tool = connection.attach_observed(&attachment, observer)?;
     let description = session
         .tools
         .iter()
@@ -111,6 +130,11 @@ pub fn run(options: &Options, stop: &AtomicBool, live: &mut dyn FnMut(&Live)) ->
         held: HeldDevice::new(options.device.clone(), options.hand, path.target(0.0).position),
         path,
         tool,
+        registration,
+        renderer: Renderer::new(&registration.in_body(&options.device), options.render),
+        poses: Link::new(options.link, options.seed),
+        // Another sequence of chances than that of the poses.
+        wrenches: Link::new(options.link, !options.seed),
         log: &log,
         update_age: histogram(),
         lateness: histogram(),
@@ -123,6 +147,10 @@ pub fn run(options: &Options, stop: &AtomicBool, live: &mut dyn FnMut(&Live)) ->
             pattern: options.pattern.name().to_owned(),
             tool: description.name.clone(),
             rate_hz: options.rate_hz,
+            render: options.render.name().to_owned(),
+            delay_ms: options.link.delay_ns as f64 * 1e-6,
+            jitter_ms: options.link.jitter_ns as f64 * 1e-6,
+            loss: options.link.loss,
             scheduling,
             depth: options.depth,
             samples: Vec::with_capacity(options.samples),
@@ -143,6 +171,12 @@ struct DeviceLoop<'a> {
     path: Path,
     held: HeldDevice,
     tool: Tool,
+    registration: Registration,
+    renderer: Renderer,
+    /// On their way to the server.
+    poses: Link<PoseSample>,
+    /// On their way from it.
+    wrenches: Link<Wrench>,
     log: &'a Mutex<WrenchLog>,
     update_age: Histogram<u64>,
     lateness: Histogram<u64>,
@@ -179,21 +213,28 @@ impl DeviceLoop<'_> {
 
     /// One wake-up: reads the newest wrench, moves device and hand through `due` ticks from `tick`, sends the pose.
     fn wake(&mut self, tick: u64, due: u64, start_ns: u64) -> Result<()> {
-        let now_ns = self.tool.now_ns();
+        // Link and renderer live by the loop's deadlines, so that ticks made up for are as long as all others.
+        let tick_ns = start_ns + tick * DT_NS;
         let received = self.tool.latest_wrench();
-        let age_ns = now_ns.saturating_sub(received.map_or(start_ns, |received| received.arrival_ns));
+        let age_ns = self.tool.now_ns().saturating_sub(received.map_or(start_ns, |received| received.arrival_ns));
         if age_ns > SILENCE_NS {
             bail!("no wrench for 2 s from {}: the server is gone or has stopped", self.options.endpoints.force);
         }
         if let Some(received) = received {
             self.update_age.saturating_record(age_ns);
+            if received.fresh {
+                self.wrenches.send(tick_ns, received.wrench);
+            }
             (self.phase, self.contact_points) = (received.wrench.phase, received.wrench.contact_points);
         }
         self.report.stale_ticks += u64::from(received.is_none_or(|received| !received.fresh));
 
-        let force = Vec3::from(self.tool.safe_force(now_ns));
         for tick in tick..tick + due {
-            let time = tick as f64 * DT;
+            let (time, now_ns) = (tick as f64 * DT, start_ns + tick * DT_NS);
+            while let Some(wrench) = self.wrenches.poll(now_ns) {
+                self.renderer.receive(&wrench, now_ns);
+            }
+            let force = self.render(now_ns);
             let target = self.path.target(time);
             let rendered = self.held.step(DT, &target, force);
             self.record(Sample {
@@ -209,9 +250,22 @@ impl DeviceLoop<'_> {
         let slots = 1 + (tick as f64 * self.options.rate_hz / RATE_HZ) as u64;
         if slots > self.pose_slots {
             self.pose_slots = slots;
-            self.send_pose()?;
+            let in_body = self.registration.pose(&self.measured());
+            self.poses.send(tick_ns, in_body);
+        }
+        while let Some(pose) = self.poses.poll(tick_ns) {
+            self.tool.send_pose(pose)?;
+            self.report.poses_sent += 1;
         }
         Ok(())
+    }
+
+    /// The force for the motors, from what the encoders say at `now_ns`.
+    fn render(&mut self, now_ns: u64) -> Vec3 {
+        let in_body = self.registration.pose(&self.measured());
+        let force = self.renderer.force(in_body.position, in_body.linear_velocity.unwrap_or_default(), now_ns);
+        self.report.peak_energy = self.report.peak_energy.max(self.renderer.observed_energy());
+        self.registration.force_to_device(force).into()
     }
 
     fn record(&mut self, sample: Sample) {
@@ -224,16 +278,15 @@ impl DeviceLoop<'_> {
         self.newest = sample;
     }
 
-    fn send_pose(&mut self) -> Result<()> {
-        self.tool.send_pose(PoseSample {
+    /// What the driver reports.
+    fn measured(&self) -> PoseSample {
+        PoseSample {
             position: self.held.reported_position().into(),
             orientation: [0.0, 0.0, 0.0, 1.0],
             linear_velocity: Some(self.held.reported_velocity().into()),
             angular_velocity: None,
             buttons: 0,
-        })?;
-        self.report.poses_sent += 1;
-        Ok(())
+        }
     }
 
     fn live(&self) -> Live {

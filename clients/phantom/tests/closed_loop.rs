@@ -7,6 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
 use fake_server::{FLOOR_STIFFNESS, FakeServer};
 use palpate_phantom::{Device, Hand, Options, Pattern, Vec3, run};
+use palpate_sdk::LinkConditions;
 
 fn never() -> AtomicBool {
     AtomicBool::new(false)
@@ -26,6 +27,8 @@ fn pressing_a_springy_floor_ends_where_hand_and_floor_are_in_balance() {
     let mut shown = 0;
     let report = run(&options, &never(), &mut |_| shown += 1).unwrap();
 
+    // It is coupled as stiffly as the device renders.
+    assert_eq!(f64::from_bits(server.coupling.load(Relaxed)), options.device.max_stiffness);
     // Held at the depth: k_hand (depth − d) = k_floor d, within one encoder step of force.
     let expected = hand.stiffness * options.depth / (hand.stiffness + FLOOR_STIFFNESS);
     let held = report.samples.last().unwrap();
@@ -39,6 +42,27 @@ fn pressing_a_springy_floor_ends_where_hand_and_floor_are_in_balance() {
     assert!(report.contact_wrenches > 0 && report.peak_force > 0.0 && report.non_finite_wrenches == 0);
     assert!(report.round_trip.count > 0 && report.bare_round_trip.unwrap().count > 0);
     assert!(shown > 0);
+}
+
+#[test]
+fn far_away_the_local_model_presses_as_well_as_near() {
+    let server = FakeServer::current();
+    let options = Options {
+        endpoints: server.endpoints.clone(),
+        device: Device { friction: 0.0, ..Device::default() },
+        link: LinkConditions { delay_ns: 10_000_000, jitter_ns: 5_000_000, loss: 0.05 },
+        seconds: Some(2.4),
+        samples: 2400,
+        echo: false,
+        ..Options::default()
+    };
+    let report = run(&options, &never(), &mut |_| ()).unwrap();
+    let hand = Hand::default();
+    let expected = hand.stiffness * options.depth / (hand.stiffness + FLOOR_STIFFNESS);
+    let held = report.samples.last().unwrap();
+    assert!((0.005 - held.position[2] - expected).abs() < 1e-4, "{held:?}");
+    assert!(report.peak_energy <= 1.01 * options.device.passivity_budget(), "{} J", report.peak_energy);
+    assert!(report.to_string().contains("'local-passive' over 10 ms and up to 5 ms more each way, 5 % lost"));
 }
 
 #[test]
@@ -82,6 +106,8 @@ fn options_that_make_no_sense_are_refused() {
     let good = Options { endpoints: server.endpoints.clone(), ..Options::default() };
     let refused = |options: Options| run(&options, &never(), &mut |_| ()).unwrap_err().to_string();
     assert!(refused(Options { rate_hz: 2000.0, ..good.clone() }).contains("1000 Hz"));
+    let link = LinkConditions { loss: 1.5, ..LinkConditions::default() };
+    assert!(refused(Options { link, ..good.clone() }).contains("loss is 1.5"));
     assert!(refused(Options { depth: f64::NAN, ..good.clone() }).contains("depth"));
     assert!(refused(Options { tool: "scalpel".to_owned(), ..good.clone() }).contains("there is no tool 'scalpel'"));
     assert!(refused(Options { depth: 0.15, ..good }).contains("150 mm"));

@@ -126,6 +126,16 @@ impl Registration {
         self.scale
     }
 
+    /// R as a unit quaternion x, y, z, w.
+    pub fn rotation(&self) -> [f64; 4] {
+        self.rotation.coords.into()
+    }
+
+    /// Where the origin of device space lies in body space (3) [m].
+    pub fn translation(&self) -> [f64; 3] {
+        self.translation.into()
+    }
+
     /// A position (3) [m], from device to body space.
     pub fn position(&self, device: [f64; 3]) -> [f64; 3] {
         (self.scale * (self.rotation * Vector3::from(device)) + self.translation).into()
