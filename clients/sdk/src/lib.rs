@@ -5,7 +5,7 @@
 //! [`Connection::subscribe_surface`].
 //!
 //! A device that renders force: [`Device`] has its limits, [`Frame`] and [`Registration`] say where it lies in the body,
-//! [`Renderer`] makes the force at its own rate from the wrenches that came.
+//! [`Renderer`] makes the force at its own rate from the wrenches that came. C and C++ have all of it in `include/palpate.h`.
 //!
 //! Units are SI, frames right-handed, quaternions x, y, z, w. Nothing here depends on one operating system.
 //!
@@ -15,6 +15,7 @@
 //! Callbacks run on zenoh's receiving threads, which poses and wrenches share: they must return quickly.
 #![allow(rustdoc::broken_intra_doc_links)] // units stand in square brackets: [m]
 
+mod c_api;
 mod connection;
 mod device;
 mod echo;
