@@ -100,8 +100,12 @@ pub struct Report {
     pub non_finite_wrenches: u64,
     /// Wrenches in contact.
     pub contact_wrenches: u64,
-    /// Most energy given out to the hand beyond what it had put in [J].
+    /// Greatest force that the device gave, as its renderer made it of the wrenches [N].
+    pub peak_device_force: f64,
+    /// Most energy that the passivity observer saw going out to the hand beyond what it had put in [J].
     pub peak_energy: f64,
+    /// How much of that the device allows [J].
+    pub energy_budget: f64,
     /// Deepest point the device reached below touch [m]; the hand wanted to go to `depth`.
     pub reached_depth: f64,
     /// How far the hand wanted to go [m].
@@ -164,11 +168,15 @@ impl fmt::Display for Report {
         )?;
         writeln!(
             f,
-            "force: peak {:.3} N rendered, {:.3} N physical, largest step {:.4} N/ms; {:.2} mJ given out at most",
-            self.peak_force,
-            self.peak_physical_force,
-            self.peak_force_step,
-            1e3 * self.peak_energy
+            "force: peak {:.3} N rendered, {:.3} N physical, largest step {:.4} N/ms",
+            self.peak_force, self.peak_physical_force, self.peak_force_step
+        )?;
+        writeln!(
+            f,
+            "device: peak {:.3} N given, {:.2} mJ of {:.2} mJ given out to the hand at most",
+            self.peak_device_force,
+            1e3 * self.peak_energy,
+            1e3 * self.energy_budget
         )?;
         write!(f, "depth: {:.2} mm of {:.2} mm wanted", 1e3 * self.reached_depth, 1e3 * self.depth)
     }

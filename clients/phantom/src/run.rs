@@ -2,7 +2,7 @@
 
 use std::{
     sync::{
-        Arc, Mutex, MutexGuard, PoisonError,
+        Arc, Mutex,
         atomic::{AtomicBool, Ordering::Relaxed},
     },
     thread,
@@ -17,8 +17,11 @@ use palpate_sdk::{
 };
 
 use crate::{
-    Device, Distribution, Hand, HeldDevice, Live, Path, Pattern, Report, Sample, Site, Vec3, report::histogram,
-    scheduling::raise_this_thread, top_of_surface,
+    Device, Distribution, Hand, HeldDevice, Live, Path, Pattern, Report, Sample, Site, Vec3,
+    report::histogram,
+    scheduling::raise_this_thread,
+    top_of_surface,
+    wrench_log::{WrenchLog, locked},
 };
 
 /// Rate of the device loop [Hz] and its period [s], [ns].
@@ -153,6 +156,7 @@ pub fn run(options: &Options, stop: &AtomicBool, live: &mut dyn FnMut(&Live)) ->
             loss: options.link.loss,
             scheduling,
             depth: options.depth,
+            energy_budget: options.device.passivity_budget(),
             samples: Vec::with_capacity(options.samples),
             ..Default::default()
         },
@@ -237,6 +241,7 @@ impl DeviceLoop<'_> {
             let force = self.render(now_ns);
             let target = self.path.target(time);
             let rendered = self.held.step(DT, &target, force);
+            self.report.peak_device_force = self.report.peak_device_force.max(rendered.norm());
             self.record(Sample {
                 time,
                 target: target.position.into(),
@@ -322,61 +327,6 @@ impl DeviceLoop<'_> {
     }
 }
 
-/// What every single wrench tells, also those that a newer one overtakes before the device loop reads it.
-struct WrenchLog {
-    round_trip: Histogram<u64>,
-    answered_pose: u32,
-    /// Tick and rendered force of the wrench before.
-    last: Option<(u64, Vec3)>,
-    peak_force: f64,
-    peak_physical_force: f64,
-    peak_force_step: f64,
-    non_finite: u64,
-    in_contact: u64,
-}
-
-impl WrenchLog {
-    fn new() -> Self {
-        Self {
-            round_trip: histogram(),
-            answered_pose: 0,
-            last: None,
-            peak_force: 0.0,
-            peak_physical_force: 0.0,
-            peak_force_step: 0.0,
-            non_finite: 0,
-            in_contact: 0,
-        }
-    }
-
-    fn record(&mut self, wrench: &Wrench, arrival_ns: u64) {
-        if wrench.pose_sequence > self.answered_pose {
-            self.answered_pose = wrench.pose_sequence;
-            self.round_trip.saturating_record(arrival_ns.saturating_sub(wrench.pose_time_ns));
-        }
-        self.in_contact += u64::from(wrench.contact_points > 0);
-        let (force, physical) = (Vec3::from(wrench.force), Vec3::from(wrench.physical_force));
-        if !(force.norm().is_finite() && physical.norm().is_finite()) {
-            self.non_finite += 1;
-            return;
-        }
-        self.peak_force = self.peak_force.max(force.norm());
-        self.peak_physical_force = self.peak_physical_force.max(physical.norm());
-        if let Some((tick, before)) = self.last
-            && wrench.tick > tick
-        {
-            let step = (force - before).norm() / (wrench.tick - tick) as f64;
-            self.peak_force_step = self.peak_force_step.max(step);
-        }
-        self.last = Some((wrench.tick, force));
-    }
-}
-
-/// The log is only written whole, so that a poisoned one is still good.
-fn locked(log: &Mutex<WrenchLog>) -> MutexGuard<'_, WrenchLog> {
-    log.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
 /// Runs `work` while another thread of the same priority measures bare round trips, and adds these to its report.
 fn beside_echo(mut probe: EchoProbe, work: impl FnOnce() -> Result<Report>) -> Result<Report> {
     let done = AtomicBool::new(false);
@@ -441,48 +391,6 @@ fn check_reach(path: &Path, device: &Device, session: &Session) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn wrench(tick: u64, pose_sequence: u32, pose_time_ns: u64, force: f64) -> Wrench {
-        Wrench {
-            sequence: tick,
-            tick,
-            pose_sequence,
-            pose_time_ns,
-            pose_age_ticks: 0,
-            position: [0.0; 3],
-            orientation: [0.0, 0.0, 0.0, 1.0],
-            physical_force: [0.0, 0.0, 2.0 * force],
-            physical_torque: [0.0; 3],
-            force: [0.0, 0.0, force],
-            torque: [0.0; 3],
-            contact_points: 1,
-            phase: ToolPhase::Engaged,
-            flags: 0,
-            model: None,
-        }
-    }
-
-    #[test]
-    fn a_round_trip_ends_with_the_first_wrench_that_answers_the_pose() {
-        let mut log = WrenchLog::new();
-        log.record(&wrench(1, 0, 0, 0.0), 5_000_000);
-        log.record(&wrench(2, 1, 6_000_000, 0.0), 7_000_000);
-        log.record(&wrench(3, 1, 6_000_000, 0.0), 8_000_000);
-        log.record(&wrench(4, 2, 8_000_000, 0.0), 8_500_000);
-        let round_trip = Distribution::of(&log.round_trip);
-        assert_eq!(round_trip.count, 2);
-        assert!((round_trip.max - 1000.0).abs() < 1.0 && (round_trip.p50 - 500.0).abs() < 1.0);
-    }
-
-    #[test]
-    fn a_force_step_is_counted_per_simulated_millisecond() {
-        let mut log = WrenchLog::new();
-        log.record(&wrench(10, 0, 0, 0.0), 0);
-        log.record(&wrench(14, 0, 0, 2.0), 0);
-        log.record(&wrench(15, 0, 0, f64::NAN), 0);
-        assert_eq!((log.peak_force_step, log.peak_force, log.peak_physical_force), (0.5, 2.0, 4.0));
-        assert_eq!((log.non_finite, log.in_contact), (1, 3));
-    }
 
     #[test]
     fn a_path_beyond_the_workspace_is_refused_before_it_begins() {

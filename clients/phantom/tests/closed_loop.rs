@@ -6,8 +6,16 @@ mod fake_server;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
 use fake_server::{FLOOR_STIFFNESS, FakeServer};
-use palpate_phantom::{Device, Hand, Options, Pattern, Vec3, run};
+use palpate_phantom::{Device, Hand, Options, Pattern, Report, Sample, Vec3, run};
 use palpate_sdk::LinkConditions;
+
+/// The sample of middle height while the hand holds: on a busy machine a wrench may be late and the force fade for a
+/// moment.
+fn held(report: &Report) -> Sample {
+    let mut samples: Vec<_> = report.samples.iter().filter(|sample| sample.time >= 2.0).copied().collect();
+    samples.sort_by(|a, b| a.position[2].total_cmp(&b.position[2]));
+    samples[samples.len() / 2]
+}
 
 fn never() -> AtomicBool {
     AtomicBool::new(false)
@@ -31,7 +39,7 @@ fn pressing_a_springy_floor_ends_where_hand_and_floor_are_in_balance() {
     assert_eq!(f64::from_bits(server.coupling.load(Relaxed)), options.device.max_stiffness);
     // Held at the depth: k_hand (depth − d) = k_floor d, within one encoder step of force.
     let expected = hand.stiffness * options.depth / (hand.stiffness + FLOOR_STIFFNESS);
-    let held = report.samples.last().unwrap();
+    let held = held(&report);
     assert_eq!(report.samples.len(), 2400);
     assert!((0.005 - held.position[2] - expected).abs() < 2.0 * options.device.resolution, "{held:?}");
     assert!((held.force[2] - FLOOR_STIFFNESS * expected).abs() < 2.0 * FLOOR_STIFFNESS * options.device.resolution);
@@ -59,7 +67,7 @@ fn far_away_the_local_model_presses_as_well_as_near() {
     let report = run(&options, &never(), &mut |_| ()).unwrap();
     let hand = Hand::default();
     let expected = hand.stiffness * options.depth / (hand.stiffness + FLOOR_STIFFNESS);
-    let held = report.samples.last().unwrap();
+    let held = held(&report);
     assert!((0.005 - held.position[2] - expected).abs() < 1e-4, "{held:?}");
     assert!(report.peak_energy <= 1.01 * options.device.passivity_budget(), "{} J", report.peak_energy);
     assert!(report.to_string().contains("'local-passive' over 10 ms and up to 5 ms more each way, 5 % lost"));
