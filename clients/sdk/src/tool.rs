@@ -36,6 +36,12 @@ pub struct PoseSample {
 }
 
 impl PoseSample {
+    /// True when every number is finite.
+    pub(crate) fn is_finite(&self) -> bool {
+        let velocities = self.linear_velocity.iter().chain(&self.angular_velocity).flatten();
+        self.position.iter().chain(&self.orientation).chain(velocities).all(|number| number.is_finite())
+    }
+
     /// The message of this pose. Errors: [`SdkError::PoseNotFinite`] when a number is not finite as f32.
     fn message(&self, epoch: u32, sequence: u32, time_ns: u64) -> Result<ToolPose, SdkError> {
         Ok(ToolPose {
