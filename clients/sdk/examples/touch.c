@@ -5,7 +5,9 @@
  *     cargo build --release -p palpate-sdk
  *     cc -std=c99 -Iclients/sdk/include clients/sdk/examples/touch.c target/release/libpalpate_sdk.a \
  *        -lpthread -ldl -lm -o touch
- *     ./touch
+ *     ./touch [FORCE_ENDPOINT SURFACE_ENDPOINT SESSION [X Y Z]]
+ *
+ * X Y Z [m] is the place in the body that is touched; the origin without it.
  *
  * With a real device, read_device asks its driver and the force goes to its motors; nothing else changes.
  */
@@ -40,10 +42,14 @@ int main(int argc, char **argv)
     const char *session = argc > 3 ? argv[3] : NULL;
     const struct timespec period = {0, 1000000}; /* 1 ms; a real device's driver calls back instead */
     double force[3] = {0.0, 0.0, 0.0};
+    const double device_origin[3] = {0.0, 0.0, 0.0};
+    double place[3] = {0.0, 0.0, 0.0};
     palpate_attachment attachment;
     palpate_client *client;
-    int tick;
+    int tick, i;
 
+    for (i = 0; i < 3 && argc > 6; i++)
+        place[i] = strtod(argv[4 + i], NULL);
     client = palpate_connect(force_endpoint, surface_endpoint, session);
     if (client == NULL)
         return fail("connect");
@@ -51,10 +57,12 @@ int main(int argc, char **argv)
     attachment.client = "touch.c";
     attachment.device = "Touch";
     attachment.frame = "phantom";
+    if (palpate_registration_place(&attachment.registration, device_origin, place) != 0)
+        return fail("register");
     if (palpate_attach(client, &attachment) != 0)
         return fail("attach");
 
-    for (tick = 0; tick < 1300; tick++) {
+    for (tick = 0; tick < 1500; tick++) {
         palpate_pose pose;
         read_device(tick * 0.001, &pose);
         if (palpate_send_pose(client, &pose) != 0)

@@ -8,8 +8,12 @@
  * torques in newton metres in every frame. Bodies are touched in "body space": right-handed, metres, +x to the right,
  * +y away from the user, +z up. palpate_attachment.registration says where the device lies in it.
  *
- * Functions that return int return 0, or -1 where they failed; palpate_last_error() then says why, in plain words. No
- * pointer is kept after the call it was passed to. A palpate_client may be used by any thread, but by one at a time.
+ * Functions that return int return 0, or -1 where they failed; palpate_last_error() then says why, in plain words. NULL
+ * where something is needed is such a failure. No pointer is kept after the call it was passed to.
+ *
+ * A palpate_client may be used by any thread, but by one at a time: connect and attach where the program starts, send
+ * poses and ask for forces in the device's own loop, stop that loop, then detach and close. Functions without a client
+ * may be called by any thread at any time.
  */
 #ifndef PALPATE_H
 #define PALPATE_H
@@ -87,7 +91,8 @@ typedef struct palpate_pose {
     uint32_t buttons;           /* bit i: button i is held */
 } palpate_pose;
 
-/* Sends a pose, as often as the attachment said. Does not wait for the network. */
+/* Sends a pose, as often as the attachment said. Does not wait for the network. A pose that is not finite, or whose
+ * quaternion is zero, is a failure and not sent. */
 int palpate_send_pose(palpate_client *client, const palpate_pose *pose);
 
 /* The force [N] to give now, and the torque [N m] unless that is NULL: call it at the device's own rate, 1 kHz or more,
@@ -103,7 +108,7 @@ int palpate_clutch(palpate_client *client, int pressed);
 /* Gives the tool back. The tool is let go also where this fails. */
 int palpate_detach(palpate_client *client);
 
-/* Closes the connection and frees the client. NULL is allowed. */
+/* Closes the connection and frees the client, and gives back a tool that it still holds. NULL is allowed. */
 void palpate_close(palpate_client *client);
 
 #ifdef __cplusplus

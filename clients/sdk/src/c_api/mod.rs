@@ -3,159 +3,18 @@
 //! Nothing here has a rule of its own: it checks pointers, turns text and numbers, and calls the crate. Panics end at
 //! this border.
 
+mod border;
+mod client;
+
 use std::{
-    cell::RefCell,
-    error::Error,
-    ffi::{CStr, CString, c_char, c_int},
-    panic::{AssertUnwindSafe, catch_unwind},
+    ffi::{c_char, c_int},
     slice,
 };
 
-use crate::{
-    Attachment, Clutch, Connection, Device, Endpoints, Frame, PoseSample, Registration, RenderMode, Renderer, SdkError,
-    Tool,
-};
+use border::{guarded, last_error, read, status, text, write};
+use client::{CAttachment, CPose, CRegistration, Client, Held};
 
-type Fallible<T> = Result<T, Box<dyn Error>>;
-
-/// `palpate_registration`.
-#[repr(C)]
-pub struct CRegistration {
-    scale: f64,
-    rotation: [f64; 4],
-    translation: [f64; 3],
-}
-
-impl CRegistration {
-    fn checked(&self) -> Result<Registration, SdkError> {
-        Registration::new(self.scale, self.rotation, self.translation)
-    }
-}
-
-impl From<&Registration> for CRegistration {
-    fn from(registration: &Registration) -> Self {
-        Self { scale: registration.scale(), rotation: registration.rotation(), translation: registration.translation() }
-    }
-}
-
-/// `palpate_attachment`.
-#[repr(C)]
-pub struct CAttachment {
-    client: *const c_char,
-    tool: *const c_char,
-    rate_hz: f64,
-    device: *const c_char,
-    frame: *const c_char,
-    render: *const c_char,
-    registration: CRegistration,
-}
-
-/// `palpate_pose`.
-#[repr(C)]
-pub struct CPose {
-    position: [f64; 3],
-    orientation: [f64; 4],
-    linear_velocity: [f64; 3],
-    angular_velocity: [f64; 3],
-    buttons: u32,
-}
-
-/// `palpate_client`.
-pub struct Client {
-    connection: Connection,
-    held: Option<Held>,
-}
-
-/// A tool in the hand, and everything between the device's numbers and the server's.
-struct Held {
-    tool: Tool,
-    renderer: Renderer,
-    frame: Frame,
-    clutch: Clutch,
-    pressed: bool,
-    /// The device's newest pose in Palpate's axes, for forces between poses.
-    pose: PoseSample,
-}
-
-impl Held {
-    fn send_pose(&mut self, pose: &CPose) -> Result<(), SdkError> {
-        let frame = &self.frame;
-        self.pose = PoseSample {
-            position: frame.position_in(pose.position),
-            orientation: frame.orientation_in(pose.orientation),
-            linear_velocity: Some(frame.velocity_in(pose.linear_velocity)),
-            angular_velocity: Some(frame.torque_in(pose.angular_velocity)),
-            buttons: pose.buttons,
-        };
-        let in_body = self.clutch.follow(&self.pose, self.pressed, self.tool.now_ns());
-        self.tool.send_pose(in_body).map(|_| ())
-    }
-
-    /// Force [N] and torque [N·m] in the device's axes.
-    fn render(&mut self, position: [f64; 3], velocity: [f64; 3]) -> [[f64; 3]; 2] {
-        if let Some(received) = self.tool.latest_wrench().filter(|received| received.fresh) {
-            self.renderer.receive(&received.wrench, received.arrival_ns);
-        }
-        let now_ns = self.tool.now_ns();
-        let device = PoseSample {
-            position: self.frame.position_in(position),
-            linear_velocity: Some(self.frame.velocity_in(velocity)),
-            ..self.pose
-        };
-        let in_body = self.clutch.follow(&device, self.pressed, now_ns);
-        let force = self.renderer.force(in_body.position, in_body.linear_velocity.unwrap_or_default(), now_ns);
-        let (registration, scale) = (self.clutch.registration(), self.clutch.force_scale());
-        let force = registration.force_to_device(force).map(|f| scale * f);
-        let torque = registration.torque_to_device(self.renderer.torque(now_ns)).map(|t| scale * t);
-        [self.frame.force_out(force), self.frame.torque_out(torque)]
-    }
-}
-
-thread_local! {
-    static LAST_ERROR: RefCell<CString> = RefCell::default();
-}
-
-/// What `work` returns, or `failed`, with the reason kept for `palpate_last_error`.
-fn guarded<T>(failed: T, work: impl FnOnce() -> Fallible<T>) -> T {
-    let reason = match catch_unwind(AssertUnwindSafe(work)) {
-        Ok(Ok(value)) => return value,
-        Ok(Err(error)) => error.to_string(),
-        Err(_) => "the library panicked; this is a fault of it".to_owned(),
-    };
-    let reason = CString::new(reason.replace('\0', " ")).unwrap_or_default();
-    LAST_ERROR.with(|last| *last.borrow_mut() = reason);
-    failed
-}
-
-fn status(work: impl FnOnce() -> Fallible<()>) -> c_int {
-    guarded(-1, || work().map(|()| 0))
-}
-
-/// The text at `pointer`, or `default` for NULL.
-///
-/// # Safety
-/// `pointer` is NULL or points to text that ends with 0 and outlives `'a`.
-unsafe fn text<'a>(pointer: *const c_char, default: &'a str) -> Fallible<&'a str> {
-    if pointer.is_null() {
-        return Ok(default);
-    }
-    // SAFETY: not NULL, and text by the caller's word.
-    Ok(unsafe { CStr::from_ptr(pointer) }.to_str()?)
-}
-
-/// # Safety
-/// `pointer` is NULL or valid for reads while `'a` lasts.
-unsafe fn read<'a, T>(pointer: *const T, name: &str) -> Fallible<&'a T> {
-    // SAFETY: valid by the caller's word; NULL becomes None.
-    unsafe { pointer.as_ref() }.ok_or_else(|| format!("{name} is NULL").into())
-}
-
-/// # Safety
-/// `pointer` is NULL or valid for reads and writes, and nobody else uses it while `'a` lasts.
-unsafe fn write<'a, T>(pointer: *mut T, name: &str) -> Fallible<&'a mut T> {
-    // SAFETY: valid and not shared by the caller's word; NULL becomes None.
-    unsafe { pointer.as_mut() }.ok_or_else(|| format!("{name} is NULL").into())
-}
+use crate::{Attachment, Connection, Device, Endpoints, Frame, Registration, RenderMode};
 
 /// See `palpate.h`.
 #[unsafe(no_mangle)]
@@ -166,7 +25,7 @@ pub extern "C" fn palpate_version() -> *const c_char {
 /// See `palpate.h`.
 #[unsafe(no_mangle)]
 pub extern "C" fn palpate_last_error() -> *const c_char {
-    LAST_ERROR.with(|last| last.borrow().as_ptr())
+    last_error()
 }
 
 /// See `palpate.h`.
@@ -323,15 +182,7 @@ pub unsafe extern "C" fn palpate_attach(client: *mut Client, attachment: *const 
             rate_hz: attachment.rate_hz,
             coupling_stiffness: registration.coupling_stiffness(&device),
         })?;
-        let pose = PoseSample {
-            position: [0.0; 3],
-            orientation: [0.0, 0.0, 0.0, 1.0],
-            linear_velocity: None,
-            angular_velocity: None,
-            buttons: 0,
-        };
-        let (renderer, clutch) = (Renderer::new(&registration.in_body(&device), mode), Clutch::new(registration));
-        client.held = Some(Held { tool, renderer, frame, clutch, pressed: false, pose });
+        client.held = Some(Held::new(tool, &device, frame, mode, registration));
         Ok(())
     })
 }
@@ -345,7 +196,7 @@ pub unsafe extern "C" fn palpate_send_pose(client: *mut Client, pose: *const CPo
     status(|| {
         // SAFETY: the pointers are as above by the caller's word.
         let (client, pose) = unsafe { (write(client, "client")?, read(pose, "pose")?) };
-        Ok(held(client)?.send_pose(pose)?)
+        Ok(client.held()?.send_pose(pose)?)
     })
 }
 
@@ -371,7 +222,7 @@ pub unsafe extern "C" fn palpate_force(
         // SAFETY: the pointers are as above by the caller's word.
         let (client, position, velocity) =
             unsafe { (write(client, "client")?, read(position, "position")?, read(velocity, "velocity")?) };
-        let rendered = held(client)?.render(*position, *velocity);
+        let rendered = client.held()?.render(*position, *velocity);
         *force.ok_or("force is NULL")? = rendered[0];
         if let Some(torque) = torque {
             *torque = rendered[1];
@@ -388,7 +239,7 @@ pub unsafe extern "C" fn palpate_force(
 pub unsafe extern "C" fn palpate_clutch(client: *mut Client, pressed: c_int) -> c_int {
     status(|| {
         // SAFETY: as above by the caller's word.
-        held(unsafe { write(client, "client") }?)?.pressed = pressed != 0;
+        unsafe { write(client, "client") }?.held()?.pressed = pressed != 0;
         Ok(())
     })
 }
@@ -401,8 +252,7 @@ pub unsafe extern "C" fn palpate_clutch(client: *mut Client, pressed: c_int) -> 
 pub unsafe extern "C" fn palpate_detach(client: *mut Client) -> c_int {
     status(|| {
         // SAFETY: as above by the caller's word.
-        let client = unsafe { write(client, "client") }?;
-        Ok(client.held.take().ok_or(NO_TOOL)?.tool.detach()?)
+        unsafe { write(client, "client") }?.detach()
     })
 }
 
@@ -421,19 +271,16 @@ pub unsafe extern "C" fn palpate_close(client: *mut Client) {
     });
 }
 
-const NO_TOOL: &str = "this client holds no tool: call palpate_attach first";
-
-fn held(client: &mut Client) -> Fallible<&mut Held> {
-    client.held.as_mut().ok_or_else(|| NO_TOOL.into())
-}
-
 #[cfg(test)]
 mod tests {
-    use std::ptr::{null, null_mut};
+    use std::{
+        ffi::CStr,
+        ptr::{null, null_mut},
+    };
 
     use super::*;
 
-    fn last_error() -> String {
+    fn said() -> String {
         // SAFETY: palpate_last_error returns text that lasts until the next call.
         unsafe { CStr::from_ptr(palpate_last_error()) }.to_str().unwrap().to_owned()
     }
@@ -444,14 +291,14 @@ mod tests {
         // SAFETY: NULL is allowed everywhere, which is what this tests.
         unsafe {
             assert_eq!(palpate_attach(null_mut(), null()), -1);
-            assert_eq!(last_error(), "client is NULL");
+            assert_eq!(said(), "client is NULL");
             assert_eq!(palpate_send_pose(null_mut(), null()), -1);
             assert_eq!(palpate_force(null_mut(), null(), null(), &mut force, null_mut()), -1);
             assert_eq!(force, [0.0; 3], "where it fails the force is zero");
             assert_eq!(palpate_clutch(null_mut(), 1), -1);
             assert_eq!(palpate_detach(null_mut()), -1);
             assert_eq!(palpate_registration_fit(null(), null(), 3, 1.0, null_mut(), null_mut()), -1);
-            assert_eq!(last_error(), "the points are NULL");
+            assert_eq!(said(), "the points are NULL");
             assert_eq!(palpate_registration_place(null_mut(), null(), null()), -1);
             assert_eq!(palpate_frame_position(null(), null(), null_mut()), -1);
             palpate_attachment_defaults(null_mut());
@@ -462,7 +309,7 @@ mod tests {
     #[test]
     fn a_panic_ends_at_the_border_and_is_told() {
         assert_eq!(status(|| panic!("on purpose")), -1);
-        assert!(last_error().contains("panicked"));
+        assert!(said().contains("panicked"));
         assert_eq!(status(|| Ok(())), 0);
     }
 
@@ -483,6 +330,6 @@ mod tests {
         assert!((registration.scale - 0.5).abs() < 1e-9 && residual < 1e-9);
         assert!((registration.translation[2] - 0.2).abs() < 1e-9);
         assert_eq!(position, [0.0, 1.0, 0.0]);
-        assert!(last_error().contains("\"blender\""));
+        assert!(said().contains("\"blender\""));
     }
 }
