@@ -1,5 +1,9 @@
 //! The server over real zenoh sessions on loopback: what a client sees, and what it may do to the server.
 
+#[cfg(unix)]
+mod c_client;
+mod two_hands;
+
 use palpate::model::element_kernel::Path as KernelPath;
 use palpate::recording::{Recording, replay};
 use palpate::scene::LoadedScene;
