@@ -226,7 +226,8 @@ mod tests {
     /// What the second of two hands feels [N] while both press 28 mm apart and hold, (n_ticks), and the first tool.
     fn two_hands(first: impl Fn(&mut Lockstep, u64)) -> Vec<(Vec3, ToolOutput)> {
         let body = cube(400.0).unwrap();
-        let device = Device { friction: 0.0, ..Device::default() };
+        // Without friction and steps of its encoders the device shows what the tissue does.
+        let device = Device { friction: 0.0, resolution: 1e-9, ..Device::default() };
         let on = Loop { device, hand: Hand::default(), mode: RenderMode::default(), link: network(0) };
         let mut lockstep = Lockstep::new(&body, settings(2)).unwrap();
         for aside in [-0.014, 0.014] {
@@ -269,8 +270,8 @@ mod tests {
             println!("{name}: {before:.4} N before, {after:.4} N after, {most:.4} N in a tick at most");
             assert!(before > 0.3 && run[..KILLED - 1].iter().zip(&both[..]).all(|(a, b)| a.0 == b.0));
             assert!(most <= bound, "{most} N in a tick, {bound} N where nobody is killed");
-            // What is left is the touch of one hand, as if the other had never been there.
-            assert!((after / end(alone) - 1.0).abs() < 0.01, "{after} N");
+            // What is left is the touch of one hand, as if the other had never been there; that had taken 1.7 % of it.
+            assert!((after / end(alone) - 1.0).abs() < 5e-3, "{after} N");
         }
         let tool = |run: &[(Vec3, ToolOutput)], after: usize| run[KILLED - 2 + after].1;
         let before = tool(dead, 0).state.force.norm();

@@ -40,8 +40,8 @@ pub(super) fn status(work: impl FnOnce() -> Fallible<()>) -> c_int {
 /// The text at `pointer`, or `default` for NULL.
 ///
 /// # Safety
-/// `pointer` is NULL or points to text that ends with 0 and outlives `'a`.
-pub(super) unsafe fn text<'a>(pointer: *const c_char, default: &'a str) -> Fallible<&'a str> {
+/// `pointer` is NULL or points to text that ends with 0 and lasts as long as what is returned.
+pub(super) unsafe fn text(pointer: *const c_char, default: &str) -> Fallible<&str> {
     if pointer.is_null() {
         return Ok(default);
     }
