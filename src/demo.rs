@@ -8,7 +8,7 @@ use anyhow::{Context, anyhow};
 use clap::Args;
 use palpate::scene::Scene;
 use palpate::server::Server;
-use palpate_phantom::{Device, Live, Pattern, Report};
+use palpate_phantom::{Device, Live, Network, Pattern, Report};
 use palpate_proto as proto;
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyModifiers};
 use ratatui::layout::{Constraint, Layout};
@@ -17,6 +17,7 @@ use ratatui::text::Line;
 use ratatui::widgets::{Block, Paragraph, Row, Sparkline, Table};
 use std::collections::VecDeque;
 use std::io::IsTerminal;
+use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -40,6 +41,11 @@ pub struct DemoArgs {
     /// Device that the virtual hand holds
     #[arg(long, default_value = "PHANTOM Omni")]
     device: String,
+    /// Device that the virtual hand holds, from a TOML file with its limits
+    #[arg(long, conflicts_with = "device")]
+    device_file: Option<PathBuf>,
+    #[command(flatten)]
+    network: Network,
     /// How often the device sends poses [Hz]; a headset's 72 to 90 also work
     #[arg(long, default_value_t = 1000.0)]
     rate_hz: f64,
@@ -69,7 +75,10 @@ pub fn run(args: DemoArgs) -> anyhow::Result<ExitCode> {
         log_to_stderr();
     }
     let (loaded, body, start) = build(&args.scene)?;
-    let device = Device::by_name(&args.device)?;
+    let device = match &args.device_file {
+        Some(file) => Device::from_file(file)?,
+        None => Device::by_name(&args.device)?,
+    };
     let scene: Scene = loaded.scene.clone();
     runtime()?.block_on(async {
         let server = Server::start(loaded.scene, body, start, args.server.options()).await?;
@@ -135,6 +144,9 @@ fn start_phantom(
         pattern: args.pattern,
         depth: args.depth,
         rate_hz: args.rate_hz,
+        render: args.network.render,
+        link: args.network.conditions()?,
+        seed: args.network.seed,
         seconds: args.seconds,
         ..palpate_phantom::Options::default()
     };

@@ -14,6 +14,7 @@
 //! | [`press`] | a punch pressed deep into a cube, under every law |
 //! | [`relax`] | bodies brought to rest |
 //! | [`touch`] | the core under a tool: error against cost, a cut budget, the paper's figure 8 |
+//! | [`lockstep`] | hands on one body, with device, client library and network in one loop, in simulated time |
 //! | [`stability`] | how stiff a body may be before a hand far away shakes |
 //! | [`plot`] | pictures and tables |
 
@@ -21,6 +22,7 @@ pub mod compare;
 pub mod coupling;
 pub mod laws;
 pub mod levels;
+pub mod lockstep;
 pub mod oscillate;
 pub mod patch;
 pub mod plot;

@@ -3,21 +3,19 @@
 //! simulated time.
 
 use super::Progress;
+use super::lockstep::{Lockstep, Loop};
 use super::plot::{Chart, Curve, charts, table};
 use crate::adaptation::Adaptivity;
 use crate::contact::safety::ForceLimits;
-use crate::contact::tool::{Following, PoseSample, Shape, Tool, ToolEvent};
-use crate::feedback::LocalModel;
-use crate::feedback::relaxed::{Probe, Stiffness};
+use crate::contact::tool::{Following, Shape, Tool};
 use crate::geometry::primitives::box_surface;
-use crate::math::{Pose, Real, Vec3};
+use crate::math::{Real, Vec3};
 use crate::model::step_class::TICK;
 use crate::model::{Body, Material};
 use crate::prepare::{self, Recipe, Region, prepare};
-use crate::simulation::{Inputs, Settings, Simulation, Snapshot, TICKS_PER_FRAME};
-use crate::wire;
-use palpate_phantom::{Hand, HeldDevice, Target};
-use palpate_sdk::{Device, Link, LinkConditions, RenderMode, Renderer, Wrench};
+use crate::simulation::Settings;
+use palpate_phantom::{Hand, Target};
+use palpate_sdk::{Device, LinkConditions, RenderMode};
 use rayon::prelude::*;
 use std::io::{Error, Result};
 use std::path::Path;
@@ -36,8 +34,6 @@ const REST: Real = 0.5;
 pub const DELAYS: [u64; 6] = [0, 1, 2, 5, 10, 20];
 /// Part of the messages that never arrive.
 const LOSS: f64 = 0.05;
-/// Ticks from a copy of the simulation to its local model, as a busy server takes.
-const MODEL_TICKS: u64 = 16;
 /// Stiffnesses between which the map is drawn [N/m].
 const SOFTEST: Real = 50.0;
 const STIFFEST: Real = 1600.0;
@@ -48,19 +44,6 @@ pub const WAYS: [(RenderMode, &str); 4] = [
     (RenderMode::LocalModel, "local model"),
     (RenderMode::LocalModelPassive, "local model and passivity control"),
 ];
-
-/// The loop to be closed around a body.
-#[derive(Clone, Debug)]
-pub struct Loop {
-    /// What renders.
-    pub device: Device,
-    /// What holds it.
-    pub hand: Hand,
-    /// How the client renders.
-    pub mode: RenderMode,
-    /// Either way of the network.
-    pub link: LinkConditions,
-}
 
 /// What the hand went through.
 #[derive(Clone, Debug)]
@@ -102,10 +85,12 @@ pub fn cube(stiffness: Real) -> Result<Arc<Body>> {
 /// Young's modulus [Pa] that gives the cube a newton per metre: the force is proportional to it at a given depth.
 const MODULUS_FOR: Real = 109.0;
 
-fn settings() -> Settings {
+/// Of a simulation of a cube under `tools` balls.
+pub fn settings(tools: usize) -> Settings {
+    let ball = Tool { name: "ball".into(), shape: Shape::ball(RADIUS), friction: 0.0 };
     Settings {
         gravity: Vec3::zeros(),
-        tools: vec![Tool { name: "ball".into(), shape: Shape::ball(RADIUS), friction: 0.0 }],
+        tools: vec![ball; tools],
         following: Following { speed: 1.0, engage_ticks: 100 },
         limits: ForceLimits { force: 20.0, torque: 1.0, slew: 1000.0 },
         adaptivity: Some(Adaptivity::default()),
@@ -123,64 +108,25 @@ fn target(time: Real) -> Target {
 }
 
 /// Centre of the ball when its lowest point is `height` over the middle of the top [m].
-fn over(height: Real) -> Vec3 {
+pub fn over(height: Real) -> Vec3 {
     Vec3::new(0.5 * SIDE, 0.5 * SIDE, SIDE + RADIUS + height)
 }
 
-/// Closes the loop for 2 s: path, hand, device, client library, network, core, network.
+/// Closes the loop for 2 s.
 ///
 /// # Errors
 /// When the body does not fit the simulation.
 pub fn close(body: &Arc<Body>, on: &Loop, seed: u64) -> Result<Felt> {
-    let start = Snapshot::at_rest(body, 0, 1);
-    let mut core = Simulation::new(body.clone(), settings(), start).map_err(Error::other)?;
-    let mut probe = Probe::new(body.clone(), settings()).map_err(Error::other)?;
-    let mut renderer = Renderer::new(&on.device, on.mode);
-    let mut held = HeldDevice::new(on.device.clone(), on.hand, target(0.0).position);
-    let mut poses = Link::new(on.link, seed);
-    let mut wrenches = Link::new(on.link, seed ^ 0x5eed);
-    let mut local = LocalModel::default();
-    let (mut found, mut next): (Option<Stiffness>, Option<(u64, Option<Stiffness>)>) = (None, None);
+    let mut lockstep = Lockstep::new(body, settings(1))?;
+    lockstep.attach(on, target, seed);
     let mut felt = Felt { force: Vec::new(), height: Vec::new(), energy: 0.0 };
-    let coupling = 1.0 / on.device.max_stiffness;
-    let mut event = Some(ToolEvent::Attach { epoch: 1, period_ticks: 1, coupling });
-    for tick in 1..=(LENGTH / TICK) as u64 {
-        let now_ns = tick * 1_000_000;
-        while let Some(wrench) = wrenches.poll(now_ns) {
-            renderer.receive(&wrench, now_ns);
-        }
-        let (x, v) = (held.reported_position(), held.reported_velocity());
-        let force = renderer.force(x.into(), v.into(), now_ns);
-        poses.send(now_ns, (tick as u32, x, v));
-        let given = held.step(TICK, &target(tick as Real * TICK), Vec3::from(force));
-        felt.force.push(given.z);
-        felt.height.push(held.position().z - over(0.0).z);
-        felt.energy = felt.energy.max(renderer.observed_energy());
-
-        let mut inputs = Inputs::default();
-        while let Some((sequence, position, velocity)) = poses.poll(now_ns) {
-            inputs.tools[0] = Some(pose(sequence, position, velocity));
-        }
-        inputs.tools[0] = event.take().or(inputs.tools[0]);
-        let outputs = core.advance(&inputs);
-        let (tool, flags) = (outputs.tools[0], outputs.flags());
-        if next.is_some_and(|(at, _)| at == tick) {
-            found = next.take().and_then(|(_, stiffness)| stiffness);
-        }
-        let mut message = wire::wrench(0, tick, tick, &tool, flags);
-        wire::add_model(&mut message, local.update(&tool, &found));
-        wrenches.send(now_ns, Wrench::try_from(&message).map_err(Error::other)?);
-        if tick.is_multiple_of(TICKS_PER_FRAME) && tool.state.touches() {
-            next = Some((tick + MODEL_TICKS, probe.stiffness(&core.snapshot())[0]));
-        }
+    for _ in 0..(LENGTH / TICK) as u64 {
+        let now = lockstep.step()?[0];
+        felt.force.push(now.force.z);
+        felt.height.push(now.position.z - over(0.0).z);
+        felt.energy = felt.energy.max(now.energy);
     }
     Ok(felt)
-}
-
-fn pose(sequence: u32, position: Vec3, linear_velocity: Vec3) -> ToolEvent {
-    let pose = Pose { position, ..Pose::default() };
-    let angular_velocity = Vec3::zeros();
-    ToolEvent::Pose(PoseSample { sequence, time_ns: 0, pose, linear_velocity, angular_velocity, buttons: 0 })
 }
 
 /// A network of that one-way delay [ms], jitter up to as much, and loss.
@@ -285,6 +231,10 @@ pub fn apart(a: &Felt, b: &Felt) -> Real {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::contact::tool::ToolEvent;
+    use crate::feedback::relaxed::Probe;
+    use crate::simulation::{Inputs, Simulation, Snapshot};
+    use crate::study::lockstep::pose;
 
     fn loop_with(mode: RenderMode, delay: u64) -> Loop {
         let device = Device::by_name("omega").unwrap();
@@ -295,8 +245,8 @@ mod tests {
     #[test]
     fn the_cube_is_as_stiff_as_it_is_called() {
         let body = cube(400.0).unwrap();
-        let mut core = Simulation::new(body.clone(), settings(), Snapshot::at_rest(&body, 0, 1)).unwrap();
-        let mut probe = Probe::new(body, settings()).unwrap();
+        let mut core = Simulation::new(body.clone(), settings(1), Snapshot::at_rest(&body, 0, 1)).unwrap();
+        let mut probe = Probe::new(body, settings(1)).unwrap();
         let mut event = Some(ToolEvent::Attach { epoch: 1, period_ticks: 1, coupling: 0.0 });
         for tick in 0..1200u32 {
             let height = 0.005 - (0.005 + 0.001) * (Real::from(tick) / 500.0).min(1.0);

@@ -14,7 +14,7 @@ use std::{
 
 use anyhow::{Context, Result, ensure};
 use clap::Parser;
-use palpate_phantom::{Device, Live, Options, Pattern, Vec3, run};
+use palpate_phantom::{Device, Live, Network, Options, Pattern, Vec3, run};
 use palpate_sdk::Endpoints;
 
 /// A virtual haptic device and the hand that holds it: presses on the body of a Palpate server and reports.
@@ -33,6 +33,11 @@ struct Arguments {
     /// Device to model: Touch, PHANTOM Omni, PHANTOM Desktop, Touch X, PHANTOM Premium 1.5 6DOF, omega.
     #[arg(long, default_value = "PHANTOM Omni", value_parser = Device::by_name)]
     device: Device,
+    /// Device to model, from a TOML file with its limits.
+    #[arg(long, conflicts_with = "device")]
+    device_file: Option<PathBuf>,
+    #[command(flatten)]
+    network: Network,
     /// What the hand does: press, palpate, stroke, tap, tremor.
     #[arg(long, default_value = "press")]
     pattern: Pattern,
@@ -70,7 +75,10 @@ fn main() -> Result<()> {
             surface: arguments.surface_endpoint,
             session: arguments.session,
         },
-        device: arguments.device,
+        device: arguments.device_file.map_or(Ok(arguments.device), Device::from_file)?,
+        render: arguments.network.render,
+        link: arguments.network.conditions()?,
+        seed: arguments.network.seed,
         pattern: arguments.pattern,
         depth: arguments.depth,
         rate_hz: arguments.rate_hz,

@@ -54,6 +54,14 @@ pub struct Report {
     pub tool: String,
     /// Poses per second [Hz].
     pub rate_hz: f64,
+    /// How the force was made from the wrenches.
+    pub render: String,
+    /// Delay added each way [ms], beside the network's own. Round trips are measured without it.
+    pub delay_ms: f64,
+    /// Width of the jitter added each way [ms].
+    pub jitter_ms: f64,
+    /// Share lost on purpose each way.
+    pub loss: f64,
     /// What the system granted the device loop.
     pub scheduling: String,
     /// Length of the run [s].
@@ -92,6 +100,12 @@ pub struct Report {
     pub non_finite_wrenches: u64,
     /// Wrenches in contact.
     pub contact_wrenches: u64,
+    /// Greatest force that the device gave, as its renderer made it of the wrenches [N].
+    pub peak_device_force: f64,
+    /// Most energy that the passivity observer saw going out to the hand beyond what it had put in [J].
+    pub peak_energy: f64,
+    /// How much of that the device allows [J].
+    pub energy_budget: f64,
     /// Deepest point the device reached below touch [m]; the hand wanted to go to `depth`.
     pub reached_depth: f64,
     /// How far the hand wanted to go [m].
@@ -122,6 +136,12 @@ impl fmt::Display for Report {
             "{:.1} s, {} poses at {} Hz, device loop {}",
             self.seconds, self.poses_sent, self.rate_hz, self.scheduling
         )?;
+        write!(f, "force rendered by '{}'", self.render)?;
+        if self.delay_ms + self.jitter_ms + self.loss > 0.0 {
+            let (delay, jitter, loss) = (self.delay_ms, self.jitter_ms, 100.0 * self.loss);
+            write!(f, " over {delay} ms and up to {jitter} ms more each way, {loss} % lost (not in the times below)")?;
+        }
+        writeln!(f)?;
         writeln!(f)?;
         writeln!(f, "{:<28}{:>10}{:>10}{:>10}{:>10}{:>10}", "[µs]", "p50", "p99", "p99.9", "max", "count")?;
         let rows = [
@@ -150,6 +170,13 @@ impl fmt::Display for Report {
             f,
             "force: peak {:.3} N rendered, {:.3} N physical, largest step {:.4} N/ms",
             self.peak_force, self.peak_physical_force, self.peak_force_step
+        )?;
+        writeln!(
+            f,
+            "device: peak {:.3} N given, {:.2} mJ of {:.2} mJ given out to the hand at most",
+            self.peak_device_force,
+            1e3 * self.peak_energy,
+            1e3 * self.energy_budget
         )?;
         write!(f, "depth: {:.2} mm of {:.2} mm wanted", 1e3 * self.reached_depth, 1e3 * self.depth)
     }

@@ -2,7 +2,7 @@
 
 use std::{
     sync::{
-        Arc, Mutex, MutexGuard, PoisonError,
+        Arc, Mutex,
         atomic::{AtomicBool, Ordering::Relaxed},
     },
     thread,
@@ -12,17 +12,22 @@ use std::{
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use hdrhistogram::Histogram;
 use palpate_sdk::{
-    Connection, EchoProbe, Endpoints, PoseSample, Session, Tool, ToolDescription, ToolPhase, WRENCH_BYTES, Wrench,
+    Attachment, Connection, EchoProbe, Endpoints, Link, LinkConditions, PoseSample, Registration, RenderMode, Renderer,
+    Session, Tool, ToolDescription, ToolPhase, WRENCH_BYTES, Wrench,
 };
 
 use crate::{
-    Device, Distribution, Hand, HeldDevice, Live, Path, Pattern, Report, Sample, Site, Vec3, report::histogram,
-    scheduling::raise_this_thread, top_of_surface,
+    Device, Distribution, Hand, HeldDevice, Live, Path, Pattern, Report, Sample, Site, Vec3,
+    report::histogram,
+    scheduling::raise_this_thread,
+    top_of_surface,
+    wrench_log::{WrenchLog, locked},
 };
 
-/// Rate of the device loop [Hz] and its period [s].
+/// Rate of the device loop [Hz] and its period [s], [ns].
 const RATE_HZ: f64 = 1000.0;
 const DT: f64 = 1e-3;
+const DT_NS: u64 = 1_000_000;
 /// Height of the tool above the body at the start [m].
 const STANDOFF: f64 = 0.02;
 /// Silence after which the server counts as gone [ns].
@@ -57,6 +62,12 @@ pub struct Options {
     pub site: Option<(Vec3, Vec3)>,
     /// Whether to measure the bare round trip meanwhile, 100 times a second.
     pub echo: bool,
+    /// How the force is made from the wrenches.
+    pub render: RenderMode,
+    /// What to do to poses and to wrenches beside what the network does.
+    pub link: LinkConditions,
+    /// Seed of the jitter and the loss.
+    pub seed: u64,
     /// How many ticks to keep as samples, from the beginning.
     pub samples: usize,
 }
@@ -75,6 +86,9 @@ impl Default for Options {
             tool: String::new(),
             site: None,
             echo: true,
+            render: RenderMode::default(),
+            link: LinkConditions::default(),
+            seed: 0,
             samples: 0,
         }
     }
@@ -90,6 +104,7 @@ impl Default for Options {
 pub fn run(options: &Options, stop: &AtomicBool, live: &mut dyn FnMut(&Live)) -> Result<Report> {
     ensure!(options.rate_hz > 0.0 && options.rate_hz <= RATE_HZ, "the pose rate must be above 0 and at most 1000 Hz");
     ensure!(options.depth > 0.0 && options.depth.is_finite(), "the depth must be above 0");
+    options.link.check()?;
     let scheduling = raise_this_thread();
     let connection = Connection::open(&options.endpoints)?;
     let session = connection.session()?;
@@ -97,7 +112,14 @@ pub fn run(options: &Options, stop: &AtomicBool, live: &mut dyn FnMut(&Live)) ->
     let log = Arc::new(Mutex::new(WrenchLog::new()));
     let observed = log.clone();
     let observer = move |wrench: &Wrench, arrival_ns| locked(&observed).record(wrench, arrival_ns);
-    let tool = connection.attach_observed("palpate-phantom", &options.tool, options.rate_hz, observer)?;
+    // The imagined device stands in the body's own frame.
+    let registration = Registration::default();
+    let attachment = Attachment {
+        tool: options.tool.clone(),
+        rate_hz: options.rate_hz,
+        ..Attachment::of("palpate-phantom", &options.device, &registration)
+    };
+    let tool = connection.attach_observed(&attachment, observer)?;
     let description = session
         .tools
         .iter()
@@ -111,6 +133,11 @@ pub fn run(options: &Options, stop: &AtomicBool, live: &mut dyn FnMut(&Live)) ->
         held: HeldDevice::new(options.device.clone(), options.hand, path.target(0.0).position),
         path,
         tool,
+        registration,
+        renderer: Renderer::new(&registration.in_body(&options.device), options.render),
+        poses: Link::new(options.link, options.seed),
+        // Another sequence of chances than that of the poses.
+        wrenches: Link::new(options.link, !options.seed),
         log: &log,
         update_age: histogram(),
         lateness: histogram(),
@@ -123,8 +150,13 @@ pub fn run(options: &Options, stop: &AtomicBool, live: &mut dyn FnMut(&Live)) ->
             pattern: options.pattern.name().to_owned(),
             tool: description.name.clone(),
             rate_hz: options.rate_hz,
+            render: options.render.name().to_owned(),
+            delay_ms: options.link.delay_ns as f64 * 1e-6,
+            jitter_ms: options.link.jitter_ns as f64 * 1e-6,
+            loss: options.link.loss,
             scheduling,
             depth: options.depth,
+            energy_budget: options.device.passivity_budget(),
             samples: Vec::with_capacity(options.samples),
             ..Default::default()
         },
@@ -143,6 +175,12 @@ struct DeviceLoop<'a> {
     path: Path,
     held: HeldDevice,
     tool: Tool,
+    registration: Registration,
+    renderer: Renderer,
+    /// On their way to the server.
+    poses: Link<PoseSample>,
+    /// On their way from it.
+    wrenches: Link<Wrench>,
     log: &'a Mutex<WrenchLog>,
     update_age: Histogram<u64>,
     lateness: Histogram<u64>,
@@ -179,23 +217,31 @@ impl DeviceLoop<'_> {
 
     /// One wake-up: reads the newest wrench, moves device and hand through `due` ticks from `tick`, sends the pose.
     fn wake(&mut self, tick: u64, due: u64, start_ns: u64) -> Result<()> {
-        let now_ns = self.tool.now_ns();
+        // Link and renderer live by the loop's deadlines, so that ticks made up for are as long as all others.
+        let tick_ns = start_ns + tick * DT_NS;
         let received = self.tool.latest_wrench();
-        let age_ns = now_ns.saturating_sub(received.map_or(start_ns, |received| received.arrival_ns));
+        let age_ns = self.tool.now_ns().saturating_sub(received.map_or(start_ns, |received| received.arrival_ns));
         if age_ns > SILENCE_NS {
             bail!("no wrench for 2 s from {}: the server is gone or has stopped", self.options.endpoints.force);
         }
         if let Some(received) = received {
             self.update_age.saturating_record(age_ns);
+            if received.fresh {
+                self.wrenches.send(tick_ns, received.wrench);
+            }
             (self.phase, self.contact_points) = (received.wrench.phase, received.wrench.contact_points);
         }
         self.report.stale_ticks += u64::from(received.is_none_or(|received| !received.fresh));
 
-        let force = Vec3::from(self.tool.safe_force(now_ns));
         for tick in tick..tick + due {
-            let time = tick as f64 * DT;
+            let (time, now_ns) = (tick as f64 * DT, start_ns + tick * DT_NS);
+            while let Some(wrench) = self.wrenches.poll(now_ns) {
+                self.renderer.receive(&wrench, now_ns);
+            }
+            let force = self.render(now_ns);
             let target = self.path.target(time);
             let rendered = self.held.step(DT, &target, force);
+            self.report.peak_device_force = self.report.peak_device_force.max(rendered.norm());
             self.record(Sample {
                 time,
                 target: target.position.into(),
@@ -209,9 +255,22 @@ impl DeviceLoop<'_> {
         let slots = 1 + (tick as f64 * self.options.rate_hz / RATE_HZ) as u64;
         if slots > self.pose_slots {
             self.pose_slots = slots;
-            self.send_pose()?;
+            let in_body = self.registration.pose(&self.measured());
+            self.poses.send(tick_ns, in_body);
+        }
+        while let Some(pose) = self.poses.poll(tick_ns) {
+            self.tool.send_pose(pose)?;
+            self.report.poses_sent += 1;
         }
         Ok(())
+    }
+
+    /// The force for the motors, from what the encoders say at `now_ns`.
+    fn render(&mut self, now_ns: u64) -> Vec3 {
+        let in_body = self.registration.pose(&self.measured());
+        let force = self.renderer.force(in_body.position, in_body.linear_velocity.unwrap_or_default(), now_ns);
+        self.report.peak_energy = self.report.peak_energy.max(self.renderer.observed_energy());
+        self.registration.force_to_device(force).into()
     }
 
     fn record(&mut self, sample: Sample) {
@@ -224,16 +283,15 @@ impl DeviceLoop<'_> {
         self.newest = sample;
     }
 
-    fn send_pose(&mut self) -> Result<()> {
-        self.tool.send_pose(PoseSample {
+    /// What the driver reports.
+    fn measured(&self) -> PoseSample {
+        PoseSample {
             position: self.held.reported_position().into(),
             orientation: [0.0, 0.0, 0.0, 1.0],
             linear_velocity: Some(self.held.reported_velocity().into()),
             angular_velocity: None,
             buttons: 0,
-        })?;
-        self.report.poses_sent += 1;
-        Ok(())
+        }
     }
 
     fn live(&self) -> Live {
@@ -267,61 +325,6 @@ impl DeviceLoop<'_> {
             ..self.report
         }
     }
-}
-
-/// What every single wrench tells, also those that a newer one overtakes before the device loop reads it.
-struct WrenchLog {
-    round_trip: Histogram<u64>,
-    answered_pose: u32,
-    /// Tick and rendered force of the wrench before.
-    last: Option<(u64, Vec3)>,
-    peak_force: f64,
-    peak_physical_force: f64,
-    peak_force_step: f64,
-    non_finite: u64,
-    in_contact: u64,
-}
-
-impl WrenchLog {
-    fn new() -> Self {
-        Self {
-            round_trip: histogram(),
-            answered_pose: 0,
-            last: None,
-            peak_force: 0.0,
-            peak_physical_force: 0.0,
-            peak_force_step: 0.0,
-            non_finite: 0,
-            in_contact: 0,
-        }
-    }
-
-    fn record(&mut self, wrench: &Wrench, arrival_ns: u64) {
-        if wrench.pose_sequence > self.answered_pose {
-            self.answered_pose = wrench.pose_sequence;
-            self.round_trip.saturating_record(arrival_ns.saturating_sub(wrench.pose_time_ns));
-        }
-        self.in_contact += u64::from(wrench.contact_points > 0);
-        let (force, physical) = (Vec3::from(wrench.force), Vec3::from(wrench.physical_force));
-        if !(force.norm().is_finite() && physical.norm().is_finite()) {
-            self.non_finite += 1;
-            return;
-        }
-        self.peak_force = self.peak_force.max(force.norm());
-        self.peak_physical_force = self.peak_physical_force.max(physical.norm());
-        if let Some((tick, before)) = self.last
-            && wrench.tick > tick
-        {
-            let step = (force - before).norm() / (wrench.tick - tick) as f64;
-            self.peak_force_step = self.peak_force_step.max(step);
-        }
-        self.last = Some((wrench.tick, force));
-    }
-}
-
-/// The log is only written whole, so that a poisoned one is still good.
-fn locked(log: &Mutex<WrenchLog>) -> MutexGuard<'_, WrenchLog> {
-    log.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Runs `work` while another thread of the same priority measures bare round trips, and adds these to its report.
@@ -388,48 +391,6 @@ fn check_reach(path: &Path, device: &Device, session: &Session) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn wrench(tick: u64, pose_sequence: u32, pose_time_ns: u64, force: f64) -> Wrench {
-        Wrench {
-            sequence: tick,
-            tick,
-            pose_sequence,
-            pose_time_ns,
-            pose_age_ticks: 0,
-            position: [0.0; 3],
-            orientation: [0.0, 0.0, 0.0, 1.0],
-            physical_force: [0.0, 0.0, 2.0 * force],
-            physical_torque: [0.0; 3],
-            force: [0.0, 0.0, force],
-            torque: [0.0; 3],
-            contact_points: 1,
-            phase: ToolPhase::Engaged,
-            flags: 0,
-            model: None,
-        }
-    }
-
-    #[test]
-    fn a_round_trip_ends_with_the_first_wrench_that_answers_the_pose() {
-        let mut log = WrenchLog::new();
-        log.record(&wrench(1, 0, 0, 0.0), 5_000_000);
-        log.record(&wrench(2, 1, 6_000_000, 0.0), 7_000_000);
-        log.record(&wrench(3, 1, 6_000_000, 0.0), 8_000_000);
-        log.record(&wrench(4, 2, 8_000_000, 0.0), 8_500_000);
-        let round_trip = Distribution::of(&log.round_trip);
-        assert_eq!(round_trip.count, 2);
-        assert!((round_trip.max - 1000.0).abs() < 1.0 && (round_trip.p50 - 500.0).abs() < 1.0);
-    }
-
-    #[test]
-    fn a_force_step_is_counted_per_simulated_millisecond() {
-        let mut log = WrenchLog::new();
-        log.record(&wrench(10, 0, 0, 0.0), 0);
-        log.record(&wrench(14, 0, 0, 2.0), 0);
-        log.record(&wrench(15, 0, 0, f64::NAN), 0);
-        assert_eq!((log.peak_force_step, log.peak_force, log.peak_physical_force), (0.5, 2.0, 4.0));
-        assert_eq!((log.non_finite, log.in_contact), (1, 3));
-    }
 
     #[test]
     fn a_path_beyond_the_workspace_is_refused_before_it_begins() {

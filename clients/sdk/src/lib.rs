@@ -4,6 +4,9 @@
 //! is held, and the server answers each tick with a [`Wrench`]. Viewers use [`Connection::open_surface`] and
 //! [`Connection::subscribe_surface`].
 //!
+//! A device that renders force: [`Device`] has its limits, [`Frame`] and [`Registration`] say where it lies in the body,
+//! [`Renderer`] makes the force at its own rate from the wrenches that came. C and C++ have all of it in `include/palpate.h`.
+//!
 //! Units are SI, frames right-handed, quaternions x, y, z, w. Nothing here depends on one operating system.
 //!
 //! # Real time
@@ -12,6 +15,7 @@
 //! Callbacks run on zenoh's receiving threads, which poses and wrenches share: they must return quickly.
 #![allow(rustdoc::broken_intra_doc_links)] // units stand in square brackets: [m]
 
+mod c_api;
 mod connection;
 mod device;
 mod echo;
@@ -37,5 +41,5 @@ pub use palpate_proto::{
 pub use registration::{Clutch, Fit, Registration};
 pub use renderer::{RenderMode, Renderer};
 pub use surface::{Subscription, Surface, frame_positions};
-pub use tool::{Counters, PoseSample, Received, Tool};
+pub use tool::{Attachment, Counters, PoseSample, Received, Tool};
 pub use wrench::{LocalModel, WRENCH_BYTES, Wrench, watchdog_scale};

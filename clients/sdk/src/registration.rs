@@ -126,6 +126,16 @@ impl Registration {
         self.scale
     }
 
+    /// R as a unit quaternion x, y, z, w.
+    pub fn rotation(&self) -> [f64; 4] {
+        self.rotation.coords.into()
+    }
+
+    /// Where the origin of device space lies in body space (3) [m].
+    pub fn translation(&self) -> [f64; 3] {
+        self.translation.into()
+    }
+
     /// A position (3) [m], from device to body space.
     pub fn position(&self, device: [f64; 3]) -> [f64; 3] {
         (self.scale * (self.rotation * Vector3::from(device)) + self.translation).into()
@@ -214,8 +224,13 @@ impl Clutch {
     /// Where the tool is in the body, for a device held at `device` at `now_ns`, the clutch pressed or not.
     ///
     /// Without a jump in position or orientation when the clutch is let go: the translation takes up the shift of the
-    /// hand, and the tool keeps its new turn in the hand.
+    /// hand, and the tool keeps its new turn in the hand. A pose that is none, because a number is not finite or the
+    /// quaternion zero, changes nothing: the tool stays where the clutch holds it, or is not finite either.
     pub fn follow(&mut self, device: &PoseSample, pressed: bool, now_ns: u64) -> PoseSample {
+        let in_body = self.registration.pose(device);
+        if !in_body.is_finite() {
+            return self.held.unwrap_or(in_body);
+        }
         let dt = self.last_ns.map_or(0, |last| now_ns.saturating_sub(last)) as f64 * 1e-9;
         self.last_ns = Some(now_ns);
         let step = if pressed { -dt / RELEASE_TIME } else { dt / ENGAGE_TIME };
@@ -223,8 +238,7 @@ impl Clutch {
 
         if pressed {
             let still = |velocity: Option<[f64; 3]>| velocity.map(|_| [0.0; 3]);
-            let registration = self.registration;
-            let held = *self.held.get_or_insert_with(|| registration.pose(device));
+            let held = *self.held.get_or_insert(in_body);
             return PoseSample {
                 linear_velocity: still(device.linear_velocity),
                 angular_velocity: still(device.angular_velocity),
@@ -383,6 +397,26 @@ mod tests {
         let placed = registration.place([0.1, 0.2, 0.3], [0.0, 0.0, 0.1]);
         assert!(near(placed.position([0.1, 0.2, 0.3]), [0.0, 0.0, 0.1], 1e-15));
         assert_eq!(placed.velocity([1.0, 0.0, 0.0]), registration.velocity([1.0, 0.0, 0.0]));
+    }
+
+    #[test]
+    fn a_pose_that_is_none_leaves_the_clutch_as_it_is() {
+        let good = pose([0.1, 0.0, 0.0], [0.0; 3]);
+        let bad = [
+            PoseSample { position: [f64::NAN, 0.0, 0.0], ..good },
+            PoseSample { orientation: [0.0; 4], ..good },
+            PoseSample { linear_velocity: Some([0.0, f64::INFINITY, 0.0]), ..good },
+        ];
+        let mut clutch = Clutch::new(Registration::default());
+        let before = clutch.follow(&good, false, 0);
+        for bad in bad {
+            assert!(!clutch.follow(&bad, false, 1_000_000).is_finite());
+            clutch.follow(&bad, true, 2_000_000);
+            assert!(clutch.follow(&good, true, 3_000_000).is_finite());
+            assert!(clutch.follow(&bad, true, 4_000_000).is_finite(), "the tool stays");
+            clutch.follow(&bad, false, 5_000_000);
+            assert_eq!(clutch.follow(&good, false, 6_000_000), before);
+        }
     }
 
     #[test]

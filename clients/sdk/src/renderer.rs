@@ -33,8 +33,8 @@ pub enum RenderMode {
 const MODES: [(&str, RenderMode); 4] = [
     ("raw", RenderMode::Raw),
     ("passive", RenderMode::Passive),
-    ("model", RenderMode::LocalModel),
-    ("model-passive", RenderMode::LocalModelPassive),
+    ("local", RenderMode::LocalModel),
+    ("local-passive", RenderMode::LocalModelPassive),
 ];
 
 impl RenderMode {
@@ -308,7 +308,7 @@ mod tests {
         for (name, mode) in MODES {
             assert_eq!((name.parse::<RenderMode>().unwrap(), mode.name()), (mode, name));
         }
-        assert!("fast".parse::<RenderMode>().unwrap_err().to_string().contains("raw, passive, model, model-passive"));
+        assert!("fast".parse::<RenderMode>().unwrap_err().to_string().contains("raw, passive, local, local-passive"));
     }
 
     #[test]

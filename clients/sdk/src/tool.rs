@@ -14,7 +14,7 @@ use zenoh::{
 };
 
 use crate::{
-    Connection, SdkError, Wrench,
+    Connection, Device, Registration, SdkError, Wrench,
     connection::{nanoseconds_since, realtime_publisher},
     error::reason,
     wrench::watchdog_scale,
@@ -36,6 +36,12 @@ pub struct PoseSample {
 }
 
 impl PoseSample {
+    /// True when every number is finite.
+    pub(crate) fn is_finite(&self) -> bool {
+        let velocities = self.linear_velocity.iter().chain(&self.angular_velocity).flatten();
+        self.position.iter().chain(&self.orientation).chain(velocities).all(|number| number.is_finite())
+    }
+
     /// The message of this pose. Errors: [`SdkError::PoseNotFinite`] when a number is not finite as f32.
     fn message(&self, epoch: u32, sequence: u32, time_ns: u64) -> Result<ToolPose, SdkError> {
         Ok(ToolPose {
@@ -54,6 +60,38 @@ impl PoseSample {
 fn finite(values: &[f64]) -> Result<Vec<f32>, SdkError> {
     let values: Vec<f32> = values.iter().map(|&value| value as f32).collect();
     if values.iter().all(|value| value.is_finite()) { Ok(values) } else { Err(SdkError::PoseNotFinite) }
+}
+
+/// How to take a tool.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Attachment {
+    /// A name for people.
+    pub client: String,
+    /// Name of the tool to take; empty for any free one.
+    pub tool: String,
+    /// How often poses will come [Hz]: 1000 for a haptic device, 72 to 90 for a headset.
+    pub rate_hz: f64,
+    /// Stiffness of the virtual coupling [N/m] between the device and the simulated tool: the stiffest that the device
+    /// renders, in body space. 0 holds the tool rigidly, for those who only move it.
+    pub coupling_stiffness: f64,
+}
+
+impl Attachment {
+    /// Any free tool for `client`, 1000 poses a second, as stiff as `device` can render it where it is registered.
+    pub fn of(client: &str, device: &Device, registration: &Registration) -> Self {
+        Self {
+            client: client.to_owned(),
+            coupling_stiffness: registration.coupling_stiffness(device),
+            ..Self::default()
+        }
+    }
+}
+
+impl Default for Attachment {
+    /// Any free tool, held rigidly, 1000 poses a second, by nobody in particular.
+    fn default() -> Self {
+        Self { client: "client".to_owned(), tool: String::new(), rate_hz: 1000.0, coupling_stiffness: 0.0 }
+    }
 }
 
 /// The newest wrench that has come.
@@ -111,12 +149,10 @@ pub struct Tool {
 }
 
 impl Connection {
-    /// Takes the tool called `tool`, or any free one where that is empty.
-    ///
-    /// `client` is a name for people; `rate_hz` is how often poses will come [Hz]. Errors: [`SdkError::Refused`] when
-    /// the tool does not exist or is taken, [`SdkError::NoForceChannel`], [`SdkError::NoAnswer`].
-    pub fn attach(&self, client: &str, tool: &str, rate_hz: f64) -> Result<Tool, SdkError> {
-        self.attach_observed(client, tool, rate_hz, |_, _| ())
+    /// Takes a tool. Errors: [`SdkError::Refused`] when it does not exist or is taken, or a number is out of bounds;
+    /// [`SdkError::NoForceChannel`], [`SdkError::NoAnswer`].
+    pub fn attach(&self, attachment: &Attachment) -> Result<Tool, SdkError> {
+        self.attach_observed(attachment, |_, _| ())
     }
 
     /// As [`attach`](Self::attach); `observer` is called with every wrench of this tool and its arrival time [ns].
@@ -125,13 +161,12 @@ impl Connection {
     /// and finds it with [`Tool::latest_wrench`].
     pub fn attach_observed(
         &self,
-        client: &str,
-        tool: &str,
-        rate_hz: f64,
+        attachment: &Attachment,
         observer: impl Fn(&Wrench, u64) + Send + Sync + 'static,
     ) -> Result<Tool, SdkError> {
         let force = self.force_session()?;
-        let attach = Attach { client: client.to_owned(), tool: tool.to_owned(), rate_hz, coupling_stiffness: 0.0 };
+        let Attachment { client, tool, rate_hz, coupling_stiffness } = attachment.clone();
+        let attach = Attach { client, tool, rate_hz, coupling_stiffness };
         let attached = self
             .control(ControlRequest { request: Some(Request::Attach(attach)) })?
             .attached

@@ -8,7 +8,12 @@ use std::{
 };
 
 use fake_server::{FLOOR_STIFFNESS, FakeServer};
-use palpate_sdk::{Connection, ControlRequest, Endpoints, PoseSample, SdkError};
+use palpate_sdk::{Attachment, Connection, ControlRequest, Endpoints, PoseSample, SdkError};
+
+/// `tool` for `client`, held rigidly.
+fn rigid(client: &str, tool: &str, rate_hz: f64) -> Attachment {
+    Attachment { client: client.to_owned(), tool: tool.to_owned(), rate_hz, ..Attachment::default() }
+}
 
 fn pose(z: f64) -> PoseSample {
     PoseSample {
@@ -37,7 +42,7 @@ fn a_pose_is_answered_by_the_wrench_that_names_it() {
     let server = FakeServer::current();
     let connection = Connection::open(&server.endpoints).unwrap();
     assert_eq!(connection.session().unwrap().name, "fake");
-    let mut tool = connection.attach("test", "", 1000.0).unwrap();
+    let mut tool = connection.attach(&rigid("test", "", 1000.0)).unwrap();
     assert_eq!(tool.latest_wrench(), None);
     assert_eq!(tool.safe_force(0), [0.0; 3]);
     wait_for(|| server.is_attended().then_some(()));
@@ -56,14 +61,14 @@ fn a_pose_is_answered_by_the_wrench_that_names_it() {
 
     tool.detach().unwrap();
     wait_for(|| (!server.is_attended()).then_some(()));
-    connection.attach("test", "ball", 80.0).unwrap();
+    connection.attach(&rigid("test", "ball", 80.0)).unwrap();
 }
 
 #[test]
 fn a_refusal_carries_the_reason_of_the_server() {
     let server = FakeServer::current();
     let connection = Connection::open(&server.endpoints).unwrap();
-    let unknown = connection.attach("test", "scalpel", 1000.0).err().unwrap();
+    let unknown = connection.attach(&rigid("test", "scalpel", 1000.0)).err().unwrap();
     assert_eq!(unknown.to_string(), "the server refused: there is no tool 'scalpel'");
     assert!(matches!(connection.control(ControlRequest::default()), Err(SdkError::Refused(_))));
 }
@@ -88,7 +93,7 @@ fn no_answer_names_the_key_and_the_endpoint() {
 fn a_viewer_needs_no_force_channel_and_cannot_attach() {
     let server = FakeServer::current();
     let viewer = Connection::open_surface(&server.endpoints).unwrap();
-    assert!(matches!(viewer.attach("test", "", 1000.0), Err(SdkError::NoForceChannel)));
+    assert!(matches!(viewer.attach(&rigid("test", "", 1000.0)), Err(SdkError::NoForceChannel)));
     assert_eq!(viewer.surface_topology().unwrap().triangles, [[0, 1, 2], [0, 2, 3]]);
 
     let (sender, frames) = channel();

@@ -1,4 +1,4 @@
-//! A stand-in for the server: a springy floor at z = 0 that answers each pose at once. Shared by the clients' tests.
+//! A stand-in for the server: a springy floor at z = 0 that answers each pose at once, with its local model. Shared by the clients' tests.
 #![allow(dead_code)] // each of them uses a part
 
 use std::{
@@ -32,6 +32,8 @@ pub struct FakeServer {
     pub endpoints: Endpoints,
     /// While true, poses get no answer.
     pub mute: Arc<AtomicBool>,
+    /// Bits of the coupling stiffness [N/m] of the last attachment.
+    pub coupling: Arc<AtomicU64>,
     surface: zenoh::Session,
     _force: zenoh::Session,
 }
@@ -43,8 +45,9 @@ impl FakeServer {
         let (force, surface) = (open_router(&endpoints.force), open_router(&endpoints.surface));
         let mute = Arc::new(AtomicBool::new(false));
         answer_poses(&force, &endpoints.session, mute.clone());
-        answer_queries(&surface, &endpoints.session, version_major);
-        Self { endpoints, mute, surface, _force: force }
+        let coupling = Arc::new(AtomicU64::new(0));
+        answer_queries(&surface, &endpoints.session, version_major, coupling.clone());
+        Self { endpoints, mute, coupling, surface, _force: force }
     }
 
     /// A server of this contract's version.
@@ -107,7 +110,8 @@ fn answer_poses(force: &zenoh::Session, session: &str, mute: Arc<AtomicBool>) {
         if pose.epoch != EPOCH || mute.load(Relaxed) {
             return;
         }
-        let overlap = (TOOL_RADIUS - f64::from(pose.position[2])).max(0.0);
+        let depth = TOOL_RADIUS - f64::from(pose.position[2]);
+        let overlap = depth.max(0.0);
         let force = vec![0.0, 0.0, (FLOOR_STIFFNESS * overlap) as f32];
         let number = sequence.fetch_add(1, Relaxed) + 1;
         let wrench = ToolWrench {
@@ -117,6 +121,11 @@ fn answer_poses(force: &zenoh::Session, session: &str, mute: Arc<AtomicBool>) {
             tick: number,
             pose_sequence: pose.sequence,
             pose_time_ns: pose.time_ns,
+            model_position: pose.position.clone(),
+            model_force: vec![0.0, 0.0, (FLOOR_STIFFNESS * depth) as f32],
+            model_normal: vec![0.0, 0.0, 1.0],
+            model_stiffness: vec![0.0, 0.0, FLOOR_STIFFNESS as f32, 0.0, 0.0, 0.0],
+            model_range: 0.01,
             position: pose.position,
             orientation: pose.orientation,
             physical_force: force.clone(),
@@ -136,7 +145,7 @@ fn answer_poses(force: &zenoh::Session, session: &str, mute: Arc<AtomicBool>) {
     force.declare_subscriber(keys::echo_request(session)).callback(echo).background().wait().unwrap();
 }
 
-fn answer_queries(surface: &zenoh::Session, session: &str, version_major: u32) {
+fn answer_queries(surface: &zenoh::Session, session: &str, version_major: u32, coupling: Arc<AtomicU64>) {
     let description = Session {
         version_major,
         name: session.to_owned(),
@@ -171,7 +180,8 @@ fn answer_queries(surface: &zenoh::Session, session: &str, version_major: u32) {
             Some(Request::Attach(_)) if taken.swap(true, Relaxed) => {
                 ControlReply { error: "every tool is taken".to_owned(), ..Default::default() }
             }
-            Some(Request::Attach(_)) => {
+            Some(Request::Attach(attach)) => {
+                coupling.store(attach.coupling_stiffness.to_bits(), Relaxed);
                 ControlReply { attached: Some(Attached { tool: TOOL, epoch: EPOCH }), ..Default::default() }
             }
             Some(Request::Detach(_)) => {

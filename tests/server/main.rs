@@ -1,15 +1,24 @@
 //! The server over real zenoh sessions on loopback: what a client sees, and what it may do to the server.
 
+#[cfg(unix)]
+mod c_client;
+mod two_hands;
+
 use palpate::model::element_kernel::Path as KernelPath;
 use palpate::recording::{Recording, replay};
 use palpate::scene::LoadedScene;
 use palpate::server::{Options, Server};
 use palpate_proto::{self as proto, Message, control_request::Request, keys};
-use palpate_sdk::{Connection, Endpoints, PoseSample, SdkError, Tool, ToolPhase};
+use palpate_sdk::{Attachment, Connection, Endpoints, PoseSample, SdkError, Tool, ToolPhase};
 use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use zenoh::Wait;
+
+/// `tool` for `client`, held rigidly.
+fn rigid(client: &str, tool: &str, rate_hz: f64) -> Attachment {
+    Attachment { client: client.to_owned(), tool: tool.to_owned(), rate_hz, ..Attachment::default() }
+}
 
 /// Two ports that nobody listens on.
 fn free_endpoints() -> (String, String) {
@@ -108,7 +117,7 @@ fn a_client_finds_the_session_presses_and_is_answered_every_tick() {
     let seen = frames.clone();
     let _frames = connection.subscribe_surface(move |frame| seen.lock().unwrap().push(frame)).unwrap();
 
-    let mut tool = connection.attach("test", "left", 1000.0).unwrap();
+    let mut tool = connection.attach(&rigid("test", "left", 1000.0)).unwrap();
     assert!(connection.session().unwrap().tools[0].taken);
     move_tool(&mut tool, 0.02, 0.02, 50);
     move_tool(&mut tool, 0.02, -0.008, 300);
@@ -145,13 +154,13 @@ fn tools_have_one_holder_and_requests_that_make_no_sense_are_answered() {
         Err(e) => e.to_string(),
         Ok(_) => panic!("attached"),
     };
-    let left = connection.attach("first", "left", 1000.0).unwrap();
-    assert!(refused(connection.attach("second", "left", 1000.0)).contains("held by first"));
-    assert!(refused(connection.attach("second", "scalpel", 1000.0)).contains("left, right"));
-    assert!(refused(connection.attach("second", "", 0.5)).contains("rate_hz"));
-    let right = connection.attach("second", "", 80.0).unwrap();
+    let left = connection.attach(&rigid("first", "left", 1000.0)).unwrap();
+    assert!(refused(connection.attach(&rigid("second", "left", 1000.0))).contains("held by first"));
+    assert!(refused(connection.attach(&rigid("second", "scalpel", 1000.0))).contains("left, right"));
+    assert!(refused(connection.attach(&rigid("second", "", 0.5))).contains("rate_hz"));
+    let right = connection.attach(&rigid("second", "", 80.0)).unwrap();
     assert_eq!((left.id(), right.id()), (0, 1));
-    assert!(refused(connection.attach("third", "", 1000.0)).contains("every tool is taken"));
+    assert!(refused(connection.attach(&rigid("third", "", 1000.0))).contains("every tool is taken"));
     let outside = proto::StartRecording { path: "../elsewhere.mcap".into() };
     let e = connection.control(proto::ControlRequest { request: Some(Request::StartRecording(outside)) });
     assert!(e.unwrap_err().to_string().contains("below the server's recordings folder"));
@@ -167,7 +176,7 @@ fn tools_have_one_holder_and_requests_that_make_no_sense_are_answered() {
 fn garbage_bad_poses_and_floods_are_refused_and_counted_while_the_clock_goes_on() {
     let running = serve();
     let connection = Connection::open(&running.endpoints).unwrap();
-    let mut tool = connection.attach("test", "left", 1000.0).unwrap();
+    let mut tool = connection.attach(&rigid("test", "left", 1000.0)).unwrap();
     move_tool(&mut tool, 0.02, 0.02, 30);
     // Somebody else on the same key, without the sdk's care.
     let mut config = zenoh::Config::default();
@@ -229,7 +238,7 @@ fn garbage_bad_poses_and_floods_are_refused_and_counted_while_the_clock_goes_on(
 fn a_jump_of_a_metre_is_followed_at_the_speed_limit_and_within_the_force_limit() {
     let running = serve();
     let connection = Connection::open(&running.endpoints).unwrap();
-    let mut tool = connection.attach("test", "left", 1000.0).unwrap();
+    let mut tool = connection.attach(&rigid("test", "left", 1000.0)).unwrap();
     move_tool(&mut tool, 0.3, 0.3, 50);
     // Straight through the body to below it: 0.7 m at once, then held there.
     let mut worst = 0.0f64;
@@ -254,7 +263,7 @@ fn a_jump_of_a_metre_is_followed_at_the_speed_limit_and_within_the_force_limit()
 fn a_silent_client_feels_its_force_fade_and_loses_contact() {
     let running = serve();
     let connection = Connection::open(&running.endpoints).unwrap();
-    let mut tool = connection.attach("test", "left", 1000.0).unwrap();
+    let mut tool = connection.attach(&rigid("test", "left", 1000.0)).unwrap();
     move_tool(&mut tool, 0.02, 0.02, 50);
     move_tool(&mut tool, 0.02, -0.008, 300);
     move_tool(&mut tool, -0.008, -0.008, 200);
@@ -301,7 +310,7 @@ fn a_press_that_is_held_keeps_its_force() {
         }
     };
     let connection = Connection::open(&endpoints).unwrap();
-    let mut tool = connection.attach("victim", "left", 1000.0).unwrap();
+    let mut tool = connection.attach(&rigid("victim", "left", 1000.0)).unwrap();
     move_tool(&mut tool, 0.02, 0.02, 50);
     move_tool(&mut tool, 0.02, -0.008, 300);
     move_tool(&mut tool, -0.008, -0.008, 300);
@@ -338,7 +347,7 @@ fn a_client_killed_mid_press_frees_its_tool() {
     wait_for("the tool to be free", || !other.session().unwrap().tools[0].taken);
     println!("freed {:?} after the kill", killed.elapsed());
     let before = running.status().tick;
-    let mut again = other.attach("next", "left", 1000.0).unwrap();
+    let mut again = other.attach(&rigid("next", "left", 1000.0)).unwrap();
     // Inside the body: no force until it has been outside.
     move_tool(&mut again, -0.03, -0.03, 60);
     let wrench = again.latest_wrench().unwrap().wrench;
@@ -353,7 +362,7 @@ fn a_client_killed_mid_press_frees_its_tool() {
 fn a_headset_at_72_hz_presses_smoothly() {
     let running = serve();
     let connection = Connection::open(&running.endpoints).unwrap();
-    let mut tool = connection.attach("headset", "left", 72.0).unwrap();
+    let mut tool = connection.attach(&rigid("headset", "left", 72.0)).unwrap();
     let mut steps = Vec::new();
     let mut last: Option<(u64, f64)> = None;
     let began = Instant::now();
@@ -384,7 +393,7 @@ fn a_headset_at_72_hz_presses_smoothly() {
 fn a_recording_of_a_live_session_replays_bit_for_bit() {
     let running = serve();
     let connection = Connection::open(&running.endpoints).unwrap();
-    let mut tool = connection.attach("test", "left", 1000.0).unwrap();
+    let mut tool = connection.attach(&rigid("test", "left", 1000.0)).unwrap();
     move_tool(&mut tool, 0.02, 0.02, 30);
     let ask = |request| connection.control(proto::ControlRequest { request: Some(request) }).unwrap();
     ask(Request::StartRecording(proto::StartRecording { path: "press.mcap".into() }));

@@ -1,0 +1,83 @@
+/* Presses a ball on the server's body with an imagined device, and prints what the hand would feel.
+ *
+ * On Linux, from the root of the repository, beside a running `palpate serve`:
+ *
+ *     cargo build --release -p palpate-sdk
+ *     cc -std=c99 -Iclients/sdk/include clients/sdk/examples/touch.c target/release/libpalpate_sdk.a \
+ *        -lpthread -ldl -lm -o touch
+ *     ./touch [FORCE_ENDPOINT SURFACE_ENDPOINT SESSION [X Y Z]]
+ *
+ * X Y Z [m] is the place in the body that is touched; the origin without it.
+ *
+ * With a real device, read_device asks its driver and the force goes to its motors; nothing else changes.
+ */
+#define _POSIX_C_SOURCE 199309L
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <time.h>
+
+#include "palpate.h"
+
+/* Where the imagined device is after `seconds`: from 25 mm above the place down to 1 mm, in a second. In the axes and
+ * the millimetres of a PHANTOM, where +y is up. */
+static void read_device(double seconds, palpate_pose *pose)
+{
+    double travel = seconds < 1.0 ? seconds : 1.0;
+    palpate_pose now = {{0.0, 25.0 - 24.0 * travel, 0.0}, {0.0, 0.0, 0.0, 1.0}, {0.0, 0.0, 0.0}, {0.0, 0.0, 0.0}, 0};
+    now.linear_velocity[1] = seconds < 1.0 ? -24.0 : 0.0;
+    *pose = now;
+}
+
+static int fail(const char *what)
+{
+    fprintf(stderr, "%s: %s\n", what, palpate_last_error());
+    return EXIT_FAILURE;
+}
+
+int main(int argc, char **argv)
+{
+    const char *force_endpoint = argc > 1 ? argv[1] : NULL;
+    const char *surface_endpoint = argc > 2 ? argv[2] : NULL;
+    const char *session = argc > 3 ? argv[3] : NULL;
+    const struct timespec period = {0, 1000000}; /* 1 ms; a real device's driver calls back instead */
+    double force[3] = {0.0, 0.0, 0.0};
+    const double device_origin[3] = {0.0, 0.0, 0.0};
+    double place[3] = {0.0, 0.0, 0.0};
+    palpate_attachment attachment;
+    palpate_client *client;
+    int tick, i;
+
+    for (i = 0; i < 3 && argc > 6; i++)
+        place[i] = strtod(argv[4 + i], NULL);
+    client = palpate_connect(force_endpoint, surface_endpoint, session);
+    if (client == NULL)
+        return fail("connect");
+    palpate_attachment_defaults(&attachment);
+    attachment.client = "touch.c";
+    attachment.device = "Touch";
+    attachment.frame = "phantom";
+    if (palpate_registration_place(&attachment.registration, device_origin, place) != 0)
+        return fail("register");
+    if (palpate_attach(client, &attachment) != 0)
+        return fail("attach");
+
+    for (tick = 0; tick < 1500; tick++) {
+        palpate_pose pose;
+        read_device(tick * 0.001, &pose);
+        if (palpate_send_pose(client, &pose) != 0)
+            return fail("send a pose");
+        if (palpate_force(client, pose.position, pose.linear_velocity, force, NULL) != 0)
+            return fail("render");
+        if (tick % 100 == 0)
+            printf("%4d ms: %6.1f mm, %6.3f N\n", tick, pose.position[1], force[1]);
+        nanosleep(&period, NULL);
+    }
+    printf("library %s, at the end %.3f N up, %.3f N aside\n", palpate_version(), force[1],
+           sqrt(force[0] * force[0] + force[2] * force[2]));
+
+    if (palpate_detach(client) != 0)
+        return fail("detach");
+    palpate_close(client);
+    return EXIT_SUCCESS;
+}

@@ -1,0 +1,118 @@
+/* Palpate: touch soft bodies in real time. The client library for C and C++.
+ *
+ * Link with the static library that `cargo build --release -p palpate-sdk` leaves in target/release (libpalpate_sdk.a;
+ * palpate_sdk.lib with MSVC), and with what the system needs beside: -lpthread -ldl -lm on Linux. examples/touch.c is a
+ * whole client.
+ *
+ * Every pose and force here is in the frame of the device that palpate_attachment.frame names; forces are in newtons and
+ * torques in newton metres in every frame. Bodies are touched in "body space": right-handed, metres, +x to the right,
+ * +y away from the user, +z up. palpate_attachment.registration says where the device lies in it.
+ *
+ * Functions that return int return 0, or -1 where they failed; palpate_last_error() then says why, in plain words. NULL
+ * where something is needed is such a failure. No pointer is kept after the call it was passed to.
+ *
+ * A palpate_client may be used by any thread, but by one at a time: connect and attach where the program starts, send
+ * poses and ask for forces in the device's own loop, stop that loop, then detach and close. Functions without a client
+ * may be called by any thread at any time.
+ */
+#ifndef PALPATE_H
+#define PALPATE_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* The version of this library, such as "0.1.0". */
+const char *palpate_version(void);
+
+/* Why the last call of this thread that failed did so. Valid until the next call of this thread; never NULL. */
+const char *palpate_last_error(void);
+
+/* ---- where the device lies in the body ---- */
+
+/* x_body = scale * R * x_device + translation. Forces come back with the same scale, so that power is the same on both
+ * sides. With scale 1 the hand feels true newtons. */
+typedef struct palpate_registration {
+    double scale;          /* metres of the body per metre of the device */
+    double rotation[4];    /* R, a quaternion x, y, z, w */
+    double translation[3]; /* [m] */
+} palpate_registration;
+
+/* The registration that fits best to `pairs` points, three or more and not on one line: device_points holds 3 * pairs
+ * numbers [m] in Palpate's axes (see palpate_frame_position), body_points as many in body space [m]. `scale` is taken as
+ * given, or fitted too where it is 0. `residual`, unless NULL, is the root mean square of the distances left [m]. */
+int palpate_registration_fit(const double *device_points, const double *body_points, size_t pairs, double scale,
+                             palpate_registration *registration, double *residual);
+
+/* Shifts a registration so that this point of the device is that point of the body [m]; both in Palpate's axes. */
+int palpate_registration_place(palpate_registration *registration, const double device[3], const double body[3]);
+
+/* A position from the axes and unit of a frame to Palpate's axes and metres. Frames: "palpate", "openxr", "unity",
+ * "unreal", "ros", "phantom" (OpenHaptics: mm), "haply". */
+int palpate_frame_position(const char *frame, const double position[3], double palpate_position[3]);
+
+/* ---- a connection, and a tool in the hand ---- */
+
+typedef struct palpate_client palpate_client;
+
+/* Connects to a server; NULL for an endpoint or the session means that of a server on this machine, started without
+ * arguments. Takes up to 5 s for each endpoint. Returns NULL where it failed.
+ *
+ * The network's threads start here, and inherit the scheduling class of the calling thread: raise that first. */
+palpate_client *palpate_connect(const char *force_endpoint, const char *surface_endpoint, const char *session);
+
+/* How to take a tool. Fill it with palpate_attachment_defaults and change what differs; NULL text means the default. */
+typedef struct palpate_attachment {
+    const char *client;  /* a name for people; "C client" */
+    const char *tool;    /* name of the tool to take; any free one */
+    double rate_hz;      /* how often poses will be sent [Hz]; 1000. 72 to 90 for a headset */
+    const char *device;  /* "Touch", "PHANTOM Omni", "Touch X", "omega" ..., or a device file that ends in .toml;
+                            "PHANTOM Omni" */
+    const char *frame;   /* frame of poses and forces; "palpate" */
+    const char *render;  /* "raw", "passive", "local" or "local-passive", the default */
+    palpate_registration registration; /* the identity */
+} palpate_attachment;
+
+void palpate_attachment_defaults(palpate_attachment *attachment);
+
+/* Takes a tool; one at a time for each client. The device's limits become those of the force and of the virtual
+ * coupling: there is no gain to tune. */
+int palpate_attach(palpate_client *client, const palpate_attachment *attachment);
+
+/* Where the device holds the tool, in the frame and unit of the attachment. */
+typedef struct palpate_pose {
+    double position[3];         /* of the tool's reference point */
+    double orientation[4];      /* unit quaternion, in the frame's order: x, y, z, w, but w, x, y, z for "haply" */
+    double linear_velocity[3];  /* unit of position per second */
+    double angular_velocity[3]; /* [rad/s] */
+    uint32_t buttons;           /* bit i: button i is held */
+} palpate_pose;
+
+/* Sends a pose, as often as the attachment said. Does not wait for the network. A pose that is not finite, or whose
+ * quaternion is zero, is a failure and not sent. */
+int palpate_send_pose(palpate_client *client, const palpate_pose *pose);
+
+/* The force [N] to give now, and the torque [N m] unless that is NULL: call it at the device's own rate, 1 kHz or more,
+ * with the position and velocity just read. The local model of the newest wrench answers; it fades when wrenches stop
+ * coming, and never exceeds the device's limit. Does not wait for the network. Where it fails the force is zero. */
+int palpate_force(palpate_client *client, const double position[3], const double velocity[3], double force[3],
+                  double torque[3]);
+
+/* While the clutch is pressed (not 0) the tool stays where it is in the body and the hand moves freely; afterwards the
+ * motion goes on from there, without a jump, and the force comes back within 0.2 s. Goes on the next pose or force. */
+int palpate_clutch(palpate_client *client, int pressed);
+
+/* Gives the tool back. The tool is let go also where this fails. */
+int palpate_detach(palpate_client *client);
+
+/* Closes the connection and frees the client, and gives back a tool that it still holds. NULL is allowed. */
+void palpate_close(palpate_client *client);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif /* PALPATE_H */

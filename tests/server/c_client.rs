@@ -1,0 +1,38 @@
+//! A program in C on the real server.
+
+#[path = "../../clients/sdk/tests/c_program/mod.rs"]
+mod c_program;
+
+use crate::serve;
+use c_program::{compile_example, held_forces, run};
+use palpate_sdk::Connection;
+use std::path::Path;
+use std::process::Command;
+use std::sync::{Arc, Mutex};
+
+#[test]
+fn the_example_in_c_feels_the_real_body() {
+    let running = serve();
+    let program = running.folder.path().join("touch");
+    compile_example(&Path::new(env!("CARGO_MANIFEST_DIR")).join("clients/sdk"), &program);
+    let viewer = Connection::open_surface(&running.endpoints).unwrap();
+    let shown = Arc::new(Mutex::new(0.0f64));
+    let most = shown.clone();
+    let frames = viewer.subscribe_surface(move |frame| {
+        let force = frame.tools.first().map_or(0.0, |tool| f64::from(tool.force[2]));
+        let mut most = most.lock().unwrap();
+        *most = most.max(force);
+    });
+    let endpoints = &running.endpoints;
+    // The ball ends 8 mm deep in the middle of the top.
+    let place = ["0.05", "0.05", "0.111"];
+    let said = run(Command::new(&program).args([&endpoints.force, &endpoints.surface, &endpoints.session]).args(place));
+    drop(frames.unwrap());
+    let felt = held_forces(&said).into_iter().fold(0.0, f64::max);
+    let shown = *shown.lock().unwrap();
+    println!("felt {felt} N, shown {shown} N");
+    assert!(felt > 0.1 && felt < 3.3, "{said}");
+    // What it feels is what viewers see, within what the tissue yields between a press and a hold.
+    assert!((felt / shown - 1.0).abs() < 0.1, "felt {felt} N, shown {shown} N\n{said}");
+    assert_eq!(running.stop().restored_states, 0);
+}
