@@ -25,6 +25,7 @@ mod damping;
 mod determinism;
 mod levels;
 mod modes;
+mod reference;
 mod release;
 mod resolution;
 mod wild;
