@@ -51,7 +51,7 @@ fn adapting(body: &Arc<Body>, gravity: Vec3, adaptivity: Adaptivity, ticks: usiz
 }
 
 fn levels_in_use(simulation: &Simulation) -> Vec<u32> {
-    simulation.mesh().set().count().iter().map(|n| *n as u32).collect()
+    simulation.mesh().set().count().to_vec()
 }
 
 /// R2: u_z [m] of three points of the free face at 9.81 m/s², ± 6 µm.
