@@ -25,9 +25,9 @@ pub struct Level {
     /// Density [kg/m³] with which the node masses sum to the body's mass: that of the material on a mesh that fills the
     /// body, a little more where elements were dropped.
     pub density: Real,
-    /// Factor on the stiffness of every element, which makes the level answer to smooth loads as the finest one does:
-    /// coarse linear tetrahedra are too stiff.
-    pub stiffness_factor: Real,
+    /// Factor on the stiffness of each element (n_elements), which makes the level answer to smooth loads as the finest
+    /// one does: coarse linear tetrahedra are too stiff.
+    pub stiffness_factor: Vec<Real>,
     /// Nearest node of the next coarser level (n_nodes); empty on level 0.
     pub parent: Vec<u32>,
     /// Where each node lies in the next coarser level (n_nodes); empty on level 0.
@@ -67,6 +67,7 @@ impl Level {
             node_mass.iter_mut().for_each(|m| *m *= factor);
         }
         Self {
+            stiffness_factor: vec![1.0; mesh.elements.len()],
             mesh,
             spacing,
             fraction,
@@ -74,7 +75,6 @@ impl Level {
             altitude,
             least_mass,
             density: density * factor,
-            stiffness_factor: 1.0,
             parent: Vec::new(),
             coarser_host: Vec::new(),
             finer_host: Vec::new(),

@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 
 /// First bytes of a body file: name and format version.
-const MAGIC: &[u8; 12] = b"palpate-bdy\x02";
+const MAGIC: &[u8; 12] = b"palpate-bdy\x03";
 
 /// Stands for "no node", "no element".
 pub const NONE: u32 = u32::MAX;
@@ -323,6 +323,12 @@ impl Body {
         self.volume[e as usize]
     }
 
+    /// Factor on the stiffness of element `e`, from calibration.
+    pub fn stiffness_factor(&self, e: u32) -> Real {
+        let r = self.level_of_element(e);
+        self.parts.levels[r].stiffness_factor[(e - self.first_element[r]) as usize]
+    }
+
     /// True for nodes that do not move at all.
     pub fn is_fixed(&self, n: u32) -> bool {
         self.fixed[n as usize]
@@ -394,6 +400,7 @@ fn check(parts: &BodyParts) -> Result<(), String> {
             && level.mesh.elements.iter().flatten().all(in_range)
             && level.fraction.len() == elements
             && level.fraction.iter().all(|w| *w > 0.0 && *w <= 1.0 + 1e-9)
+            && level.stiffness_factor.len() == elements
             && level.node_mass.len() == nodes
             && level.embedding.len() == vertices
             && level.embedding.iter().all(|h| (h.element as usize) < elements)
@@ -406,7 +413,7 @@ fn check(parts: &BodyParts) -> Result<(), String> {
         let positive = level.altitude > 0.0
             && level.spacing > 0.0
             && level.density > 0.0
-            && level.stiffness_factor > 0.0
+            && level.stiffness_factor.iter().all(|f| *f > 0.0 && f.is_finite())
             && level.node_mass.iter().all(|m| *m > 0.0 && m.is_finite())
             && (0..elements).all(|e| level.mesh.volume(e) > 0.0);
         if !positive {

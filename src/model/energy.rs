@@ -51,7 +51,7 @@ pub fn energy(body: &Body, mesh: &ActiveMesh, gravity: Vec3) -> Energy {
         let active = mesh.active_vertices(e);
         if active > 0 {
             let f = deformation_gradient(body, mesh, e);
-            let factor = body.level(body.level_of_element(e)).stiffness_factor;
+            let factor = body.stiffness_factor(e);
             let weight = factor * body.volume(e) * Real::from(active) / 4.0;
             sum.elastic += weight * body.material_of(e).energy_density(&f);
         }

@@ -94,7 +94,7 @@ pub fn class_in(body: &Body, stable: Real) -> usize {
 pub fn omega_squared(body: &Body, e: u32) -> Real {
     let level = body.level(body.level_of_element(e));
     let altitude = smallest_altitude(body, e);
-    let wave_speed_squared = level.stiffness_factor * body.material_of(e).pressure_modulus() / level.density;
+    let wave_speed_squared = body.stiffness_factor(e) * body.material_of(e).pressure_modulus() / level.density;
     4.0 * wave_speed_squared / (SAFETY * SAFETY * altitude * altitude) * instantaneous(body, e)
 }
 

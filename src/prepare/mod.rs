@@ -131,8 +131,8 @@ pub fn prepare(recipe: &Recipe, progress: &mut dyn FnMut(&str, usize, usize)) ->
     let count = levels.len();
     let springs: Vec<(u32, Real)> = holds.iter().map(|h| (h.vertex, h.stiffness)).collect();
     let calibration = calibrate(&levels, |_, _| material, &springs)?;
-    for (level, factor) in levels.iter_mut().zip(&calibration.factors) {
-        level.stiffness_factor = *factor;
+    for (level, factors) in levels.iter_mut().zip(calibration.factors) {
+        level.stiffness_factor = factors;
     }
     let body = Body::new(BodyParts {
         name: recipe.name.clone(),

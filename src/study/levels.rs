@@ -151,7 +151,8 @@ impl Levels {
 
     /// Factor on the stiffness of `element`: 1 unless calibrated.
     pub fn stiffness_factor(&self, element: usize) -> Real {
-        self.tied[self.level_of[self.elements[element].nodes[0]]].stiffness_factor
+        let level = self.level_of[self.elements[element].nodes[0]];
+        self.tied[level].stiffness_factor[element - self.first_element[level]]
     }
 
     /// Number of levels.

@@ -4,6 +4,7 @@
 use palpate::adaptation::Adaptivity;
 use palpate::contact::safety::ForceLimits;
 use palpate::contact::tool::{Following, PoseSample, Shape as ToolShape, Tool, ToolEvent};
+use palpate::geometry::Surface;
 use palpate::geometry::primitives::{box_surface, liver_surface};
 use palpate::math::{Pose, Real, Vec3};
 use palpate::model::active_set::{ActiveSet, Change, Status};
@@ -24,6 +25,7 @@ mod damping;
 mod determinism;
 mod levels;
 mod modes;
+mod reference;
 mod release;
 mod resolution;
 mod wild;
@@ -80,7 +82,11 @@ impl Cube {
 
 /// The bundled liver in a bed up to `bed` of its height, of `young` [Pa].
 fn liver(bed: Real, spacings: Vec<Real>, young: Real, damping_ratio: Real) -> Arc<Body> {
-    let surface = liver_surface(0.006);
+    organ(liver_surface(0.006), bed, spacings, young, damping_ratio)
+}
+
+/// An organ in a bed up to `bed` of its height, of `young` [Pa].
+fn organ(surface: Surface, bed: Real, spacings: Vec<Real>, young: Real, damping_ratio: Real) -> Arc<Body> {
     let (low, high) = surface.bounds();
     let bounds = (low, Vec3::new(high.x, high.y, low.z + bed * (high.z - low.z)));
     let recipe = Recipe {
@@ -96,7 +102,9 @@ fn liver(bed: Real, spacings: Vec<Real>, young: Real, damping_ratio: Real) -> Ar
 fn report(body: &Body) {
     let level = |r: usize| {
         let l = body.level(r);
-        format!("{} nodes, {} elements, factor {:.3}", l.mesh.nodes.len(), l.mesh.elements.len(), l.stiffness_factor)
+        let least = l.stiffness_factor.iter().copied().fold(Real::INFINITY, Real::min);
+        let largest = l.stiffness_factor.iter().copied().fold(0.0, Real::max);
+        format!("{} nodes, {} elements, factors {least:.3} to {largest:.3}", l.mesh.nodes.len(), l.mesh.elements.len())
     };
     let levels: Vec<String> = (0..body.levels().len()).map(level).collect();
     println!("{}: {}", body.name(), levels.join("; "));

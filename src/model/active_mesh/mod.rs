@@ -683,7 +683,7 @@ fn constants(body: &Body, e: u32, active: u8) -> ElementConstants {
     let (d1, d2, d3) = (u[1] - u[0], u[2] - u[0], u[3] - u[0]);
     let six_volume = d1.cross(&d2).dot(&d3);
     let gradient = [d2.cross(&d3), d3.cross(&d1), d1.cross(&d2)].map(|g| (g / six_volume).into());
-    let factor = body.level(body.level_of_element(e)).stiffness_factor;
+    let factor = body.stiffness_factor(e);
     let weight = factor * body.volume(e) * Real::from(active) / 4.0;
     let material = body.material_of(e);
     ElementConstants { gradient, lambda: weight * material.lambda, mu: weight * material.mu }

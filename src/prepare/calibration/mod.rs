@@ -1,8 +1,10 @@
-//! Levels that answer alike: one stiffness factor per level.
+//! Levels that answer alike: a stiffness factor for each element.
 //!
 //! Linear tetrahedra are too stiff, the more so the larger they are: a coarse level sags less under the same weight than
-//! a fine one, and swings faster. A factor on λ and μ of each level takes that out: it is chosen so that the level moves
-//! under a smooth load as far as the finest level does, which keeps its material as it is.
+//! a fine one, and swings faster. Factors on λ and μ of each level take that out: they are chosen so that the level moves
+//! under a smooth load as the finest level does, which keeps its material as it is. From place to place they change
+//! slowly, so that each load moves each part as it should (`softness`), and stiffen no element; then one more factor, near
+//! 1, sets the amplitude.
 //!
 //! The load is the body's weight along each of the three axes, as the finest level bears it, handed down to the coarser
 //! ones. What must agree is the root mean square of the displacement, over the mass and all axes. That stands between
@@ -20,6 +22,7 @@ mod block;
 mod grid;
 mod load;
 mod rigid;
+mod softness;
 mod solver;
 mod system;
 
@@ -29,14 +32,17 @@ use crate::model::material::Material;
 use block::{Block, ZERO, add_scaled, columns, product};
 use load::{balanced_load, weight};
 use rigid::{holds_firmly, mean_motion};
-use solver::solve;
-use system::System;
+use softness::local_factors;
+use solver::{TOLERANCE, solve};
+use system::{System, row};
 
 /// Smallest factor ever returned: with a smaller one the level's own shape and holds are wrong, not its stiffness.
 pub const LEAST_FACTOR: Real = 0.2;
 /// Largest factor ever returned: a level that is far softer than the finest does not cover the same body, and stiffening
 /// it shortens its step.
 pub const LARGEST_FACTOR: Real = 1.5;
+/// How often the softness is changed from place to place. A third time changes periods and amplitudes by a thousandth.
+const ROUNDS: usize = 2;
 
 /// Why levels could not be calibrated.
 #[derive(Debug, PartialEq, thiserror::Error)]
@@ -60,8 +66,8 @@ pub enum CalibrationError {
 /// What the answers to a smooth load tell.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Calibration {
-    /// Factors on λ and μ (n_levels) that make all levels answer as the finest does; the last one is 1.
-    pub factors: Vec<Real>,
+    /// Factors on λ and μ (n_levels × n_elements) that make all levels answer as the finest does; 1 on the last one.
+    pub factors: Vec<Vec<Real>>,
     /// Angular frequency ω₁ of the slowest mode [rad/s], without the body's sinking on its holds: Rayleigh and Ritz's
     /// estimate from the three answers, a few per cent too high at most. 0 when nothing moves.
     pub slowest_mode: Real,
@@ -71,7 +77,7 @@ pub struct Calibration {
 ///
 /// `material` of an element, by level and element. `holds`: display vertices held by springs [N/m], which act through
 /// the rows of `embedding` and are not scaled. The levels must be tied, embedded and have their fixed nodes. Accurate to
-/// 1e-3; [`LEAST_FACTOR`] or [`LARGEST_FACTOR`] means that no factor makes that level agree.
+/// 1e-3; [`LEAST_FACTOR`] or [`LARGEST_FACTOR`] on all elements means that no factor makes that level agree.
 ///
 /// # Errors
 /// When a level has no elastic solution.
@@ -80,10 +86,7 @@ pub fn calibrate(
     material: impl Fn(usize, usize) -> Material + Sync,
     holds: &[(u32, Real)],
 ) -> Result<Calibration, CalibrationError> {
-    let mut factors = vec![1.0; levels.len()];
-    if levels.is_empty() {
-        return Ok(Calibration { factors, slowest_mode: 0.0 });
-    }
+    let mut factors: Vec<Vec<Real>> = levels.iter().map(|level| vec![1.0; level.mesh.elements.len()]).collect();
     // All levels bear the same load, or their answers could not be compared.
     let held = levels.iter().all(|level| holds_firmly(level, holds));
     let mut systems: Vec<System> =
@@ -106,15 +109,67 @@ pub fn calibrate(
         if let Some(coarser) = answers.last() {
             systems[l].add_from_coarser(&coarser.displacement, &mut guess);
         }
-        answers.push(answer(&systems, l, 1.0, guess)?);
+        answers.push(answer(&systems, l, &systems[l].load, guess, TOLERANCE)?);
     }
-    let finest = answers.pop();
-    let wanted = finest.as_ref().map_or(0.0, |finest| finest.amplitude);
-    let slowest_mode = finest.map_or(0.0, |finest| slowest_mode(&systems[levels.len() - 1], &finest.deforming));
-    for (l, first) in answers.into_iter().enumerate() {
-        factors[l] = matching_factor(first, wanted, |factor, guess| answer(&systems, l, factor, guess))?;
+    let Some(finest) = answers.pop() else { return Ok(Calibration { factors, slowest_mode: 0.0 }) };
+    let slowest_mode = slowest_mode(&systems[levels.len() - 1], &finest.deforming);
+    let wanted = at_coarser_nodes(levels, finest.deforming);
+    // Coarse elements are too stiff already; none is to be stiffer than the finest.
+    let stiffest = |l: usize| mean_modulus(levels, levels.len() - 1, &material) / mean_modulus(levels, l, &material);
+    for (l, (mut now, wanted)) in answers.into_iter().zip(&wanted).enumerate() {
+        // Amplitudes go almost with the softness. Where a level cannot follow the finest, its parts cannot, either.
+        let factor = now.amplitude / finest.amplitude;
+        if !wanted.is_empty() && (LEAST_FACTOR..LARGEST_FACTOR).contains(&factor) {
+            factors[l].fill(factor);
+            now = respond(&mut systems, levels, l, &material, &factors[l], now.displacement)?;
+            for _ in 0..ROUNDS {
+                factors[l] = local_factors(&systems, l, &material, &factors[l], &now, wanted, factor.max(stiffest(l)))?;
+                now = respond(&mut systems, levels, l, &material, &factors[l], now.displacement)?;
+            }
+        }
+        let all = |factor| factors[l].iter().map(|f| within(f * factor)).collect::<Vec<_>>();
+        let factor = matching_factor(now, finest.amplitude, |factor, guess| {
+            respond(&mut systems, levels, l, &material, &all(factor), guess)
+        })?;
+        factors[l] = all(factor);
     }
     Ok(Calibration { factors, slowest_mode })
+}
+
+/// The nearest factor within the range.
+fn within(factor: Real) -> Real {
+    factor.clamp(LEAST_FACTOR, LARGEST_FACTOR)
+}
+
+/// The finest level's displacements at the nodes of the coarser levels (n_levels - 1); none below levels without ties.
+fn at_coarser_nodes(levels: &[Level], finest: Vec<Block>) -> Vec<Vec<Block>> {
+    let mut all = vec![finest];
+    for pair in levels.windows(2).rev() {
+        let (coarse, fine, displacement) = (&pair[0], &pair[1], &all[all.len() - 1]);
+        let tied = !displacement.is_empty() && coarse.finer_host.len() == coarse.mesh.nodes.len();
+        let at = |host| {
+            let (nodes, weights) = row(host, &fine.mesh);
+            let mut u = ZERO;
+            nodes.iter().zip(weights).for_each(|(n, weight)| add_scaled(&mut u, weight, &displacement[*n as usize]));
+            u
+        };
+        let coarser = if tied { coarse.finer_host.iter().map(at).collect() } else { Vec::new() };
+        all.push(coarser);
+    }
+    all.reverse();
+    all.pop();
+    all
+}
+
+/// Mean of λ + 2μ [Pa] over the elements of level `l`.
+fn mean_modulus(levels: &[Level], l: usize, material: &impl Fn(usize, usize) -> Material) -> Real {
+    let elements = levels[l].mesh.elements.len();
+    (0..elements).map(|e| material(l, e).pressure_modulus()).sum::<Real>() / elements as Real
+}
+
+/// `material`, stiffer by `factor`.
+fn scaled(material: Material, factor: Real) -> Material {
+    Material { lambda: factor * material.lambda, mu: factor * material.mu, ..material }
 }
 
 /// The slowest mode [rad/s] among the combinations of the answers `u` to the loads along the three axes: the largest
@@ -149,7 +204,7 @@ fn slowest_mode(system: &System, deforming: &[Block]) -> Real {
 fn matching_factor(
     mut answer: Answer,
     wanted: Real,
-    solve: impl Fn(Real, Vec<Block>) -> Result<Answer, CalibrationError>,
+    mut solve: impl FnMut(Real, Vec<Block>) -> Result<Answer, CalibrationError>,
 ) -> Result<Real, CalibrationError> {
     let (mut factor, mut softness) = (1.0, 1.0);
     // Rigid elements do not deform.
@@ -170,7 +225,7 @@ fn matching_factor(
         }
         answer = solve(factor, answer.displacement)?;
     }
-    Ok(factor.clamp(LEAST_FACTOR, LARGEST_FACTOR))
+    Ok(within(factor))
 }
 
 /// How a level answers to its load.
@@ -183,10 +238,30 @@ struct Answer {
     amplitude: Real,
 }
 
-/// The answer of level `l` at `factor`, from the displacements `guess`.
-fn answer(systems: &[System], l: usize, factor: Real, guess: Vec<Block>) -> Result<Answer, CalibrationError> {
+/// The answer of level `l` to its load when its elements are stiffer than `material` by `factors`, from the displacements
+/// `guess`.
+fn respond<'a>(
+    systems: &mut [System<'a>],
+    levels: &'a [Level],
+    l: usize,
+    material: &(impl Fn(usize, usize) -> Material + Sync),
+    factors: &[Real],
+    guess: Vec<Block>,
+) -> Result<Answer, CalibrationError> {
+    systems[l].set_material(levels, l, &|l, e| scaled(material(l, e), factors[e]));
+    answer(systems, l, &systems[l].load, guess, TOLERANCE)
+}
+
+/// The answer of level `l` to `load`, from the displacements `guess`, as exactly as `tolerance` asks ([`solve`]).
+fn answer(
+    systems: &[System],
+    l: usize,
+    load: &[Block],
+    guess: Vec<Block>,
+    tolerance: Real,
+) -> Result<Answer, CalibrationError> {
     let system = &systems[l];
-    let displacement = solve(systems, l, factor, guess)?;
+    let displacement = solve(systems, l, load, guess, tolerance)?;
     // Where little or nothing holds the body, it may have drifted; what deforms it leaves the holds in balance.
     let drift = match system.holds {
         Some(_) => {
@@ -205,269 +280,4 @@ fn answer(systems: &[System], l: usize, factor: Real, guess: Vec<Block>) -> Resu
 }
 
 #[cfg(test)]
-mod tests {
-    use super::block::CHUNK;
-    use super::system::row;
-    use super::*;
-
-    fn factors(
-        levels: &[Level],
-        material: impl Fn(usize, usize) -> Material + Sync,
-        holds: &[(u32, Real)],
-    ) -> Result<Vec<Real>, CalibrationError> {
-        calibrate(levels, material, holds).map(|c| c.factors)
-    }
-    use crate::geometry::Surface;
-    use crate::geometry::primitives::{box_mesh, box_surface};
-    use crate::hierarchy::cover::cover;
-    use crate::hierarchy::{embedding, parentage};
-    use nalgebra::{DMatrix, SMatrix};
-
-    fn jelly() -> Material {
-        Material::from_young(5e3, 0.45, 1050.0)
-    }
-
-    fn covers(surface: &Surface, spacings: &[Real]) -> Vec<Level> {
-        let one = |(i, a): (usize, &Real)| cover(surface, *a, i as u32, 1050.0).unwrap();
-        tied(spacings.iter().enumerate().map(one).collect(), surface)
-    }
-
-    /// Conforming boxes with these numbers of cells, coarse to fine.
-    fn boxes(size: Vec3, cells: &[[u32; 3]], surface: &Surface) -> Vec<Level> {
-        let one = |cells: &[u32; 3]| {
-            let mesh = box_mesh(size, *cells);
-            let fraction = vec![1.0; mesh.elements.len()];
-            Level::new(mesh, fraction, size.x / Real::from(cells[0]), 1050.0, None)
-        };
-        tied(cells.iter().map(one).collect(), surface)
-    }
-
-    fn tied(mut levels: Vec<Level>, surface: &Surface) -> Vec<Level> {
-        parentage::tie(&mut levels);
-        embedding::embed(&mut levels, &surface.vertices);
-        levels
-    }
-
-    /// Area springs of `per_area` [N/m³] on the face x = 0.
-    fn clamp(surface: &Surface, per_area: Real) -> Vec<(u32, Real)> {
-        let areas = surface.vertex_areas();
-        let held = (0..areas.len()).filter(|v| surface.vertices[*v].x < 1e-9);
-        held.map(|v| (v as u32, per_area * areas[v])).collect()
-    }
-
-    /// Root mean square displacement [m] of a level under `load` (n_nodes), by dense elimination over the free nodes.
-    fn dense_amplitude(level: &Level, factor: Real, holds: &[(u32, Real)], load: &[Real]) -> Real {
-        let free: Vec<usize> = (0..level.mesh.nodes.len()).filter(|n| !level.fixed.contains(&(*n as u32))).collect();
-        let mut place = vec![usize::MAX; level.mesh.nodes.len()];
-        free.iter().enumerate().for_each(|(i, n)| place[*n] = i);
-        let mut k = DMatrix::<Real>::zeros(3 * free.len(), 3 * free.len());
-        let Material { lambda, mu, .. } = jelly();
-        // Energy density ½ λ tr(ε)² + μ ε:ε, differentiated through the six components of the strain.
-        let law = SMatrix::<Real, 6, 6>::from_fn(|i, j| match (i, j) {
-            (0..3, 0..3) => lambda + if i == j { 2.0 * mu } else { 0.0 },
-            _ => {
-                if i == j {
-                    mu
-                } else {
-                    0.0
-                }
-            }
-        });
-        for (e, nodes) in level.mesh.elements.iter().enumerate() {
-            let u = level.mesh.corners(e);
-            let edges = Mat3::from_columns(&[u[1] - u[0], u[2] - u[0], u[3] - u[0]]);
-            let inverse = edges.try_inverse().unwrap();
-            let mut g = [Vec3::zeros(); 4];
-            for i in 0..3 {
-                g[i + 1] = inverse.row(i).transpose();
-                g[0] -= g[i + 1];
-            }
-            let strain = |g: Vec3| {
-                #[rustfmt::skip]
-                let b = SMatrix::<Real, 6, 3>::new(
-                    g.x, 0.0, 0.0,  0.0, g.y, 0.0,  0.0, 0.0, g.z,
-                    g.y, g.x, 0.0,  0.0, g.z, g.y,  g.z, 0.0, g.x,
-                );
-                b
-            };
-            let scale = factor * level.fraction[e] * edges.determinant() / 6.0;
-            for (a, ga) in nodes.iter().zip(g) {
-                for (b, gb) in nodes.iter().zip(g) {
-                    let (a, b) = (place[*a as usize], place[*b as usize]);
-                    if a != usize::MAX && b != usize::MAX {
-                        let mut view = k.fixed_view_mut::<3, 3>(3 * a, 3 * b);
-                        view += strain(ga).transpose() * law * strain(gb) * scale;
-                    }
-                }
-            }
-        }
-        for &(vertex, stiffness) in holds {
-            let (nodes, weights) = row(&level.embedding[vertex as usize], &level.mesh);
-            for (a, wa) in nodes.iter().zip(weights) {
-                for (b, wb) in nodes.iter().zip(weights) {
-                    for i in 0..3 {
-                        k[(3 * place[*a as usize] + i, 3 * place[*b as usize] + i)] += stiffness * wa * wb;
-                    }
-                }
-            }
-        }
-        let f = DMatrix::from_fn(3 * free.len(), 3, |i, j| if i % 3 == j { load[free[i / 3]] } else { 0.0 });
-        let u = k.cholesky().unwrap().solve(&f);
-        let squares = (0..3 * free.len()).map(|i| level.node_mass[free[i / 3]] * u.row(i).norm_squared());
-        (squares.sum::<Real>() / level.node_mass.iter().sum::<Real>()).sqrt()
-    }
-
-    /// The finest level's weight, handed down.
-    fn handed_down(levels: &[Level]) -> Vec<Vec<Real>> {
-        let mut loads = vec![levels.last().unwrap().node_mass.clone()];
-        for l in (1..levels.len()).rev() {
-            let mut load = vec![0.0; levels[l - 1].mesh.nodes.len()];
-            for (n, (host, f)) in levels[l].coarser_host.iter().zip(&loads[0]).enumerate() {
-                let (nodes, weights) = row(host, &levels[l - 1].mesh);
-                if !levels[l].fixed.contains(&(n as u32)) {
-                    nodes.iter().zip(weights).for_each(|(c, w)| load[*c as usize] += w * f);
-                }
-            }
-            loads.insert(0, load);
-        }
-        loads
-    }
-
-    /// All levels move as far as the finest, by the dense solution.
-    fn agree(name: &str, levels: &[Level], factors: &[Real], holds: &[(u32, Real)], tolerance: Real) {
-        let amplitude = |l: usize, factor| dense_amplitude(&levels[l], factor, holds, &handed_down(levels)[l]);
-        let wanted = amplitude(levels.len() - 1, 1.0);
-        for (l, factor) in factors.iter().enumerate() {
-            let (raw, calibrated) = (amplitude(l, 1.0) / wanted - 1.0, amplitude(l, *factor) / wanted - 1.0);
-            let nodes = levels[l].mesh.nodes.len();
-            println!("{name}, {nodes} nodes: factor {factor:.4}, amplitude {raw:+.4} before, {calibrated:+.5} after");
-            assert!(calibrated.abs() < tolerance, "{name}, level {l}: {calibrated}");
-        }
-    }
-
-    #[test]
-    fn one_level_keeps_its_material() {
-        let surface = box_surface(Vec3::repeat(0.1), [4; 3]);
-        let levels = covers(&surface, &[0.03]);
-        assert_eq!(factors(&levels, |_, _| jelly(), &[]), Ok(vec![1.0]));
-        assert_eq!(factors(&[], |_, _| jelly(), &[]), Ok(vec![]));
-    }
-
-    #[test]
-    fn covers_of_a_clamped_cube_move_as_far_as_the_finest() {
-        let surface = box_surface(Vec3::repeat(0.1), [12; 3]);
-        let levels = covers(&surface, &[0.05, 0.035, 0.022]);
-        let holds = clamp(&surface, 10.0 * 5e3 / 0.022);
-        let factors = factors(&levels, |_, _| jelly(), &holds).unwrap();
-        assert!(factors.is_sorted() && factors[0] > 0.8 && factors[0] < 0.95, "{factors:?}");
-        // The dense solution counts what the body sinks into its springs, too, which no factor moves.
-        agree("cube", &levels, &factors, &holds, 2e-3);
-    }
-
-    #[test]
-    fn conforming_boxes_with_fixed_nodes_move_as_far_as_the_finest() {
-        let size = Vec3::new(0.2, 0.05, 0.05);
-        let surface = box_surface(size, [8, 2, 2]);
-        let mut levels = boxes(size, &[[4, 1, 1], [8, 2, 2], [16, 4, 4]], &surface);
-        for level in &mut levels {
-            level.fixed =
-                (0..level.mesh.nodes.len() as u32).filter(|n| level.mesh.nodes[*n as usize].x == 0.0).collect();
-        }
-        let factors = factors(&levels, |_, _| jelly(), &[]).unwrap();
-        agree("bar", &levels, &factors, &[], 1e-3);
-    }
-
-    #[test]
-    fn a_soft_bed_does_not_hide_the_stiffness_of_elements() {
-        let surface = box_surface(Vec3::repeat(0.1), [10; 3]);
-        let levels = covers(&surface, &[0.035, 0.02]);
-        let factor = |per_area: Real| factors(&levels, |_, _| jelly(), &clamp(&surface, per_area)).unwrap()[0];
-        // Springs ten thousand times softer: the body sinks a hundred times more than it deforms.
-        let (firm, soft) = (factor(10.0 * 5e3 / 0.02), factor(1e-3 * 5e3 / 0.02));
-        println!("factor on firm springs {firm:.4}, on soft ones {soft:.4}");
-        assert!((soft / firm - 1.0).abs() < 0.1);
-        assert!((factor(1e-5 * 5e3 / 0.02) / soft - 1.0).abs() < 1e-3);
-        // Down to springs of the size of rounding errors.
-        for per_area in [1.0, 1e-3, 1e-6, 1e-9] {
-            assert!((factor(per_area) / soft - 1.0).abs() < 2e-3, "{per_area}: {}", factor(per_area));
-        }
-    }
-
-    #[test]
-    fn a_free_body_and_one_on_a_hinge_have_factors_too() {
-        let surface = box_surface(Vec3::new(0.3, 0.06, 0.06), [20, 4, 4]);
-        let levels = covers(&surface, &[0.03, 0.02, 0.014]);
-        let free = factors(&levels, |_, _| jelly(), &[]).unwrap();
-        println!("free beam {free:?}");
-        assert!(free[0] > 0.9 && free[0] < free[1] && free[1] < 1.02, "{free:?}");
-        let point = factors(&levels, |_, _| jelly(), &[(0, 1e3)]).unwrap();
-        let hinge: Vec<_> = (0..3).map(|v| (v, 1e3)).collect();
-        assert_eq!(surface.vertices[..3].iter().map(|u| (u.x, u.z)).collect::<Vec<_>>(), vec![(0.0, 0.0); 3]);
-        assert_eq!(point, free);
-        assert_eq!(factors(&levels, |_, _| jelly(), &hinge).unwrap(), free);
-    }
-
-    #[test]
-    fn turning_the_body_or_changing_its_units_does_not_change_the_factors() {
-        let surface = box_surface(Vec3::new(0.1, 0.05, 0.05), [8, 4, 4]);
-        let mut levels = covers(&surface, &[0.03, 0.015]);
-        let holds = clamp(&surface, 1e6);
-        for holds in [&holds[..], &[]] {
-            let before = factors(&levels, |_, _| jelly(), holds).unwrap();
-            let turn = nalgebra::Rotation3::from_euler_angles(0.3, -0.8, 1.9);
-            for u in levels.iter_mut().flat_map(|level| &mut level.mesh.nodes) {
-                *u = turn * *u + Vec3::new(0.3, -2.0, 5.0);
-            }
-            let after = factors(&levels, |_, _| jelly(), holds).unwrap();
-            println!("{before:?} {after:?}");
-            assert!((after[0] / before[0] - 1.0).abs() < 1e-5, "{before:?} {after:?}");
-        }
-        // Stiffer elements on stiffer springs are the same body under less weight; powers of two round nothing.
-        let stiff = Material { lambda: 1024.0 * jelly().lambda, mu: 1024.0 * jelly().mu, ..jelly() };
-        let stiffer: Vec<_> = holds.iter().map(|(v, k)| (*v, 1024.0 * k)).collect();
-        let before = factors(&levels, |_, _| jelly(), &holds).unwrap();
-        assert_eq!(factors(&levels, |_, _| stiff, &stiffer).unwrap(), before);
-    }
-
-    #[test]
-    fn the_factors_do_not_depend_on_the_number_of_threads() {
-        let surface = box_surface(Vec3::repeat(0.1), [10; 3]);
-        let levels = covers(&surface, &[0.025, 0.009]);
-        assert!(levels[1].mesh.nodes.len() > 3 * CHUNK);
-        let holds = clamp(&surface, 1e6);
-        let bits = |threads| {
-            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            pool.install(|| factors(&levels, |_, _| jelly(), &holds).unwrap()[0].to_bits())
-        };
-        assert_eq!(bits(1), bits(2));
-        assert_eq!(bits(1), bits(5));
-    }
-
-    #[test]
-    fn a_finest_level_of_another_material_is_matched_or_the_end_of_the_range_returned() {
-        let surface = box_surface(Vec3::repeat(0.1), [10; 3]);
-        let levels = covers(&surface, &[0.03, 0.02]);
-        let factor = |scale: Real| {
-            let material =
-                |l: usize, _: usize| Material::from_young(if l == 0 { scale * 5e3 } else { 5e3 }, 0.45, 1050.0);
-            factors(&levels, material, &clamp(&surface, 1e6)).unwrap()[0]
-        };
-        let usual = factor(1.0);
-        assert!((factor(2.0) * 2.0 / usual - 1.0).abs() < 1e-3);
-        assert_eq!(factor(10.0), LEAST_FACTOR);
-        assert_eq!(factor(0.1), LARGEST_FACTOR);
-    }
-
-    #[test]
-    fn every_node_fixed_or_a_broken_material_is_no_panic() {
-        let size = Vec3::repeat(0.1);
-        let surface = box_surface(size, [2; 3]);
-        let mut levels = boxes(size, &[[1; 3], [2; 3]], &surface);
-        let broken = Material { lambda: Real::NAN, ..jelly() };
-        assert!(matches!(factors(&levels, |_, _| broken, &[]), Err(CalibrationError::NotConverged { level: 0, .. })));
-        for level in &mut levels {
-            level.fixed = (0..level.mesh.nodes.len() as u32).collect();
-        }
-        assert_eq!(factors(&levels, |_, _| jelly(), &[]), Ok(vec![1.0, 1.0]));
-    }
-}
+mod tests;

@@ -9,20 +9,21 @@ use crate::math::Real;
 const MOST_ITERATIONS: usize = 3000;
 /// A solution is done when this many iterations ...
 const LOOK_BACK: usize = 8;
-/// ... add less than this part of its work.
-const TOLERANCE: Real = 1e-7;
+/// ... add less than this part of its work, or what else its caller asks.
+pub(super) const TOLERANCE: Real = 1e-7;
 
-/// Solves level `l` at the stiffness `factor` from the displacements `u`, by preconditioned conjugate gradients.
+/// Solves level `l` under `load` from the displacements `u`, by preconditioned conjugate gradients, until
+/// [`LOOK_BACK`] iterations add less than `tolerance` of the work.
 pub(super) fn solve(
     systems: &[System],
     l: usize,
-    factor: Real,
+    load: &[Block],
     mut u: Vec<Block>,
+    tolerance: Real,
 ) -> Result<Vec<Block>, CalibrationError> {
     let system = &systems[l];
-    let load = &system.load;
-    let mut r = load.clone();
-    for_each_node(&mut r, |n, r| add_scaled(r, -1.0, &system.force(n, factor, &u)));
+    let mut r = load.to_vec();
+    for_each_node(&mut r, |n, r| add_scaled(r, -1.0, &system.force(n, &u)));
     let mut p = vec![ZERO; u.len()];
     let mut q = p.clone();
     let mut rz = 0.0;
@@ -34,7 +35,7 @@ pub(super) fn solve(
         let z = precondition(systems, l, &r);
         let rz_before = rz;
         rz = dot(&r, &z);
-        if rz == 0.0 || gains.iter().sum::<Real>() <= TOLERANCE * work {
+        if rz == 0.0 || gains.iter().sum::<Real>() <= tolerance * work {
             return Ok(u);
         }
         let beta = if iterations == 0 { 0.0 } else { rz / rz_before };
@@ -43,7 +44,7 @@ pub(super) fn solve(
             add_scaled(&mut next, beta, p);
             *p = next;
         });
-        for_each_node(&mut q, |n, q| *q = system.force(n, factor, &p));
+        for_each_node(&mut q, |n, q| *q = system.force(n, &p));
         let step = rz / dot(&p, &q);
         let gain = step * rz;
         #[expect(clippy::neg_cmp_op_on_partial_ord, reason = "NaN is no gain, too")]

@@ -10,7 +10,7 @@ use crate::math::{Mat3, Real, Vec3};
 use crate::model::material::Material;
 use rayon::prelude::*;
 
-/// The linear equations of one level at rest, `(factor · elastic + spring) u = load`, by rows of node blocks.
+/// The linear equations of one level at rest, `(elastic + spring) u = load`, by rows of node blocks.
 ///
 /// Rows are gathered, not scattered by elements, so that threads need no order among them. The rows of fixed nodes are
 /// empty, which keeps their displacement at zero.
@@ -22,11 +22,11 @@ pub(super) struct System<'a> {
     pub(super) start: Vec<u32>,
     /// Node of each entry, ascending within a row.
     pub(super) column: Vec<u32>,
-    /// Elastic stiffness at factor 1 [N/m].
+    /// Elastic stiffness [N/m].
     pub(super) elastic: Vec<Block>,
     /// Stiffness of the holds [N/m], the same along each axis.
     pub(super) spring: Vec<Real>,
-    /// Inverse of the diagonal blocks at factor 1 [m/N], zero at fixed nodes (n_nodes).
+    /// Inverse of the diagonal blocks [m/N], zero at fixed nodes (n_nodes).
     pub(super) inverse_diagonal: Vec<Block>,
     /// Force that deforms the body, per axis [N] for an acceleration of 1 m/s² (n_nodes).
     pub(super) load: Vec<Block>,
@@ -95,6 +95,17 @@ impl<'a> System<'a> {
             system.grid = Grid::new(level, &system);
         }
         system
+    }
+
+    /// Makes level `l`, which this is of, of another material.
+    pub(super) fn set_material(
+        &mut self,
+        levels: &'a [Level],
+        l: usize,
+        material: &(impl Fn(usize, usize) -> Material + Sync),
+    ) {
+        let load = std::mem::take(&mut self.load);
+        *self = System { load, ..System::new(levels, l, material, self.holds) };
     }
 
     /// Sets the load, less what the holds bear while the body moves on them as a whole: what is left deforms it.
@@ -173,7 +184,7 @@ impl<'a> System<'a> {
     }
 
     /// Force of node `n` [N] at the displacements `u`: row `n` of the matrix times `u`.
-    pub(super) fn force(&self, n: usize, factor: Real, u: &[Block]) -> Block {
+    pub(super) fn force(&self, n: usize, u: &[Block]) -> Block {
         let (mut elastic, mut spring) = (ZERO, ZERO);
         for entry in self.start[n] as usize..self.start[n + 1] as usize {
             let (u, k) = (&u[self.column[entry] as usize], &self.elastic[entry]);
@@ -184,7 +195,7 @@ impl<'a> System<'a> {
             }
             add_scaled(&mut spring, self.spring[entry], u);
         }
-        add_scaled(&mut spring, factor, &elastic);
+        add_scaled(&mut spring, 1.0, &elastic);
         spring
     }
 }
@@ -254,7 +265,7 @@ fn elastic_rows(
 }
 
 /// Gradients of the barycentric coordinates [1/m] of the tetrahedron `u`, and its volume [m³].
-fn gradients(u: &[Vec3; 4]) -> ([Vec3; 4], Real) {
+pub(super) fn gradients(u: &[Vec3; 4]) -> ([Vec3; 4], Real) {
     let (a, b, c) = (u[1] - u[0], u[2] - u[0], u[3] - u[0]);
     let six_volume = a.cross(&b).dot(&c);
     let (g1, g2, g3) = (b.cross(&c) / six_volume, c.cross(&a) / six_volume, a.cross(&b) / six_volume);
