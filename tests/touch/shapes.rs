@@ -201,7 +201,8 @@ fn a_ball_that_slides_at_constant_depth_keeps_its_force_as_well_as_the_mesh_can(
     // What is left repeats with the elements under the ball, not with the triangles that are displayed.
     for (name, cube, most) in [
         ("uniform 12.5 mm", with(&["body.cells=[[4,4,4],[8,8,8]]", "body.active_level=1"]), 0.05),
-        ("adaptive, 25 to 6.3 mm", with(&["body.cells=[[4,4,4],[8,8,8],[16,16,16]]"]), 0.2),
+        ("adaptive, 25 to 8.3 mm", with(&["body.cells=[[4,4,4],[7,7,7],[12,12,12]]"]), 0.05),
+        ("adaptive, 20 to 6.3 mm", with(&["body.cells=[[5,5,5],[9,9,9],[16,16,16]]"]), 0.05),
     ] {
         let away = sliding(&cube);
         println!("{name}: within {:.1} % of the mean", 1e2 * away);
