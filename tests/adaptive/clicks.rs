@@ -11,9 +11,10 @@ const UNFELT: Real = 0.010;
 const UNFELT_PART: Real = 0.05;
 /// Motion of the surface within a frame that no eye sees, over the body's size.
 const UNSEEN: Real = 1e-3;
-/// How far beyond [`UNFELT`] the force may get in [`RINGS`] ticks: levels do not agree on a dent as small as their
-/// elements, so it has to go somewhere, but a hand tells 10 to 15 per cent that come within some milliseconds.
-const MOST_RING: Real = 2.2;
+/// How far beyond [`UNFELT`] the force may get in [`RINGS`] ticks where resolution comes late or has to go: the coarse level
+/// does not agree with the fine one on a dent as small as its elements, so it has to go somewhere, but a hand tells 10 to
+/// 15 per cent that come within some milliseconds.
+const MOST_RING: Real = 2.5;
 /// Ticks in which what a change has put out of balance shows in the force.
 const RINGS: u64 = 8;
 
@@ -137,27 +138,27 @@ fn resolution_that_comes_late_and_goes_early_is_not_felt() {
     let away = Adaptivity { split: 10.0, reach: 0.0, ..Adaptivity::default() };
     let mut hold = with_settings(&hold, &settings(Some(away)));
     let going = compare(&mut hold, 1300, 600, held);
-    judge(&coming, SIDE);
-    judge(&going, SIDE);
+    judge(&coming, SIDE, MOST_RING);
+    judge(&going, SIDE, MOST_RING);
 }
 
-fn judge(clicks: &Clicks, size: Real) {
+fn judge(clicks: &Clicks, size: Real, most_ring: Real) {
     assert!(clicks.over < 1.0, "a change can be felt at once: {clicks:?}");
-    assert!(clicks.rings < MOST_RING, "a change can be felt within milliseconds: {clicks:?}");
+    assert!(clicks.rings < most_ring, "a change can be felt within milliseconds: {clicks:?}");
     assert!(clicks.surface < UNSEEN * size, "a change can be seen: {clicks:?}");
     assert!(clicks.fade < UNSEEN * size, "what fades can be seen: {clicks:?}");
 }
 
 #[test]
 fn a_press_and_a_stroke_on_the_cube_feel_and_show_no_change() {
-    judge(&press(&damped_cube(), Vec3::new(0.03, 0.05, SIDE), Vec3::x()), SIDE);
+    judge(&press(&damped_cube(), Vec3::new(0.03, 0.05, SIDE), Vec3::x()), SIDE, 1.0);
 }
 
 #[test]
 fn a_press_and_a_stroke_on_the_liver_feel_and_show_no_change() {
     let body = liver(0.45, vec![0.028, 0.017, 0.010], 5e3, 0.15);
     let (low, high) = body.surface().bounds();
-    judge(&press(&body, summit(&body), Vec3::x()), (high - low).max());
+    judge(&press(&body, summit(&body), Vec3::x()), (high - low).max(), 1.0);
 }
 
 /// The whole contact region refined by hand, and coarsened again, in one tick each: far more than adaptation does.
