@@ -342,9 +342,15 @@ impl Simulation {
         }
     }
 
+    /// For comparison: contacts as the mesh shows them, without the compliance of the dent below its size.
+    pub fn restore_no_dents(&mut self) {
+        self.detection.restore_no_dents();
+    }
+
     /// The body, where the tools touch it, standing still, and its display vertices [m]: for questions about a copy.
     pub fn contacts(&mut self) -> (&mut ActiveMesh, &[Constraint], &[Vec3]) {
         self.tools.iter_mut().for_each(|tool| tool.previous = tool.pose);
+        self.detection.settle();
         self.find_contacts();
         (&mut self.mesh, &self.constraints, &self.vertices)
     }

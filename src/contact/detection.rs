@@ -50,6 +50,10 @@ pub struct Workspace {
     /// Turn in which each display triangle was last looked at.
     seen: Vec<u32>,
     turn: u32,
+    /// Whether dents below the mesh's size are restored.
+    dents: bool,
+    /// Part of the way to what the mesh shows now that a point's compliance goes in a tick.
+    followed: Real,
     /// No display edge is longer [m], unless it is stretched beyond [`MOST_STRETCH`].
     longest_edge: Real,
 }
@@ -74,8 +78,22 @@ impl Workspace {
             near: Vec::with_capacity(surface.vertices.len()),
             seen: vec![0; surface.triangles.len()],
             turn: 0,
+            dents: true,
+            followed: SHARE_FOLLOWED,
             longest_edge: MOST_STRETCH * longest,
         }
+    }
+}
+
+impl Workspace {
+    /// For comparison: points without compliance.
+    pub(crate) fn restore_no_dents(&mut self) {
+        self.dents = false;
+    }
+
+    /// For questions about a copy: compliances as they will be once the tool rests.
+    pub(crate) fn settle(&mut self) {
+        self.followed = 1.0;
     }
 }
 
@@ -135,7 +153,7 @@ pub fn detect(
     work.memory.clear();
     work.loads.clear();
     work.loads.extend(candidates.iter().map(|c| Load::new(on, c, memory)));
-    let (first, half_space) = (constraints.len() as u32, half_space(on.body));
+    let (first, half_space) = (constraints.len() as u32, if work.dents { half_space(on.body) } else { 0.0 });
     let nu = on.body.material().poisson_ratio();
     // The pose is where the coupling's spring is as long as the last force made it.
     let coupling = Coupling { compliance: tool.coupling, allowed_for: -tool.physical_force };
@@ -148,7 +166,7 @@ pub fn detect(
         let known = candidate.known.map(|k| &memory[k as usize]);
         let share = row.entries().iter().map(|(_, b)| b * b).sum::<Real>() / MEAN_SQUARE;
         // Where the resolution has changed it is another all at once.
-        let share = known.map_or(share, |m| m.share + SHARE_FOLLOWED * (share - m.share));
+        let share = known.map_or(share, |m| m.share + work.followed * (share - m.share));
         let mut compliance = [0.0; MOST_POINTS];
         for (j, (g, other)) in compliance.iter_mut().zip(&work.loads).enumerate() {
             *g = half_space * if i == j { other.own(share) } else { work.loads[i].from(other) };
@@ -323,7 +341,7 @@ impl Load {
     }
 }
 
-/// Part of the way to what the mesh shows now that a point's compliance goes in a tick.
+/// [`Workspace::followed`] of a tick.
 const SHARE_FOLLOWED: Real = 0.05;
 /// Mean `Σ b²` of surface points.
 const MEAN_SQUARE: Real = 0.35;

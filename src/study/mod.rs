@@ -12,6 +12,7 @@
 //! | [`printed`] | the method as printed: steps per node, the filter of eq. 11, the criterion of eq. 9 |
 //! | [`compare`] | the tables: couplings, rows, weights |
 //! | [`press`] | a punch pressed deep into a cube, under every law |
+//! | [`indentation`] | a ball in a block against the continuum: the dent below the mesh's size, 'move and hold' |
 //! | [`relax`] | bodies brought to rest |
 //! | [`touch`] | the core under a tool: error against cost, a cut budget, the paper's figure 8 |
 //! | [`lockstep`] | hands on one body, with device, client library and network in one loop, in simulated time |
@@ -20,6 +21,7 @@
 
 pub mod compare;
 pub mod coupling;
+pub mod indentation;
 pub mod laws;
 pub mod levels;
 pub mod lockstep;
@@ -49,7 +51,7 @@ pub struct Study {
 }
 
 /// All studies, in the order in which they run.
-pub const STUDIES: [Study; 11] = [
+pub const STUDIES: [Study; 12] = [
     Study { name: "laws", about: "figures 4, 5 and 6 of the paper: laws and resolutions", work: oscillate::figures },
     Study { name: "depth", about: "force against depth of a punch, under every law", work: press::depth },
     Study {
@@ -69,6 +71,11 @@ pub const STUDIES: [Study; 11] = [
         name: "speed",
         about: "error of the tool force against cost, adaptive against uniform",
         work: touch::speed,
+    },
+    Study {
+        name: "indentation",
+        about: "a ball in a block: the dent below the mesh's size, and 'move and hold' as printed",
+        work: indentation::indentation,
     },
     Study { name: "overload", about: "the work budget cut tenfold in a press", work: touch::overload },
     Study {
