@@ -10,7 +10,6 @@ use crate::contact::safety::ForceLimits;
 use crate::contact::tool::{Following, PoseSample, Shape, Tool, ToolEvent};
 use crate::geometry::primitives::{box_mesh, box_surface};
 use crate::math::{Pose, Real, Vec3};
-use crate::model::step_class::TICK;
 use crate::model::{Body, Material};
 use crate::prepare::{self, Recipe, Region, prepare};
 use crate::simulation::{Inputs, Settings, Simulation, Snapshot};
