@@ -1,6 +1,7 @@
 //! The command line: arguments, start, wait, stop.
 
 mod demo;
+mod prepare_command;
 mod progress;
 
 use anyhow::{Context, bail};
@@ -33,6 +34,8 @@ enum Command {
     Serve(ServeArgs),
     /// Run a scene without a network, as fast as it goes
     Simulate(SimulateArgs),
+    /// Make a body from mesh files, look at it, and write it into one file that scenes load at once
+    Prepare(prepare_command::PrepareArgs),
     /// Start a recording on a running server, and stop it again
     Record(RecordArgs),
     /// Run a recording again and compare bit for bit
@@ -60,7 +63,7 @@ struct StudyArgs {
 /// What to simulate.
 #[derive(Args)]
 struct SceneArgs {
-    /// Scene file, or a bundled scene: liver, toy, cube, organ
+    /// Scene file, prepared body (.palpate), or a bundled scene: liver, toy, cube, organ
     #[arg(long, default_value = "liver")]
     scene: PathBuf,
     /// Override a key of the scene, as in material.youngs_modulus=8000
@@ -131,7 +134,7 @@ struct ServeArgs {
 
 #[derive(Args)]
 struct SimulateArgs {
-    /// Scene file, or a bundled scene: liver, toy, cube, organ
+    /// Scene file, prepared body (.palpate), or a bundled scene: liver, toy, cube, organ
     scene: PathBuf,
     /// Override a key of the scene
     #[arg(long = "set", value_name = "KEY=VALUE")]
@@ -186,6 +189,7 @@ fn main() -> ExitCode {
         Command::Demo(args) => demo::run(args),
         Command::Serve(args) => serve(&args),
         Command::Simulate(args) => simulate(&args),
+        Command::Prepare(args) => prepare_command::run(&args),
         Command::Record(args) => record(&args),
         Command::Replay(args) => replay_file(&args),
         Command::Study(args) => study(&args),

@@ -115,7 +115,7 @@ fn a_ball_is_felt_as_the_continuum_says() {
     let body = |spacings: &[Real]| -> Arc<Body> {
         let recipe = Recipe {
             name: "block".into(),
-            shape: Shape::Closed(box_surface(Vec3::repeat(side), [60; 3]), spacings.to_vec()),
+            shape: Shape::closed(box_surface(Vec3::repeat(side), [60; 3]), spacings.to_vec()),
             material: Material::from_young(1e4, 0.35, 1000.0),
             holds: vec![Region { ..bottom.clone() }],
             damping_ratio: 0.3,

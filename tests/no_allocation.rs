@@ -198,7 +198,7 @@ fn cube(finest: Real) -> Body {
     let face = Region { bounds: (Vec3::zeros(), Vec3::new(0.0, side.y, side.z)), stiffness: None, exact: false };
     let recipe = Recipe {
         name: "cube".into(),
-        shape: Shape::Closed(box_surface(side, [cells; 3]), vec![3.24 * finest, 1.8 * finest, finest]),
+        shape: Shape::closed(box_surface(side, [cells; 3]), vec![3.24 * finest, 1.8 * finest, finest]),
         material: Material::from_young(1e4, 0.45, 1000.0),
         holds: vec![face],
         damping_ratio: 0.15,
@@ -222,6 +222,7 @@ fn memory_grows_no_faster_than_nodes() {
             material_of: vec![Vec::new(); prepared.levels().len()],
             holds: prepared.holds().to_vec(),
             maxwell: prepared.maxwell().to_vec(),
+            slowest_mode: prepared.slowest_mode(),
         };
         let (body, of_body) = held(|| Arc::new(Body::new(parts()).unwrap()));
         let simulation = |most_elements: usize| {

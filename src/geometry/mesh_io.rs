@@ -53,6 +53,17 @@ impl LengthUnit {
     }
 }
 
+impl std::fmt::Display for LengthUnit {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        f.write_str(match self {
+            LengthUnit::Metre => "m",
+            LengthUnit::Centimetre => "cm",
+            LengthUnit::Millimetre => "mm",
+            LengthUnit::Inch => "in",
+        })
+    }
+}
+
 impl std::str::FromStr for LengthUnit {
     type Err = MeshError;
 
@@ -77,7 +88,11 @@ pub fn read_tet_mesh(path: &Path, unit: LengthUnit) -> Result<TetMesh, MeshError
     parse_tet_mesh(path, &read_bytes(path)?, unit)
 }
 
-fn read_bytes(path: &Path) -> Result<Vec<u8>, MeshError> {
+/// The bytes of the file at `path`, and one too many of a file that is too long.
+///
+/// # Errors
+/// Those of the file system.
+pub fn read_bytes(path: &Path) -> Result<Vec<u8>, MeshError> {
     let failed = |reason| MeshError::Io { path: path.to_owned(), reason };
     let mut bytes = Vec::new();
     let file = std::fs::File::open(path).map_err(failed)?;

@@ -2,10 +2,12 @@
 //!
 //! Knows nothing of materials, levels or time.
 
+pub mod crossings;
 pub mod decimate;
 pub mod locate;
 pub mod mesh_error;
 pub mod mesh_io;
+pub mod moments;
 mod msh;
 pub mod primitives;
 pub mod soundness;
@@ -14,5 +16,6 @@ mod surface_file;
 pub mod tet_mesh;
 
 pub use mesh_error::MeshError;
+pub use moments::Moments;
 pub use surface::Surface;
 pub use tet_mesh::TetMesh;

@@ -83,6 +83,11 @@ impl Level {
         }
     }
 
+    /// True for a mesh whose elements fill the body, false for a cover that reaches beyond it.
+    pub fn fills_body(&self) -> bool {
+        self.least_mass == 0.0
+    }
+
     /// Volume inside the body [m³].
     pub fn volume(&self) -> Real {
         (0..self.mesh.elements.len()).map(|e| self.fraction[e] * self.mesh.volume(e)).sum()

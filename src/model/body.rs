@@ -9,10 +9,9 @@ use crate::geometry::locate::Host;
 use crate::hierarchy::Level;
 use crate::math::{Real, Vec3};
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeSet;
 
 /// First bytes of a body file: name and format version.
-const MAGIC: &[u8; 12] = b"palpate-bdy\x03";
+const MAGIC: &[u8; 12] = b"palpate-bdy\x04";
 
 /// Stands for "no node", "no element".
 pub const NONE: u32 = u32::MAX;
@@ -52,6 +51,8 @@ pub struct BodyParts {
     pub holds: Vec<Hold>,
     /// Maxwell branches of every material, at most two.
     pub maxwell: Vec<MaxwellBranch>,
+    /// Angular frequency of the slowest mode [rad/s], as calibration found it; 0 when nothing moves.
+    pub slowest_mode: Real,
 }
 
 /// A body ready to be stepped: its parts, and what follows from them.
@@ -104,7 +105,11 @@ impl Body {
         bytes.extend_from_slice(MAGIC);
         bytes.extend_from_slice(&checksum.to_le_bytes());
         bytes.extend_from_slice(&payload);
+        Ok(Body::with_bytes(parts, bytes, checksum))
+    }
 
+    /// What follows from `parts`, which have been checked, and whose `bytes` these are.
+    fn with_bytes(parts: BodyParts, bytes: Vec<u8>, checksum: u64) -> Body {
         let sums = |count: &dyn Fn(&Level) -> usize| {
             let mut sum = 0;
             std::iter::once(0)
@@ -136,7 +141,7 @@ impl Body {
         let corners = elements.iter().enumerate().flat_map(|(e, nodes)| nodes.map(|n| (n, e as u32)));
         let triangles = parts.surface.triangles.iter().enumerate();
         let finest = &parts.levels[parts.levels.len() - 1];
-        Ok(Body {
+        Body {
             level_of_node: levels().flat_map(|(r, l)| vec![r as u8; l.mesh.nodes.len()]).collect(),
             rest: levels().flat_map(|(_, l)| l.mesh.nodes.iter().copied()).collect(),
             around: Csr::new(nodes, corners),
@@ -159,7 +164,7 @@ impl Body {
             bytes,
             checksum,
             parts,
-        })
+        }
     }
 
     /// Reads a body back from [`Body::bytes`].
@@ -169,15 +174,23 @@ impl Body {
     pub fn from_bytes(bytes: &[u8]) -> Result<Body, BodyError> {
         let rest = bytes.strip_prefix(MAGIC).ok_or(BodyError::Foreign)?;
         let (checksum, payload) = rest.split_first_chunk::<8>().ok_or(BodyError::Damaged)?;
-        if xxhash_rust::xxh3::xxh3_64(payload) != u64::from_le_bytes(*checksum) {
+        let checksum = u64::from_le_bytes(*checksum);
+        if xxhash_rust::xxh3::xxh3_64(payload) != checksum {
             return Err(BodyError::Damaged);
         }
-        Body::new(postcard::from_bytes(payload).map_err(|_| BodyError::Damaged)?)
+        let parts = postcard::from_bytes(payload).map_err(|_| BodyError::Damaged)?;
+        check(&parts).map_err(BodyError::Inconsistent)?;
+        Ok(Body::with_bytes(parts, bytes.to_vec(), checksum))
     }
 
     /// The body's file: magic, xxh3-64 of the rest, the parts (postcard).
     pub fn bytes(&self) -> &[u8] {
         &self.bytes
+    }
+
+    /// What it was made of.
+    pub fn into_parts(self) -> BodyParts {
+        self.parts
     }
 
     /// xxh3-64 of the parts' bytes.
@@ -208,6 +221,11 @@ impl Body {
     /// Maxwell branches, at most two.
     pub fn maxwell(&self) -> &[MaxwellBranch] {
         &self.parts.maxwell
+    }
+
+    /// Angular frequency of the slowest mode [rad/s]; 0 when nothing moves.
+    pub fn slowest_mode(&self) -> Real {
+        self.parts.slowest_mode
     }
 
     /// Nodes of all levels.
@@ -375,7 +393,9 @@ fn check(parts: &BodyParts) -> Result<(), String> {
     if parts.levels.is_empty() || parts.levels.len() > 16 {
         return Err(format!("{} levels: a body has 1 to 16", parts.levels.len()));
     }
-    if parts.maxwell.len() > 2 || parts.maxwell.iter().any(|b| !(b.modulus >= 0.0 && b.time > 0.0)) {
+    if parts.maxwell.len() > 2
+        || parts.maxwell.iter().any(|b| !(b.modulus >= 0.0 && b.modulus.is_finite() && b.time > 0.0))
+    {
         return Err(format!("Maxwell branches {:?}: at most two, each of positive time", parts.maxwell));
     }
     if parts.materials.is_empty() || parts.material_of.len() != parts.levels.len() {
@@ -383,7 +403,7 @@ fn check(parts: &BodyParts) -> Result<(), String> {
     }
     for m in &parts.materials {
         let positive = m.mu > 0.0 && m.density > 0.0 && m.pressure_modulus() > 0.0 && m.phi >= 0.0 && m.psi >= 0.0;
-        if !positive || !m.pressure_modulus().is_finite() {
+        if !positive || ![m.pressure_modulus(), m.density, m.phi, m.psi].iter().all(|c| c.is_finite()) {
             return Err(format!("material {m:?} is not a stable solid"));
         }
     }
@@ -393,17 +413,21 @@ fn check(parts: &BodyParts) -> Result<(), String> {
     if parts.holds.iter().any(|h| h.vertex as usize >= vertices || !(h.stiffness >= 0.0 && h.stiffness.is_finite())) {
         return Err("a hold names a vertex that does not exist or has a bad stiffness".into());
     }
+    if !parts.surface.vertices.iter().all(finite) || !(parts.slowest_mode >= 0.0 && parts.slowest_mode.is_finite()) {
+        return Err("a display vertex or the slowest mode is no finite number".into());
+    }
     for (i, level) in parts.levels.iter().enumerate() {
         let (nodes, elements) = (level.mesh.nodes.len(), level.mesh.elements.len());
         let in_range = |n: &u32| (*n as usize) < nodes;
         let whole = !level.mesh.elements.is_empty()
             && level.mesh.elements.iter().flatten().all(in_range)
+            && level.mesh.nodes.iter().all(finite)
             && level.fraction.len() == elements
             && level.fraction.iter().all(|w| *w > 0.0 && *w <= 1.0 + 1e-9)
             && level.stiffness_factor.len() == elements
             && level.node_mass.len() == nodes
             && level.embedding.len() == vertices
-            && level.embedding.iter().all(|h| (h.element as usize) < elements)
+            && level.embedding.iter().all(|h| lies_in(h, elements))
             && level.fixed.iter().all(in_range)
             && (parts.material_of[i].is_empty() || parts.material_of[i].len() == elements)
             && parts.material_of[i].iter().all(|m| (*m as usize) < parts.materials.len());
@@ -413,6 +437,7 @@ fn check(parts: &BodyParts) -> Result<(), String> {
         let positive = level.altitude > 0.0
             && level.spacing > 0.0
             && level.density > 0.0
+            && level.least_mass >= 0.0
             && level.stiffness_factor.iter().all(|f| *f > 0.0 && f.is_finite())
             && level.node_mass.iter().all(|m| *m > 0.0 && m.is_finite())
             && (0..elements).all(|e| level.mesh.volume(e) > 0.0);
@@ -420,25 +445,41 @@ fn check(parts: &BodyParts) -> Result<(), String> {
             return Err(format!("level {i}: an element without volume or a node without mass"));
         }
     }
+    let (first, last) = (&parts.levels[0], &parts.levels[parts.levels.len() - 1]);
+    if !(first.parent.is_empty() && first.coarser_host.is_empty() && last.finer_host.is_empty()) {
+        return Err("the coarsest or the finest level is tied to one that is not there".into());
+    }
     for i in 1..parts.levels.len() {
         let (coarse, fine) = (&parts.levels[i - 1], &parts.levels[i]);
-        let parents: BTreeSet<u32> = fine.parent.iter().copied().collect();
-        if fine.parent.len() != fine.mesh.nodes.len()
-            || fine.coarser_host.len() != fine.mesh.nodes.len()
-            || coarse.finer_host.len() != coarse.mesh.nodes.len()
-            || parents.len() != coarse.mesh.nodes.len()
-            || parents.last().is_some_and(|p| *p as usize >= coarse.mesh.nodes.len())
-        {
+        let coarse_nodes = coarse.mesh.nodes.len();
+        let mut childless = vec![true; coarse_nodes];
+        let known = fine.parent.iter().all(|p| childless.get_mut(*p as usize).map(|none| *none = false).is_some());
+        if fine.parent.len() != fine.mesh.nodes.len() || !known || childless.contains(&true) {
             return Err(format!(
                 "levels {} and {i}: every coarse node needs a finer child; order the levels from coarse to fine \
-                 (now {} and {} nodes)",
+                 (now {coarse_nodes} and {} nodes)",
                 i - 1,
-                coarse.mesh.nodes.len(),
                 fine.mesh.nodes.len()
             ));
         }
+        let hosted = fine.coarser_host.len() == fine.mesh.nodes.len()
+            && coarse.finer_host.len() == coarse_nodes
+            && fine.coarser_host.iter().all(|h| lies_in(h, coarse.mesh.elements.len()))
+            && coarse.finer_host.iter().all(|h| lies_in(h, fine.mesh.elements.len()));
+        if !hosted {
+            return Err(format!("levels {} and {i}: a node lies in no element of the other level", i - 1));
+        }
     }
     Ok(())
+}
+
+fn finite(p: &Vec3) -> bool {
+    p.iter().all(|c| c.is_finite())
+}
+
+/// True for a row on one of `elements` elements whose weights sum to one.
+fn lies_in(host: &Host, elements: usize) -> bool {
+    (host.element as usize) < elements && (host.weights.iter().sum::<Real>() - 1.0).abs() < 1e-6
 }
 
 /// Display vertices within a region, for [`Hold`]s and probes: those that `inside` accepts.

@@ -1,23 +1,68 @@
 //! From shapes to a body: levels, their ties, the display surface in each of them, and the holds.
 
+pub mod body_check;
+pub mod body_file;
 pub mod calibration;
+pub mod forecast;
+mod holds;
+pub mod input;
+pub mod report;
+pub mod spacings;
+pub mod thin_walls;
 
 use crate::geometry::{Surface, TetMesh};
 use crate::hierarchy::cover::{CoverError, cover};
 use crate::hierarchy::level::{Level, mean_edge};
 use crate::hierarchy::{embedding, parentage};
 use crate::math::{Real, Vec3};
-use crate::model::body::{Body, BodyError, BodyParts, Hold, MaxwellBranch, vertices_in};
+use crate::model::body::{Body, BodyError, BodyParts, MaxwellBranch};
 use crate::model::material::Material;
 use calibration::{CalibrationError, calibrate};
+use holds::{Held, hold_regions};
 
 /// Where the levels come from.
 #[derive(Clone, Debug)]
 pub enum Shape {
-    /// A closed surface, covered by lattices of these constants [m], coarse to fine; empty picks four by volume.
-    Closed(Surface, Vec<Real>),
+    /// A closed surface, covered by lattices.
+    Closed {
+        /// It faces outward.
+        surface: Surface,
+        /// Lattice constants [m], coarse to fine; empty picks four by volume.
+        spacings: Vec<Real>,
+        /// A simpler surface of the same shape to show; `None` shows the surface itself.
+        display: Option<Surface>,
+    },
     /// Given meshes, coarse to fine; the display surface is the boundary of the last.
     Meshes(Vec<TetMesh>),
+}
+
+impl Shape {
+    /// A closed surface, shown as it is, covered by lattices of the constants `spacings` [m].
+    pub fn closed(surface: Surface, spacings: Vec<Real>) -> Self {
+        Shape::Closed { surface, spacings, display: None }
+    }
+
+    /// The box [m] that regions given as fractions are fractions of: around what is shown, or around all meshes.
+    pub fn bounds(&self) -> (Vec3, Vec3) {
+        match self {
+            Shape::Closed { surface, display, .. } => display.as_ref().unwrap_or(surface).bounds(),
+            Shape::Meshes(meshes) => bounds_of(meshes.iter().map(|mesh| &mesh.nodes)),
+        }
+    }
+}
+
+/// Smallest and largest coordinates of all `points` [m].
+fn bounds_of<'a>(points: impl Iterator<Item = &'a Vec<Vec3>>) -> (Vec3, Vec3) {
+    Surface { vertices: points.flatten().copied().collect(), triangles: vec![] }.bounds()
+}
+
+/// [`Shape::bounds`] of the shape that `body` was made from.
+pub fn bounds(body: &Body) -> (Vec3, Vec3) {
+    if body.level(body.finest()).fills_body() {
+        bounds_of(body.levels().iter().map(|level| &level.mesh.nodes))
+    } else {
+        body.surface().bounds()
+    }
 }
 
 /// A region that is held in space.
@@ -92,26 +137,49 @@ pub enum PrepareError {
 /// # Errors
 /// When a level cannot be made, a hold holds nothing, or the levels do not fit together.
 pub fn prepare(recipe: &Recipe, progress: &mut dyn FnMut(&str, usize, usize)) -> Result<Body, PrepareError> {
-    let material = recipe.material;
-    let conforming = matches!(recipe.shape, Shape::Meshes(_));
-    let (surface, mut levels) = match &recipe.shape {
-        Shape::Closed(surface, spacings) => {
-            let automatic = automatic_spacings(surface.volume());
+    let (surface, levels) = tied_levels(&recipe.shape, recipe.material.density, progress)?;
+    let steps = levels.len() + 4;
+    progress("holding regions", steps - 2, steps);
+    let held = hold_regions(&recipe.holds, &recipe.material, &surface, &levels)?;
+    let parts = BodyParts {
+        name: recipe.name.clone(),
+        surface,
+        material_of: vec![Vec::new(); levels.len()],
+        levels,
+        materials: vec![recipe.material],
+        holds: Vec::new(),
+        maxwell: Vec::new(),
+        slowest_mode: 0.0,
+    };
+    let body = calibrated(parts, held, recipe.damping_ratio, progress)?;
+    progress("done", steps, steps);
+    Ok(body)
+}
+
+/// The levels of `shape`, tied and with the display surface in each, and that surface; nothing holds them yet.
+fn tied_levels(
+    shape: &Shape,
+    density: Real,
+    progress: &mut dyn FnMut(&str, usize, usize),
+) -> Result<(Surface, Vec<Level>), PrepareError> {
+    let (surface, mut levels) = match shape {
+        Shape::Closed { surface, spacings, display } => {
+            let automatic = spacings::automatic(surface.volume());
             let spacings = if spacings.is_empty() { &automatic[..] } else { &spacings[..] };
             let mut levels = Vec::new();
             for (i, &spacing) in spacings.iter().enumerate() {
                 progress(&format!("covering level {i} at {:.1} mm", spacing * 1e3), i, spacings.len() + 4);
                 levels.push(
-                    cover(surface, spacing, i as u32, material.density)
+                    cover(surface, spacing, i as u32, density)
                         .map_err(|source| PrepareError::Cover { level: i, source })?,
                 );
             }
-            (surface.clone(), levels)
+            (display.as_ref().unwrap_or(surface).clone(), levels)
         }
         Shape::Meshes(meshes) => {
             let level = |mesh: &TetMesh| {
                 let fraction = vec![1.0; mesh.elements.len()];
-                Level::new(mesh.clone(), fraction, mean_edge(mesh), material.density, None)
+                Level::new(mesh.clone(), fraction, mean_edge(mesh), density, None)
             };
             (boundary_surface(meshes.last().unwrap_or(&TetMesh::default())), meshes.iter().map(level).collect())
         }
@@ -124,27 +192,78 @@ pub fn prepare(recipe: &Recipe, progress: &mut dyn FnMut(&str, usize, usize)) ->
     parentage::tie(&mut levels);
     progress("embedding the display surface", steps - 3, steps);
     embedding::embed(&mut levels, &surface.vertices);
-    progress("holding regions", steps - 2, steps);
-    let holds = hold_regions(recipe, &surface, &mut levels, conforming)?;
+    Ok((surface, levels))
+}
 
+/// The body of `parts`, held by `held`, whose levels have been made to answer alike.
+fn calibrated(
+    mut parts: BodyParts,
+    held: Held,
+    damping_ratio: Real,
+    progress: &mut dyn FnMut(&str, usize, usize),
+) -> Result<Body, PrepareError> {
+    let steps = parts.levels.len() + 4;
     progress("calibrating levels", steps - 1, steps);
-    let count = levels.len();
-    let springs: Vec<(u32, Real)> = holds.iter().map(|h| (h.vertex, h.stiffness)).collect();
-    let calibration = calibrate(&levels, |_, _| material, &springs)?;
-    for (level, factors) in levels.iter_mut().zip(calibration.factors) {
-        level.stiffness_factor = factors;
+    parts.holds = held.springs;
+    parts.levels.iter_mut().zip(held.fixed).for_each(|(level, fixed)| level.fixed = fixed);
+    let springs: Vec<(u32, Real)> = parts.holds.iter().map(|h| (h.vertex, h.stiffness)).collect();
+    let material = parts.materials[0];
+    let calibration = calibrate(&parts.levels, |_, _| material, &springs)?;
+    parts.levels.iter_mut().zip(calibration.factors).for_each(|(level, factors)| level.stiffness_factor = factors);
+    parts.maxwell = maxwell_branches(damping_ratio, calibration.slowest_mode);
+    parts.slowest_mode = calibration.slowest_mode;
+    Ok(Body::new(parts)?)
+}
+
+/// `body` under another `name`, of another `material`, held by other regions, damped otherwise.
+///
+/// Softness from place to place depends on where the body is held, on how stiff the holds are for its material, and on
+/// Poisson's ratio: where one of these differs, the levels are calibrated anew, which takes most of the time that
+/// preparing a body does; `progress` hears of it. Otherwise it takes none.
+///
+/// # Errors
+/// When a hold holds nothing, or a level has no elastic solution.
+pub fn refit(
+    body: Body,
+    name: &str,
+    material: Material,
+    holds: &[Region],
+    damping_ratio: Real,
+    progress: &mut dyn FnMut(&str, usize, usize),
+) -> Result<Body, PrepareError> {
+    let held = hold_regions(holds, &material, body.surface(), body.levels())?;
+    let before = *body.material();
+    let (stiffer, denser) = (material.mu / before.mu, material.density / before.density);
+    let alike = |a: Real, b: Real| (a - b).abs() <= 1e-9 * b.abs();
+    let same_holds = held.springs.len() == body.holds().len()
+        && held.fixed.iter().zip(body.levels()).all(|(fixed, level)| *fixed == level.fixed)
+        && (held.springs.iter().zip(body.holds()))
+            .all(|(a, b)| a.vertex == b.vertex && alike(a.stiffness, b.stiffness * stiffer));
+    let same_softness = same_holds && alike(material.lambda, before.lambda * stiffer);
+    let slowest_mode = body.slowest_mode() * (stiffer / denser).sqrt();
+    let maxwell = maxwell_branches(damping_ratio, slowest_mode);
+    if same_softness
+        && material == before
+        && held.springs == body.holds()
+        && maxwell == body.maxwell()
+        && name == body.name()
+    {
+        return Ok(body);
     }
-    let body = Body::new(BodyParts {
-        name: recipe.name.clone(),
-        surface,
-        material_of: vec![Vec::new(); count],
-        levels,
-        materials: vec![material],
-        holds,
-        maxwell: maxwell_branches(recipe.damping_ratio, calibration.slowest_mode),
-    })?;
-    progress("done", steps, steps);
-    Ok(body)
+    let mut parts = body.into_parts();
+    parts.name = name.to_owned();
+    parts.materials = vec![material];
+    for level in &mut parts.levels {
+        level.node_mass.iter_mut().for_each(|m| *m *= denser);
+        level.least_mass *= denser;
+        level.density *= denser;
+    }
+    if !same_softness {
+        progress("calibrating anew: held elsewhere, or of another Poisson's ratio, than as prepared", 0, 1);
+        return calibrated(parts, held, damping_ratio, &mut |_, _, _| {});
+    }
+    (parts.holds, parts.maxwell, parts.slowest_mode) = (held.springs, maxwell, slowest_mode);
+    Ok(Body::new(parts)?)
 }
 
 /// Maxwell branches on the deviatoric stress that damp the slowest mode, of angular frequency `slowest` [rad/s], at the
@@ -167,56 +286,8 @@ pub fn maxwell_branches(zeta: Real, slowest: Real) -> Vec<MaxwellBranch> {
     }
 }
 
-/// Four lattice constants [m], coarse to fine, 1.7 apart: the coarsest makes about 200 nodes (2 per a³).
-fn automatic_spacings(volume: Real) -> [Real; 4] {
-    let coarsest = (volume / 100.0).cbrt();
-    [coarsest, coarsest / 1.7, coarsest / (1.7 * 1.7), coarsest / (1.7 * 1.7 * 1.7)]
-}
-
-fn hold_regions(
-    recipe: &Recipe,
-    surface: &Surface,
-    levels: &mut [Level],
-    conforming: bool,
-) -> Result<Vec<Hold>, PrepareError> {
-    let finest = levels[levels.len() - 1].spacing;
-    let areas = surface.vertex_areas();
-    let mut holds = Vec::new();
-    for (i, region) in recipe.holds.iter().enumerate() {
-        let (low, high) = region.bounds;
-        // A hair of tolerance, so that a box face that coincides with a mesh face holds it.
-        let slack = 1e-9 + 1e-6 * (surface.bounds().1 - surface.bounds().0).norm();
-        let inside = |p: &Vec3| (0..3).all(|c| p[c] >= low[c] - slack && p[c] <= high[c] + slack);
-        let empty =
-            |what| PrepareError::EmptyHold { index: i + 1, what, region: region.bounds, body: surface.bounds() };
-        if region.exact {
-            if !conforming {
-                return Err(PrepareError::ExactOnCover(i + 1));
-            }
-            for level in levels.iter_mut() {
-                let nodes: Vec<u32> =
-                    (0..level.mesh.nodes.len() as u32).filter(|n| inside(&level.mesh.nodes[*n as usize])).collect();
-                if nodes.is_empty() {
-                    return Err(empty("node"));
-                }
-                level.fixed.extend(nodes);
-                level.fixed.sort_unstable();
-                level.fixed.dedup();
-            }
-        } else {
-            let per_area = region.stiffness.unwrap_or(10.0 * recipe.material.youngs_modulus() / finest);
-            let vertices = vertices_in(surface, inside);
-            if vertices.is_empty() {
-                return Err(empty("surface point"));
-            }
-            holds.extend(vertices.into_iter().map(|v| Hold { vertex: v, stiffness: per_area * areas[v as usize] }));
-        }
-    }
-    Ok(holds)
-}
-
 /// The boundary of a mesh as a surface of its own.
-fn boundary_surface(mesh: &TetMesh) -> Surface {
+pub fn boundary_surface(mesh: &TetMesh) -> Surface {
     let mut number = vec![u32::MAX; mesh.nodes.len()];
     let mut surface = Surface::default();
     for triangle in mesh.boundary() {

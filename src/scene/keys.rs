@@ -72,6 +72,8 @@ pub enum Source {
     Surface,
     /// Tetrahedral meshes from `files`, one per level.
     Volumes,
+    /// A body that `palpate prepare` has made, from `file`.
+    Prepared,
 }
 
 /// `[body]`.
@@ -81,7 +83,7 @@ pub enum Source {
 pub struct BodyKeys {
     /// Where the shape comes from.
     pub source: Source,
-    /// `surface`: OBJ or STL file, relative to the scene's.
+    /// `surface`: OBJ or STL file; `prepared`: `.palpate` file; relative to the scene's.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub file: Option<PathBuf>,
     /// `volumes`: MSH files, coarse to fine, relative to the scene's.

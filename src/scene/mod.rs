@@ -4,6 +4,7 @@
 //! A wrong key, a bad value or a bad mesh gets an error that names the file, the line and what to do.
 
 pub mod keys;
+pub mod prepared;
 pub mod tool_keys;
 
 pub use keys::Scene;
@@ -13,6 +14,7 @@ use crate::geometry::decimate::decimate;
 use crate::geometry::{MeshError, Surface, TetMesh, mesh_io, primitives};
 use crate::math::{Real, Vec3};
 use crate::model::Body;
+use crate::prepare::body_file::{self, BodyFileError};
 use crate::prepare::{self, PrepareError, Recipe};
 use garde::Validate;
 use keys::Source;
@@ -81,6 +83,16 @@ pub enum SceneError {
         /// Why.
         reason: String,
     },
+    /// A prepared body that cannot be used.
+    #[error("{origin}: body: {}: {source}", path.display())]
+    Prepared {
+        /// File or bundled scene.
+        origin: String,
+        /// The body's file.
+        path: PathBuf,
+        /// Why.
+        source: Box<BodyFileError>,
+    },
     /// A key that the source needs.
     #[error("{origin}: body.source = \"{source_name}\" needs {needs}")]
     Missing {
@@ -129,8 +141,9 @@ pub struct LoadedScene {
 }
 
 impl LoadedScene {
-    /// Reads the scene file at `path`, or the bundled scene of that name, and applies `overrides` (`key=value`,
-    /// dotted keys, TOML values; a bare word counts as a string).
+    /// Reads the scene file at `path`, or the bundled scene of that name, or takes the scene that the prepared body at
+    /// `path` was made for, and applies `overrides` (`key=value`, dotted keys, TOML values; a bare word counts as a
+    /// string).
     ///
     /// # Errors
     /// With file, line and remedy.
@@ -139,8 +152,12 @@ impl LoadedScene {
         let (text, origin, folder) = match bundled {
             Some((name, text)) => ((*text).to_owned(), format!("bundled scene {name}"), PathBuf::new()),
             None => {
-                let text = std::fs::read_to_string(path)
-                    .map_err(|source| SceneError::Read { path: path.to_owned(), source })?;
+                let text = if path.extension().is_some_and(|e| e == body_file::EXTENSION) {
+                    prepared::scene_of(path)?
+                } else {
+                    std::fs::read_to_string(path)
+                        .map_err(|source| SceneError::Read { path: path.to_owned(), source })?
+                };
                 let folder = path.parent().unwrap_or(Path::new("")).to_owned();
                 (text, path.display().to_string(), folder)
             }
@@ -151,6 +168,9 @@ impl LoadedScene {
             (override_keys(&text, &origin, overrides)?, format!("{origin} with --set"))
         };
         let mut scene = parse(&text, &origin)?;
+        if scene.body.source == Source::Prepared {
+            scene = parse(&prepared::completed(&text, &scene, &origin, &folder)?, &origin)?;
+        }
         load_tools(&mut scene, &origin, &folder)?;
         Ok(Self { scene, origin, folder })
     }
@@ -161,22 +181,11 @@ impl LoadedScene {
     /// When a mesh is missing or broken, or the keys make no body.
     pub fn build(&self, progress: &mut dyn FnMut(&str, usize, usize)) -> Result<Body, SceneError> {
         progress("reading shapes", 0, 1);
-        let shape = self.shape()?;
-        let bounds = match &shape {
-            prepare::Shape::Closed(surface, _) => surface.bounds(),
-            prepare::Shape::Meshes(meshes) => {
-                Surface { vertices: meshes.iter().flat_map(|m| m.nodes.clone()).collect(), triangles: vec![] }.bounds()
-            }
+        let body = match self.shape()? {
+            Some(shape) => prepare::prepare(&self.recipe(shape), progress)
+                .map_err(|source| SceneError::Prepare { origin: self.origin.clone(), source: Box::new(source) })?,
+            None => self.prepared_body(progress)?,
         };
-        let recipe = Recipe {
-            name: self.scene.name.clone(),
-            shape,
-            material: self.scene.material(),
-            holds: self.scene.hold.iter().map(|h| h.region(bounds)).collect(),
-            damping_ratio: self.scene.material.damping_ratio,
-        };
-        let body = prepare::prepare(&recipe, progress)
-            .map_err(|source| SceneError::Prepare { origin: self.origin.clone(), source: Box::new(source) })?;
         let keys =
             [("active_level", self.scene.body.active_level), ("finest_level", self.scene.resolution.finest_level)];
         for (key, level) in keys {
@@ -187,7 +196,20 @@ impl LoadedScene {
         Ok(body)
     }
 
-    fn shape(&self) -> Result<prepare::Shape, SceneError> {
+    /// A body of `shape`, of the scene's material and held as the scene says.
+    pub fn recipe(&self, shape: prepare::Shape) -> Recipe {
+        let bounds = shape.bounds();
+        Recipe {
+            name: self.scene.name.clone(),
+            shape,
+            material: self.scene.material(),
+            holds: self.scene.hold.iter().map(|h| h.region(bounds)).collect(),
+            damping_ratio: self.scene.material.damping_ratio,
+        }
+    }
+
+    /// What the body is made of; `None` where it is made already.
+    fn shape(&self) -> Result<Option<prepare::Shape>, SceneError> {
         let keys = &self.scene.body;
         let missing = |source_name, needs| SceneError::Missing { origin: self.origin.clone(), source_name, needs };
         let unit = |source_name| {
@@ -200,9 +222,11 @@ impl LoadedScene {
         let spacing = |area: Real| (area / keys.display_vertices as Real).sqrt();
         let closed = |mut surface: Surface| {
             surface.vertices.iter_mut().for_each(|v| *v *= keys.scale);
-            prepare::Shape::Closed(surface, keys.spacings.clone())
+            let display = Some(decimate(&surface, keys.display_vertices)).filter(|small| *small != surface);
+            prepare::Shape::Closed { surface, spacings: keys.spacings.clone(), display }
         };
-        Ok(match keys.source {
+        Ok(Some(match keys.source {
+            Source::Prepared => return Ok(None),
             Source::Liver => closed(primitives::liver_surface(spacing(LIVER_AREA))),
             Source::Toy => closed(primitives::toy_surface(spacing(TOY_AREA))),
             Source::Box => {
@@ -213,7 +237,7 @@ impl LoadedScene {
                 let file = keys.file.as_ref().ok_or_else(|| missing("surface", "body.file, an OBJ or STL file"))?;
                 let unit = unit("surface")?;
                 let surface = mesh_io::read_surface(&at(file), unit).map_err(|e| failed(at(file), e))?;
-                closed(decimate(&surface, keys.display_vertices))
+                closed(surface)
             }
             Source::Volumes => {
                 if keys.files.is_empty() {
@@ -227,7 +251,7 @@ impl LoadedScene {
                 };
                 prepare::Shape::Meshes(keys.files.iter().map(read).collect::<Result<Vec<TetMesh>, SceneError>>()?)
             }
-        })
+        }))
     }
 }
 

@@ -74,7 +74,7 @@ pub fn cube(stiffness: Real) -> Result<Arc<Body>> {
     let surface = box_surface(Vec3::repeat(SIDE), [16; 3]);
     let recipe = Recipe {
         name: "study".into(),
-        shape: prepare::Shape::Closed(surface, vec![0.034, 0.022]),
+        shape: prepare::Shape::closed(surface, vec![0.034, 0.022]),
         material: Material::from_young(stiffness * MODULUS_FOR, 0.45, 1050.0),
         holds: vec![Region { bounds: (Vec3::zeros(), Vec3::new(SIDE, SIDE, 0.0)), stiffness: None, exact: false }],
         damping_ratio: 0.15,

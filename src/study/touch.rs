@@ -138,7 +138,7 @@ fn error(run: &Run, reference: &Run) -> Real {
 fn body(surface: Surface, spacings: &[Real], young: Real, holds: (Vec3, Vec3)) -> Result<Arc<Body>> {
     let recipe = Recipe {
         name: "study".into(),
-        shape: prepare::Shape::Closed(surface, spacings.to_vec()),
+        shape: prepare::Shape::closed(surface, spacings.to_vec()),
         material: Material::from_young(young, 0.45, 1050.0),
         holds: vec![Region { bounds: holds, stiffness: None, exact: false }],
         damping_ratio: 0.15,

@@ -16,6 +16,7 @@ fn without_finest(body: &Body) -> Arc<Body> {
         materials: vec![*body.material()],
         holds: body.holds().to_vec(),
         maxwell: body.maxwell().to_vec(),
+        slowest_mode: body.slowest_mode(),
     };
     Arc::new(Body::new(parts).unwrap())
 }

@@ -71,7 +71,7 @@ impl Cube {
         let face = Region { bounds: (Vec3::zeros(), Vec3::new(0.0, SIDE, SIDE)), stiffness: None, exact: false };
         let recipe = Recipe {
             name: "cube".into(),
-            shape: Shape::Closed(box_surface(Vec3::repeat(SIDE), [12; 3]), self.spacings.clone()),
+            shape: Shape::closed(box_surface(Vec3::repeat(SIDE), [12; 3]), self.spacings.clone()),
             material: self.material,
             holds: if self.held { vec![face] } else { vec![] },
             damping_ratio: self.damping_ratio,
@@ -91,7 +91,7 @@ fn organ(surface: Surface, bed: Real, spacings: Vec<Real>, young: Real, damping_
     let bounds = (low, Vec3::new(high.x, high.y, low.z + bed * (high.z - low.z)));
     let recipe = Recipe {
         name: "liver".into(),
-        shape: Shape::Closed(surface, spacings),
+        shape: Shape::closed(surface, spacings),
         material: Material::from_young(young, 0.45, 1050.0),
         holds: vec![Region { bounds, stiffness: None, exact: false }],
         damping_ratio,

@@ -29,7 +29,7 @@ struct Worst {
 fn toy() -> Arc<Body> {
     let recipe = Recipe {
         name: "toy".into(),
-        shape: Shape::Closed(toy_surface(0.005), vec![0.022, 0.014, 0.009]),
+        shape: Shape::closed(toy_surface(0.005), vec![0.022, 0.014, 0.009]),
         material: Material::from_young(8e3, 0.4, 1000.0),
         holds: vec![],
         damping_ratio: 0.0,

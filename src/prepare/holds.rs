@@ -1,0 +1,60 @@
+//! What holds a body in space: regions to springs and fixed nodes.
+
+use super::{PrepareError, Region};
+use crate::geometry::Surface;
+use crate::hierarchy::Level;
+use crate::math::Vec3;
+use crate::model::body::{Hold, vertices_in};
+use crate::model::material::Material;
+
+/// What holds the levels of a body.
+pub(super) struct Held {
+    /// Display vertices on springs.
+    pub(super) springs: Vec<Hold>,
+    /// Nodes that do not move at all, ascending, (n_levels) lists.
+    pub(super) fixed: Vec<Vec<u32>>,
+}
+
+/// What of a body of `material` lies in `regions`.
+pub(super) fn hold_regions(
+    regions: &[Region],
+    material: &Material,
+    surface: &Surface,
+    levels: &[Level],
+) -> Result<Held, PrepareError> {
+    let finest = &levels[levels.len() - 1];
+    let areas = surface.vertex_areas();
+    let mut held = Held { springs: Vec::new(), fixed: vec![Vec::new(); levels.len()] };
+    for (i, region) in regions.iter().enumerate() {
+        let (low, high) = region.bounds;
+        // A hair of tolerance, so that a box face that coincides with a mesh face holds it.
+        let slack = 1e-9 + 1e-6 * (surface.bounds().1 - surface.bounds().0).norm();
+        let inside = |p: &Vec3| (0..3).all(|c| p[c] >= low[c] - slack && p[c] <= high[c] + slack);
+        let empty =
+            |what| PrepareError::EmptyHold { index: i + 1, what, region: region.bounds, body: surface.bounds() };
+        if region.exact {
+            if !finest.fills_body() {
+                return Err(PrepareError::ExactOnCover(i + 1));
+            }
+            for (level, fixed) in levels.iter().zip(&mut held.fixed) {
+                let nodes: Vec<u32> =
+                    (0..level.mesh.nodes.len() as u32).filter(|n| inside(&level.mesh.nodes[*n as usize])).collect();
+                if nodes.is_empty() {
+                    return Err(empty("node"));
+                }
+                fixed.extend(nodes);
+                fixed.sort_unstable();
+                fixed.dedup();
+            }
+        } else {
+            let per_area = region.stiffness.unwrap_or(10.0 * material.youngs_modulus() / finest.spacing);
+            let vertices = vertices_in(surface, inside);
+            if vertices.is_empty() {
+                return Err(empty("surface point"));
+            }
+            let spring = |v: u32| Hold { vertex: v, stiffness: per_area * areas[v as usize] };
+            held.springs.extend(vertices.into_iter().map(spring));
+        }
+    }
+    Ok(held)
+}

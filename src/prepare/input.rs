@@ -1,0 +1,95 @@
+//! What a body is made of, as it lies in files.
+
+use super::body_file::InputFile;
+use super::{Shape, boundary_surface, spacings};
+use crate::geometry::decimate::decimate;
+use crate::geometry::mesh_io::{self, LengthUnit};
+use crate::geometry::{MeshError, Moments, Surface, TetMesh};
+use crate::math::Real;
+use std::path::Path;
+use xxhash_rust::xxh3::xxh3_64;
+
+/// A shape as a file holds it.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Solid {
+    /// The closed surface around it.
+    Surface(Surface),
+    /// Tetrahedra that fill it.
+    Volume(TetMesh),
+}
+
+/// A file that has been read.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Input {
+    /// Its name and checksum.
+    pub file: InputFile,
+    /// What it holds, in metres.
+    pub solid: Solid,
+}
+
+impl Input {
+    /// The solid in the file at `path`, lengths in `unit`, times `scale`.
+    ///
+    /// # Errors
+    /// When it cannot be read or is no solid.
+    pub fn read(path: &Path, unit: LengthUnit, scale: Real) -> Result<Self, MeshError> {
+        let bytes = mesh_io::read_bytes(path)?;
+        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let mut solid = match path.extension().and_then(|e| e.to_str()).map(str::to_lowercase).as_deref() {
+            Some("msh") => Solid::Volume(mesh_io::parse_tet_mesh(path, &bytes, unit)?),
+            _ => Solid::Surface(mesh_io::parse_surface(path, &bytes, unit)?),
+        };
+        let points = match &mut solid {
+            Solid::Surface(surface) => &mut surface.vertices,
+            Solid::Volume(mesh) => &mut mesh.nodes,
+        };
+        points.iter_mut().for_each(|p| *p *= scale);
+        Ok(Self { file: InputFile { name, checksum: xxh3_64(&bytes) }, solid })
+    }
+}
+
+/// How fine the levels of a covered surface are to be.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Fineness {
+    /// Four levels, by volume.
+    Automatic,
+    /// From a few hundred nodes down to this lattice constant [m].
+    Finest(Real),
+    /// These lattice constants [m], coarse to fine.
+    Levels(Vec<Real>),
+}
+
+/// The shape that `solids` make together, and its moments: one surface, or one mesh to which `fineness` applies, or meshes
+/// that are the levels themselves, which are put in order. About `display_vertices` are shown of a covered surface.
+///
+/// # Errors
+/// In words, when they make no body together.
+pub fn shape(solids: Vec<Solid>, fineness: &Fineness, display_vertices: usize) -> Result<(Shape, Moments), String> {
+    let (mut surfaces, mut meshes) = (Vec::new(), Vec::new());
+    for solid in solids {
+        match solid {
+            Solid::Surface(surface) => surfaces.push(surface),
+            Solid::Volume(mesh) => meshes.push(mesh),
+        }
+    }
+    let surface = match (surfaces.len(), meshes.len()) {
+        (1, 0) => surfaces.remove(0),
+        (0, 1) if *fineness != Fineness::Automatic => boundary_surface(&meshes[0]),
+        (0, 1..) if *fineness == Fineness::Automatic => {
+            meshes.sort_by_key(|mesh| mesh.nodes.len());
+            let last = &meshes[meshes.len() - 1];
+            let moments = Moments::of_mesh(last, &vec![1.0; last.elements.len()]);
+            return Ok((Shape::Meshes(meshes), moments));
+        }
+        (0, _) => return Err("several meshes are the levels themselves: leave --levels and --finest out".into()),
+        _ => return Err("one body takes one surface, or meshes alone: prepare the others by themselves".into()),
+    };
+    let spacings = match fineness {
+        Fineness::Automatic => spacings::automatic(surface.volume()).to_vec(),
+        Fineness::Finest(finest) => spacings::down_to(*finest, surface.volume()),
+        Fineness::Levels(spacings) => spacings.clone(),
+    };
+    let moments = Moments::of_surface(&surface);
+    let display = Some(decimate(&surface, display_vertices)).filter(|small| *small != surface);
+    Ok((Shape::Closed { surface, spacings, display }, moments))
+}

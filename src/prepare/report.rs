@@ -1,0 +1,204 @@
+//! What a prepared body is like, level by level: sizes, shape, steps, and what may be wrong with it.
+
+use crate::geometry::Moments;
+use crate::geometry::tet_mesh::FACES;
+use crate::hierarchy::Level;
+use crate::math::{Real, Vec3};
+use crate::model::Body;
+use crate::model::element_pool::CLASSES;
+use crate::model::step_class::{Strained, omega_squared, stable_step, step_of};
+use std::fmt;
+
+/// How far volume, centre of mass and inertia of a level may be from the shape's, as a part.
+pub const TOLERANCE: Real = 0.01;
+
+/// What one level is like.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LevelReport {
+    /// Typical node distance [m].
+    pub spacing: Real,
+    /// Number of nodes.
+    pub nodes: usize,
+    /// Number of elements.
+    pub elements: usize,
+    /// Volume of the elements inside the body over the shape's, less one.
+    pub volume: Real,
+    /// Mass [kg].
+    pub mass: Real,
+    /// How far the centre of mass is from the shape's, over the shape's radius of gyration.
+    pub centre: Real,
+    /// How far the inertia of the node masses is from the shape's, as a part of it.
+    pub inertia: Real,
+    /// Smallest and largest dihedral angle [degree].
+    pub dihedral: (Real, Real),
+    /// Smallest and mean of the elements' smallest altitudes [m].
+    pub altitude: (Real, Real),
+    /// Longest stable step of the whole level at rest [s].
+    pub step: Real,
+    /// The element that is so short-stepped: its number in the level and its centre [m].
+    pub stiffest: (usize, Vec3),
+    /// Smallest, mean and largest factor on the stiffness.
+    pub factor: (Real, Real, Real),
+    /// Most negative weight of any row on the level's elements: of display vertices and of nodes of its neighbours.
+    pub extrapolation: Real,
+    /// Memory of the level in the body [bytes], about.
+    pub memory: usize,
+}
+
+impl LevelReport {
+    /// False where the elements need shorter steps than there are.
+    pub fn can_be_stepped(&self) -> bool {
+        self.step >= step_of(CLASSES - 1)
+    }
+}
+
+/// What a body is like.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Report {
+    /// Each level, coarsest first.
+    pub levels: Vec<LevelReport>,
+    /// What users should know, in words.
+    pub warnings: Vec<String>,
+}
+
+/// Looks at `body`, which was made of a shape of these `moments`.
+pub fn report(body: &Body, moments: &Moments) -> Report {
+    let levels: Vec<LevelReport> = (0..body.levels().len()).map(|r| level_report(body, r, moments)).collect();
+    let mut warnings = Vec::new();
+    for (r, level) in levels.iter().enumerate() {
+        for (what, error) in [("volume", level.volume), ("centre of mass", level.centre), ("inertia", level.inertia)] {
+            if error.abs() > TOLERANCE {
+                warnings.push(format!("level {r}: its {what} is {:+.1} % off the shape's", 100.0 * error));
+            }
+        }
+        if !level.can_be_stepped() {
+            let (element, at) = level.stiffest;
+            warnings.push(format!(
+                "level {r} cannot be used: element {} around ({:.4}, {:.4}, {:.4}) m needs steps of {:.1} µs, the \
+                 shortest is {:.1} µs; mesh it without slivers, or take a softer material",
+                element + 1,
+                at.x,
+                at.y,
+                at.z,
+                1e6 * level.step,
+                1e6 * step_of(CLASSES - 1)
+            ));
+        }
+    }
+    Report { levels, warnings }
+}
+
+fn level_report(body: &Body, r: usize, shape: &Moments) -> LevelReport {
+    let level = body.level(r);
+    let masses = Moments::of_points(&level.mesh.nodes, &level.node_mass);
+    let elements = level.mesh.elements.len();
+    let altitudes = (0..elements).map(|e| level.mesh.smallest_altitude(e));
+    let (mut least, mut sum) = (Real::INFINITY, 0.0);
+    altitudes.for_each(|a| (least, sum) = (least.min(a), sum + a));
+    let first = body.elements_of(r).start;
+    let stiffness = body.elements_of(r).map(|e| omega_squared(body, e));
+    let stiffest = stiffness.enumerate().fold((0, 0.0), |most, (e, w)| if w > most.1 { (e, w) } else { most });
+    let corners = body.corners(first + stiffest.0 as u32);
+    LevelReport {
+        spacing: level.spacing,
+        nodes: level.mesh.nodes.len(),
+        elements,
+        volume: level.volume() / shape.volume - 1.0,
+        mass: masses.volume,
+        centre: (masses.centre - shape.centre).norm() / shape.radius(),
+        inertia: masses.inertia_error(shape),
+        dihedral: dihedral_angles(level),
+        altitude: (least, sum / elements as Real),
+        step: stable_step(stiffest.1, Strained::REST, body.damping_time(), 0.0),
+        stiffest: (stiffest.0, corners.iter().sum::<Vec3>() / 4.0),
+        factor: spread(&level.stiffness_factor),
+        extrapolation: worst_row(body, r),
+        memory: memory(level),
+    }
+}
+
+/// Smallest, mean and largest of `values`.
+fn spread(values: &[Real]) -> (Real, Real, Real) {
+    let least = values.iter().copied().fold(Real::INFINITY, Real::min);
+    let most = values.iter().copied().fold(-Real::INFINITY, Real::max);
+    (least, values.iter().sum::<Real>() / values.len() as Real, most)
+}
+
+/// Smallest and largest angle between two faces of an element [degree].
+fn dihedral_angles(level: &Level) -> (Real, Real) {
+    let (mut least, mut most) = (Real::INFINITY, 0.0 as Real);
+    for e in 0..level.mesh.elements.len() {
+        let u = level.mesh.corners(e);
+        let normals = FACES.map(|f| (u[f[1]] - u[f[0]]).cross(&(u[f[2]] - u[f[0]])).normalize());
+        for (i, a) in normals.iter().enumerate() {
+            for b in &normals[..i] {
+                let angle = (-a.dot(b)).clamp(-1.0, 1.0).acos().to_degrees();
+                (least, most) = (least.min(angle), most.max(angle));
+            }
+        }
+    }
+    (least, most)
+}
+
+/// Most negative weight of a row on an element of level `r`, or 0.
+fn worst_row(body: &Body, r: usize) -> Real {
+    let coarser = r.checked_sub(1).map_or(&[][..], |c| &body.level(c).finer_host);
+    let finer = body.levels().get(r + 1).map_or(&[][..], |f| &f.coarser_host);
+    let rows = body.level(r).embedding.iter().chain(coarser).chain(finer);
+    rows.map(|host| host.extrapolation()).fold(0.0, Real::min)
+}
+
+/// What a body keeps of a level [bytes]: the level itself, and what follows from it for stepping.
+fn memory(level: &Level) -> usize {
+    let nodes = level.mesh.nodes.len() * (24 + 8 + 4 + 2 * 40 + 24 + 1 + 4 + 4 + 1);
+    // Two lists of corners, fraction, factor, volume, and the elements around each node.
+    let elements = level.mesh.elements.len() * (2 * 16 + 3 * 8 + 16 + 4);
+    nodes + elements + level.embedding.len() * (40 + 4) + level.fixed.len() * 4
+}
+
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let header = [
+            "level",
+            "spacing",
+            "nodes",
+            "elements",
+            "volume",
+            "centre",
+            "inertia",
+            "mass",
+            "dihedral",
+            "altitude",
+            "step",
+            "factor",
+            "worst row",
+            "memory",
+        ];
+        let mut rows = vec![header.map(String::from)];
+        for (r, level) in self.levels.iter().enumerate() {
+            rows.push([
+                r.to_string(),
+                format!("{:.2} mm", 1e3 * level.spacing),
+                level.nodes.to_string(),
+                level.elements.to_string(),
+                format!("{:+.2} %", 100.0 * level.volume),
+                format!("{:.2} %", 100.0 * level.centre),
+                format!("{:+.2} %", 100.0 * level.inertia),
+                format!("{:.4} kg", level.mass),
+                format!("{:.0} to {:.0}°", level.dihedral.0, level.dihedral.1),
+                format!("{:.2} ({:.2}) mm", 1e3 * level.altitude.0, 1e3 * level.altitude.1),
+                format!("{:.3} ms", 1e3 * level.step),
+                format!("{:.2} ({:.2} to {:.2})", level.factor.1, level.factor.0, level.factor.2),
+                format!("{:.2}", level.extrapolation),
+                format!("{:.1} MB", level.memory as Real / 1e6),
+            ]);
+        }
+        let width = |c: usize| rows.iter().map(|row| row[c].chars().count()).max().unwrap_or(0);
+        let widths: Vec<usize> = (0..header.len()).map(width).collect();
+        for row in &rows {
+            let cells: Vec<String> = row.iter().zip(&widths).map(|(cell, width)| format!("{cell:>width$}")).collect();
+            writeln!(f, "{}", cells.join("  "))?;
+        }
+        self.warnings.iter().try_for_each(|warning| writeln!(f, "warning: {warning}"))
+    }
+}

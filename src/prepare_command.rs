@@ -1,0 +1,215 @@
+//! `palpate prepare`: mesh files to a body in one file, and what it is like.
+
+use crate::progress::Progress;
+use anyhow::{Context, bail};
+use clap::Args;
+use palpate::geometry::mesh_io::LengthUnit;
+use palpate::prepare::body_check::check;
+use palpate::prepare::body_file::{BodyFile, InputFile, Provenance};
+use palpate::prepare::forecast::{LevelForecast, forecast, unit_time};
+use palpate::prepare::input::{Fineness, Input, shape};
+use palpate::prepare::report::{LevelReport, report};
+use palpate::prepare::thin_walls::{Thin, ThinPlaces, thin_places};
+use palpate::prepare::{Shape, prepare};
+use palpate::realtime::governor::WORK_TIME;
+use palpate::scene::LoadedScene;
+use palpate::scene::prepared::body_keys;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Arguments of `prepare`.
+#[derive(Args)]
+pub struct PrepareArgs {
+    /// A closed surface (OBJ, STL), or tetrahedral meshes (MSH): several are the levels of one body
+    #[arg(required = true)]
+    inputs: Vec<PathBuf>,
+    /// File to write
+    #[arg(short, long, value_name = "FILE.palpate", required_unless_present = "check")]
+    out: Option<PathBuf>,
+    /// Unit of length of the files: m, cm, mm or in
+    #[arg(long)]
+    unit: LengthUnit,
+    /// Further factor on their coordinates
+    #[arg(long, default_value_t = 1.0)]
+    scale: f64,
+    /// Lattice constants of the levels, coarse to fine, as in 20mm,12mm,7mm
+    #[arg(long, value_delimiter = ',', conflicts_with = "finest")]
+    levels: Vec<Length>,
+    /// Lattice constant of the finest level, as in 3mm; coarser ones follow
+    #[arg(long)]
+    finest: Option<Length>,
+    /// About how many vertices viewers get
+    #[arg(long, default_value_t = 2500)]
+    display_vertices: usize,
+    /// Scene whose material and holds the body is prepared for; scenes that use the body may have others
+    #[arg(long, default_value = "organ")]
+    scene: PathBuf,
+    /// Override a key of that scene, as in material.youngs_modulus=8000
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// Take a surface that crosses itself as it is
+    #[arg(long)]
+    allow_crossings: bool,
+    /// Take a body of any size as it is
+    #[arg(long)]
+    any_size: bool,
+    /// Write nothing, only look
+    #[arg(long)]
+    check: bool,
+}
+
+/// A length as people write it: `3mm`, `0.3cm`.
+#[derive(Clone, Debug, PartialEq)]
+struct Length {
+    metres: f64,
+    text: String,
+}
+
+impl std::str::FromStr for Length {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let number = text.trim_end_matches(|c: char| c.is_ascii_alphabetic());
+        let unit: LengthUnit = text[number.len()..].parse().map_err(|_| format!("'{text}': write it as in 3mm"))?;
+        let length = number.trim().parse::<f64>().map_err(|_| format!("'{text}': write it as in 3mm"))?;
+        // Divided, so that 13mm is the number that is nearest to 0.013.
+        let metres = match unit {
+            LengthUnit::Millimetre => length / 1000.0,
+            LengthUnit::Centimetre => length / 100.0,
+            LengthUnit::Metre | LengthUnit::Inch => length * unit.metres(),
+        };
+        if !(1e-5..=10.0).contains(&metres) {
+            return Err(format!("'{text}': lengths are from 0.01 mm to 10 m"));
+        }
+        Ok(Length { metres, text: text.to_owned() })
+    }
+}
+
+pub fn run(args: &PrepareArgs) -> anyhow::Result<ExitCode> {
+    if !(1e-6..=1e6).contains(&args.scale) || !(50..=5_000).contains(&args.display_vertices) {
+        bail!("--scale is from 1e-6 to 1e6, --display-vertices from 50 to 5000");
+    }
+    let mut progress = Progress::new();
+    let mut inputs = Vec::new();
+    for (i, path) in args.inputs.iter().enumerate() {
+        progress.show(&format!("reading {}", path.display()), i, args.inputs.len());
+        inputs.push(Input::read(path, args.unit, args.scale).with_context(|| path.display().to_string())?);
+    }
+    let (files, solids): (Vec<InputFile>, Vec<_>) = inputs.into_iter().map(|input| (input.file, input.solid)).unzip();
+    progress.show("checking shapes", 1, 1);
+    check(&solids, args.unit, args.scale, args.any_size, args.allow_crossings)?;
+    let (shape, moments) = shape(solids, &args.fineness()?, args.display_vertices).map_err(anyhow::Error::msg)?;
+    let mut loaded = LoadedScene::load(&args.scene, &args.set)?;
+    loaded.scene.name = args.inputs[0].file_stem().unwrap_or_default().to_string_lossy().chars().take(64).collect();
+    loaded.scene.body = body_keys();
+    let recipe = loaded.recipe(shape);
+    let body = prepare(&recipe, &mut |what, done, of| progress.show(what, done, of))?;
+    let provenance = Provenance {
+        palpate: env!("CARGO_PKG_VERSION").into(),
+        inputs: files,
+        options: args.options(),
+        scene: loaded.scene.to_toml(),
+    };
+    let file = BodyFile { provenance, body };
+    let body = &file.body;
+
+    progress.show("looking at the levels", 1, 1);
+    let report = report(body, &moments);
+    let thin = match &recipe.shape {
+        Shape::Closed { surface, .. } => body.levels().iter().map(|level| thin_places(surface, level)).collect(),
+        Shape::Meshes(_) => vec![ThinPlaces::default(); body.levels().len()],
+    };
+    let forecast = forecast(body, unit_time(body), WORK_TIME * 1e-9);
+    progress.finish(&format!("{}: {:.4} L, {:.4} kg", body.name(), 1e3 * moments.volume, body.mass()));
+    print!("{report}");
+    println!("slowest mode {:.2} Hz, held at {} points", body.slowest_mode() / std::f64::consts::TAU, held(&file));
+    for (r, (level, forecast)) in report.levels.iter().zip(&forecast).enumerate() {
+        println!("level {r}: {}", in_words(level, forecast));
+        for (what, thin) in [("walls thinner than an element", thin[r].walls), ("gaps that it bridges", thin[r].gaps)] {
+            if let Some(Thin { part, thickness, at }) = thin {
+                println!(
+                    "level {r}: {what}: {:.1} % of the surface, the thinnest {:.2} mm at ({:.4}, {:.4}, {:.4}) m",
+                    100.0 * part,
+                    1e3 * thickness,
+                    at.x,
+                    at.y,
+                    at.z
+                );
+            }
+        }
+    }
+    if !report.levels[0].can_be_stepped() {
+        bail!("not even the coarsest level can be used: see the warnings");
+    }
+    if let Some(out) = args.out.as_ref().filter(|_| !args.check) {
+        let bytes = file.bytes();
+        std::fs::write(out, &bytes).with_context(|| out.display().to_string())?;
+        println!("{}: {:.1} MB; palpate demo --scene {}", out.display(), bytes.len() as f64 / 1e6, out.display());
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Points that do not move freely on the finest level.
+fn held(file: &BodyFile) -> usize {
+    let body = &file.body;
+    body.holds().len() + body.level(body.finest()).fixed.len()
+}
+
+/// What of a level runs in real time on this machine.
+fn in_words(level: &LevelReport, forecast: &LevelForecast) -> String {
+    let tick = 1e3 * forecast.tick;
+    match forecast.reach {
+        _ if !level.can_be_stepped() => "not in real time: its elements are too stiff for their size".into(),
+        None => format!("in real time as a whole ({tick:.2} ms a tick)"),
+        Some(reach) if forecast.elements > 0 => format!(
+            "in real time around a touch: about {} elements, {:.0} mm around it ({tick:.1} ms a tick as a whole)",
+            forecast.elements,
+            1e3 * reach
+        ),
+        Some(_) => format!("not in real time on this machine: {tick:.1} ms a tick"),
+    }
+}
+
+impl PrepareArgs {
+    fn fineness(&self) -> anyhow::Result<Fineness> {
+        if self.levels.windows(2).any(|pair| pair[1].metres > 0.8 * pair[0].metres) || self.levels.len() > 8 {
+            bail!("--levels: at most 8, coarse to fine, each at most 0.8 of the one before it");
+        }
+        Ok(match &self.finest {
+            Some(finest) => Fineness::Finest(finest.metres),
+            None if self.levels.is_empty() => Fineness::Automatic,
+            None => Fineness::Levels(self.levels.iter().map(|l| l.metres).collect()),
+        })
+    }
+
+    /// What decides the body beside files and scene, as on the command line.
+    fn options(&self) -> String {
+        let mut options = format!("--unit {} --display-vertices {}", self.unit, self.display_vertices);
+        if self.scale != 1.0 {
+            options += &format!(" --scale {}", self.scale);
+        }
+        if !self.levels.is_empty() {
+            let levels: Vec<&str> = self.levels.iter().map(|l| l.text.as_str()).collect();
+            options += &format!(" --levels {}", levels.join(","));
+        }
+        if let Some(finest) = &self.finest {
+            options += &format!(" --finest {}", finest.text);
+        }
+        options
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lengths_are_read_with_their_unit_and_refused_without() {
+        for (text, length) in [("3mm", 0.003), ("0.5cm", 0.005), ("1in", 0.0254), ("0.02 m", 0.02)] {
+            assert!((text.parse::<Length>().unwrap().metres - length).abs() < 1e-15, "{text}");
+        }
+        for text in ["3", "mm", "3 feet", "-3mm", "NaNmm", "1e9m"] {
+            assert!(text.parse::<Length>().unwrap_err().contains(text), "{text}");
+        }
+    }
+}

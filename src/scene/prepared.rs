@@ -1,0 +1,74 @@
+//! Scenes of prepared bodies: what they leave out of material and holds is as the body was prepared.
+
+use super::keys::{BodyKeys, Scene};
+use super::{LoadedScene, SceneError, parse};
+use crate::model::Body;
+use crate::prepare::body_file::{BodyFile, BodyFileError, Provenance};
+use crate::prepare::{self, Region};
+use std::path::Path;
+
+/// Keys of a body as it was prepared: none but its source.
+pub fn body_keys() -> BodyKeys {
+    // One key, which a test parses.
+    toml::from_str("source = \"prepared\"").unwrap_or_else(|e| unreachable!("{e}"))
+}
+
+fn failed(origin: &str, path: &Path) -> impl Fn(BodyFileError) -> SceneError {
+    move |source| SceneError::Prepared { origin: origin.to_owned(), path: path.to_owned(), source: Box::new(source) }
+}
+
+/// The text of the scene that the body in the file at `path` was prepared for, with that body.
+pub(super) fn scene_of(path: &Path) -> Result<String, SceneError> {
+    let origin = path.display().to_string();
+    let provenance = Provenance::read(path).map_err(failed(&origin, path))?;
+    let mut scene = parse(&provenance.scene, &format!("{origin}, the scene it was prepared for"))?;
+    scene.body = BodyKeys { file: path.file_name().map(Into::into), ..body_keys() };
+    Ok(scene.to_toml())
+}
+
+/// `text`, which is that of `scene`, whose body is prepared, with the keys of material and the holds that it leaves out.
+pub(super) fn completed(text: &str, scene: &Scene, origin: &str, folder: &Path) -> Result<String, SceneError> {
+    let kept = BodyKeys { file: scene.body.file.clone(), active_level: scene.body.active_level, ..body_keys() };
+    if scene.body != kept {
+        let fault = "body: a prepared body is as it was prepared: leave out all keys but source, file and active_level";
+        return Err(SceneError::Values(vec![format!("{origin}: {fault}")]));
+    }
+    let file = scene.body.file.as_ref().ok_or_else(|| SceneError::Missing {
+        origin: origin.to_owned(),
+        source_name: "prepared",
+        needs: "body.file, a file that `palpate prepare` has made",
+    })?;
+    let path = folder.join(file);
+    let provenance = Provenance::read(&path).map_err(failed(origin, &path))?;
+    let table = |text: &str| {
+        toml::from_str::<toml::Table>(text)
+            .map_err(|e| SceneError::Syntax { origin: origin.to_owned(), message: e.to_string() })
+    };
+    let (mut scene, mut prepared) = (table(text)?, table(&provenance.scene)?);
+    if let Some(toml::Value::Table(given)) = scene.remove("material")
+        && let Some(toml::Value::Table(material)) = prepared.get_mut("material")
+    {
+        material.extend(given);
+    }
+    for key in ["material", "hold"] {
+        if !scene.contains_key(key)
+            && let Some(value) = prepared.remove(key)
+        {
+            scene.insert(key.into(), value);
+        }
+    }
+    Ok(scene.to_string())
+}
+
+impl LoadedScene {
+    /// The prepared body, of the scene's material and held as the scene says.
+    pub(super) fn prepared_body(&self, progress: &mut dyn FnMut(&str, usize, usize)) -> Result<Body, SceneError> {
+        let path = self.folder.join(self.scene.body.file.as_deref().unwrap_or(Path::new("")));
+        let file = BodyFile::read(&path).map_err(failed(&self.origin, &path))?;
+        let bounds = prepare::bounds(&file.body);
+        let holds: Vec<Region> = self.scene.hold.iter().map(|h| h.region(bounds)).collect();
+        let (scene, material) = (&self.scene, self.scene.material());
+        prepare::refit(file.body, &scene.name, material, &holds, scene.material.damping_ratio, progress)
+            .map_err(|source| SceneError::Prepare { origin: self.origin.clone(), source: Box::new(source) })
+    }
+}

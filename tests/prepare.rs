@@ -1,0 +1,170 @@
+//! `palpate prepare`: a body in one file is the body that its scene builds, and files that are none are refused.
+
+use palpate::geometry::Surface;
+use palpate::geometry::primitives::{liver_surface, toy_surface};
+use palpate::math::{Real, Vec3};
+use palpate::model::{Body, Material};
+use palpate::prepare::body_file::{BodyFile, Provenance};
+use palpate::prepare::{Recipe, Region, Shape, prepare, refit};
+use palpate::scene::LoadedScene;
+use std::fmt::Write as _;
+use std::fs;
+use std::path::Path;
+
+fn silent(_: &str, _: usize, _: usize) {}
+
+fn palpate(arguments: &[&str]) -> assert_cmd::assert::Assert {
+    let mut command = assert_cmd::Command::new(env!("CARGO_BIN_EXE_palpate"));
+    command.args(arguments).timeout(std::time::Duration::from_secs(120)).assert()
+}
+
+fn stdout(outcome: &assert_cmd::assert::Assert) -> String {
+    String::from_utf8_lossy(&outcome.get_output().stdout).into_owned()
+}
+
+fn stderr(outcome: &assert_cmd::assert::Assert) -> String {
+    String::from_utf8_lossy(&outcome.get_output().stderr).into_owned()
+}
+
+/// An OBJ file of `surface` in millimetres.
+fn obj(surface: &Surface) -> String {
+    let mut text = String::new();
+    surface.vertices.iter().for_each(|v| writeln!(text, "v {} {} {}", v.x * 1e3, v.y * 1e3, v.z * 1e3).unwrap());
+    surface.triangles.iter().for_each(|t| writeln!(text, "f {} {} {}", t[0] + 1, t[1] + 1, t[2] + 1).unwrap());
+    text
+}
+
+fn load(scene: &Path, given: &[&str]) -> LoadedScene {
+    LoadedScene::load(scene, &given.iter().map(|s| (*s).to_owned()).collect::<Vec<_>>()).unwrap()
+}
+
+#[test]
+fn a_prepared_file_is_the_body_that_its_scene_builds_whoever_makes_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    fs::write(path("toy.obj"), obj(&toy_surface(0.005))).unwrap();
+    let made = |out: &str| {
+        let levels = ["--levels", "22mm,13mm", "--display-vertices", "900", "--set", "material.density=1010"];
+        let (mesh, out_path) = (path("toy.obj"), path(out));
+        let arguments = [&["prepare", &mesh, "--unit", "mm", "-o", &out_path], &levels[..]].concat();
+        let said = stdout(&palpate(&arguments).success());
+        for word in ["level", "volume", "inertia", "step", "factor", "in real time", "slowest mode", out] {
+            assert!(said.contains(word), "{word}: {said}");
+        }
+        fs::read(path(out)).unwrap()
+    };
+    let bytes = made("one.palpate");
+    assert!(bytes == made("another.palpate"), "the same input, the same bytes");
+
+    let file = BodyFile::from_bytes(&bytes).unwrap();
+    assert!(file.bytes() == bytes);
+    assert_eq!(file.provenance.palpate, env!("CARGO_PKG_VERSION"));
+    assert_eq!(file.provenance.inputs[0].name, "toy.obj");
+    assert_eq!(file.provenance.inputs[0].checksum, xxhash_rust::xxh3::xxh3_64(&fs::read(path("toy.obj")).unwrap()));
+    assert!(file.provenance.options.contains("--unit mm") && file.provenance.options.contains("--levels 22mm,13mm"));
+    assert!(!String::from_utf8_lossy(&bytes).contains(&folder.path().display().to_string()), "no folder in the file");
+
+    // The file as a scene, a scene that names it, and the scene that makes the same body from the mesh.
+    let name = format!("body.file={:?}", path("toy.obj"));
+    let keys = ["body.unit=mm", "body.display_vertices=900", "body.spacings=[0.022, 0.013]", "material.density=1010"];
+    let from_mesh = load(Path::new("organ"), &[&[name.as_str(), "name=toy"], &keys[..]].concat());
+    let from_mesh = from_mesh.build(&mut silent).unwrap();
+    let itself = load(Path::new(&path("one.palpate")), &[]);
+    assert_eq!(itself.scene.material.density, 1010.0);
+    let itself_built = itself.build(&mut silent).unwrap();
+    assert_eq!(itself_built.checksum(), from_mesh.checksum());
+    fs::write(path("s.toml"), "name = \"toy\"\n[body]\nsource = \"prepared\"\nfile = \"one.palpate\"\n").unwrap();
+    let named = load(Path::new(&path("s.toml")), &[]);
+    assert_eq!((&named.scene.hold, &named.scene.material), (&itself.scene.hold, &itself.scene.material));
+    assert_eq!(named.build(&mut silent).unwrap().checksum(), from_mesh.checksum());
+    // What a recording keeps of such a scene needs no file.
+    let recorded = palpate::scene::parse(&named.scene.to_toml(), "recorded").unwrap();
+    assert_eq!(recorded, named.scene);
+
+    let stiffer = load(Path::new(&path("s.toml")), &["material.youngs_modulus=9000"]).scene.material();
+    assert!((stiffer.youngs_modulus() - 9000.0).abs() < 1e-6 && stiffer.density == 1010.0);
+    let e = LoadedScene::load(Path::new(&path("s.toml")), &["body.scale=2.0".into()]).unwrap_err().to_string();
+    assert!(e.contains("a prepared body is as it was prepared"), "{e}");
+}
+
+fn recipe(material: Material, holds: Vec<Region>, damping_ratio: Real) -> Recipe {
+    let shape = Shape::closed(liver_surface(0.008), vec![0.03, 0.019]);
+    Recipe { name: "liver".into(), shape, material, holds, damping_ratio }
+}
+
+/// The lowest part of the liver, up to `height` [m].
+fn below(height: Real) -> Vec<Region> {
+    let bounds = (Vec3::repeat(-1.0), Vec3::new(1.0, 1.0, height));
+    vec![Region { bounds, stiffness: None, exact: false }]
+}
+
+/// How far the factors of `a` are from those of `b`.
+fn difference(a: &Body, b: &Body) -> Real {
+    let factors = |body: &Body| body.levels().iter().flat_map(|l| l.stiffness_factor.clone()).collect::<Vec<_>>();
+    factors(a).iter().zip(factors(b)).map(|(a, b)| (a - b).abs()).fold(0.0, Real::max)
+}
+
+#[test]
+fn a_body_held_and_made_otherwise_than_prepared_is_the_body_prepared_so() {
+    let soft = Material::from_young(4e3, 0.45, 1000.0);
+    let prepared = || prepare(&recipe(soft, below(0.04), 0.15), &mut silent).unwrap();
+    let bytes = prepared().bytes().to_vec();
+    for (what, material, height, damping, anew) in [
+        ("as it was", soft, 0.04, 0.15, false),
+        ("damped otherwise", soft, 0.04, 0.3, false),
+        ("stiffer", Material::from_young(2e4, 0.45, 1000.0), 0.04, 0.15, false),
+        ("denser", Material::from_young(4e3, 0.45, 1200.0), 0.04, 0.15, false),
+        ("of another Poisson's ratio", Material::from_young(4e3, 0.3, 1000.0), 0.04, 0.15, true),
+        ("held elsewhere", soft, 0.06, 0.15, true),
+    ] {
+        let mut said = false;
+        let mut progress = |what: &str, _: usize, _: usize| said |= what.contains("calibrating anew");
+        let refitted = refit(prepared(), "liver", material, &below(height), damping, &mut progress).unwrap();
+        let fresh = prepare(&recipe(material, below(height), damping), &mut silent).unwrap();
+        let (off, mode) = (difference(&refitted, &fresh), refitted.slowest_mode() / fresh.slowest_mode() - 1.0);
+        println!("{what}: factors off by {off:.1e}, slowest mode by {mode:.1e}");
+        // Factors are found to a thousandth.
+        assert!(off < 1e-3 && mode.abs() < 1e-3, "{what}");
+        assert_eq!(said, anew, "{what}");
+        assert!((refitted.mass() / fresh.mass() - 1.0).abs() < 1e-12);
+        for (a, b) in refitted.maxwell().iter().zip(fresh.maxwell()) {
+            assert!((a.modulus / b.modulus - 1.0).abs() < 1e-12 && (a.time / b.time - 1.0).abs() < 1e-3);
+        }
+        assert_eq!(refitted.bytes() == bytes, what == "as it was");
+    }
+}
+
+#[test]
+fn files_that_are_no_prepared_bodies_are_refused_with_what_to_do() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("x.palpate");
+    let body = prepare(&recipe(Material::from_young(4e3, 0.45, 1000.0), vec![], 0.0), &mut silent).unwrap();
+    let scene = load(Path::new("organ"), &[]).scene.to_toml();
+    let bytes = BodyFile { provenance: Provenance { scene, ..Provenance::default() }, body }.bytes();
+    let refused = |bytes: &[u8]| {
+        fs::write(&path, bytes).unwrap();
+        LoadedScene::load(&path, &[]).unwrap_err().to_string()
+    };
+    let changed = |at: usize, to: u8| {
+        let mut bytes = bytes.clone();
+        bytes[at] = to;
+        bytes
+    };
+    for (bytes, why) in [
+        (b"solid organ\n".to_vec(), "palpate prepare"),
+        (vec![], "palpate prepare"),
+        (bytes[..10].to_vec(), "cut off"),
+        (bytes[..bytes.len() - 1].to_vec(), "cut off"),
+        ([bytes.clone(), vec![0]].concat(), "added to"),
+        (changed(8, 9), "format 9, this palpate reads format 1: update palpate"),
+        (changed(8, 0), "format 0, this palpate reads format 1: prepare it again"),
+        (changed(bytes.len() / 2, bytes[bytes.len() / 2] ^ 1), "checksum"),
+    ] {
+        let e = refused(&bytes);
+        assert!(e.contains("x.palpate") && e.contains(why), "{e}");
+    }
+    fs::write(&path, &bytes).unwrap();
+    LoadedScene::load(&path, &[]).unwrap();
+    let lost = stderr(&palpate(&["serve", "--scene", "lost.palpate"]).failure());
+    assert!(lost.contains("lost.palpate"), "{lost}");
+}
