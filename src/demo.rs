@@ -1,6 +1,8 @@
-//! `palpate demo`: server and virtual Phantom in one process, over loopback, with a live view in the terminal.
+//! `palpate demo`: server and virtual Phantom in one process, over loopback, watched in a window where there is a display
+//! and in the terminal where there is none.
 //!
-//! The only place of the program that uses the client libraries beside `record`: the Phantom is a client like any
+//! The window belongs to a process of its own, `palpate view`: nothing of graphics shares the simulation's process. The
+//! only place of the program that uses the client libraries beside `record`: the Phantom is a client like any
 //! other, with zenoh sessions of its own.
 
 use crate::{SceneArgs, ServerArgs, build, log_to_stderr, runtime};
@@ -49,6 +51,9 @@ pub struct DemoArgs {
     /// How often the device sends poses [Hz]; a headset's 72 to 90 also work
     #[arg(long, default_value_t = 1000.0)]
     rate_hz: f64,
+    /// Stay in the terminal, where there is a display too
+    #[arg(long)]
+    terminal: bool,
     /// Print a line a second instead of the live view
     #[arg(long)]
     plain: bool,
@@ -69,9 +74,10 @@ struct View {
 }
 
 pub fn run(args: DemoArgs) -> anyhow::Result<ExitCode> {
+    let window = !args.terminal && !args.plain && window::wanted();
     let live = !args.plain && std::io::stdout().is_terminal();
     // A log line would tear the live view; what matters is in the view itself.
-    if !live {
+    if window || !live {
         log_to_stderr();
     }
     let (loaded, body, start) = build(&args.scene)?;
@@ -111,7 +117,12 @@ pub fn run(args: DemoArgs) -> anyhow::Result<ExitCode> {
                 }
             };
             let over = || phantom.is_finished() || INTERRUPTED.load(Ordering::Relaxed);
-            if live { watch_live(&mut view, &mut refresh, over) } else { watch_plain(&mut view, &mut refresh, over) }
+            let viewer = if window { window::open(&args.server) } else { None };
+            match viewer {
+                Some(viewer) => watch_plain(&mut view, &mut refresh, || over() || viewer.closed()),
+                None if live => watch_live(&mut view, &mut refresh, over),
+                None => watch_plain(&mut view, &mut refresh, over),
+            }
         });
         stop.store(true, Ordering::Relaxed);
         let report = tokio::task::spawn_blocking(move || phantom.join())
@@ -163,6 +174,87 @@ fn start_phantom(
             })
         })
         .context("starting the virtual Phantom")
+}
+
+/// The window: a viewer in a process of its own.
+#[cfg(feature = "viewer")]
+mod window {
+    use crate::ServerArgs;
+    use std::cell::RefCell;
+    use std::process::{Child, Command, Stdio};
+    use std::time::Duration;
+
+    /// How long a viewer may take to find that it cannot open a window.
+    const TRIAL: Duration = Duration::from_millis(1500);
+
+    /// A viewer that runs; it ends when this is dropped.
+    pub struct Viewer(RefCell<Child>);
+
+    /// True where there is a display to open it on.
+    pub fn wanted() -> bool {
+        palpate_viewer::window::display_is_named()
+    }
+
+    /// Opens it; `None`, with a word on standard error, where that fails.
+    pub fn open(server: &ServerArgs) -> Option<Viewer> {
+        let started = std::env::current_exe().and_then(|program| {
+            Command::new(program)
+                .arg("view")
+                .args(["--session", &server.session])
+                .args(["--surface-endpoint", &server.surface_endpoint])
+                .args(["--force-endpoint", &server.force_endpoint])
+                .stdin(Stdio::null())
+                .spawn()
+        });
+        let viewer = match started {
+            Ok(child) => Viewer(RefCell::new(child)),
+            Err(e) => {
+                eprintln!("no window ({e}): watching in the terminal");
+                return None;
+            }
+        };
+        std::thread::sleep(TRIAL);
+        if viewer.closed() {
+            eprintln!("no window: watching in the terminal");
+            return None;
+        }
+        Some(viewer)
+    }
+
+    impl Viewer {
+        /// True when its window has been closed.
+        pub fn closed(&self) -> bool {
+            self.0.borrow_mut().try_wait().map_or(true, |ended| ended.is_some())
+        }
+    }
+
+    impl Drop for Viewer {
+        fn drop(&mut self) {
+            let child = self.0.get_mut();
+            let _ = child.kill();
+            let _ = child.wait();
+        }
+    }
+}
+
+/// Without a viewer there is no window.
+#[cfg(not(feature = "viewer"))]
+mod window {
+    pub struct Viewer;
+
+    pub fn wanted() -> bool {
+        false
+    }
+
+    pub fn open(_: &crate::ServerArgs) -> Option<Viewer> {
+        None
+    }
+
+    impl Viewer {
+        pub fn closed(&self) -> bool {
+            true
+        }
+    }
 }
 
 fn watch_plain(view: &mut View, refresh: &mut dyn FnMut(&mut View), over: impl Fn() -> bool) -> anyhow::Result<()> {

@@ -1,0 +1,5 @@
+//! The viewer from outside: recordings in, panels and input, all without a display.
+
+mod panels;
+mod pressed_ball;
+mod recordings;
