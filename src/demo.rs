@@ -117,12 +117,15 @@ pub fn run(args: DemoArgs) -> anyhow::Result<ExitCode> {
                 }
             };
             let over = || phantom.is_finished() || INTERRUPTED.load(Ordering::Relaxed);
-            let viewer = if window { window::open(&args.server) } else { None };
-            match viewer {
-                Some(viewer) => watch_plain(&mut view, &mut refresh, || over() || viewer.closed()),
-                None if live => watch_live(&mut view, &mut refresh, over),
-                None => watch_plain(&mut view, &mut refresh, over),
+            if window {
+                let viewer = window::open(&args.server)?;
+                watch_plain(&mut view, &mut refresh, || over() || viewer.has_ended())?;
+                if over() || !viewer.has_failed() {
+                    return Ok(());
+                }
+                eprintln!("no window: watching in the terminal");
             }
+            if live { watch_live(&mut view, &mut refresh, over) } else { watch_plain(&mut view, &mut refresh, over) }
         });
         stop.store(true, Ordering::Relaxed);
         let report = tokio::task::spawn_blocking(move || phantom.join())
@@ -180,14 +183,11 @@ fn start_phantom(
 #[cfg(feature = "viewer")]
 mod window {
     use crate::ServerArgs;
+    use anyhow::Context;
     use std::cell::RefCell;
     use std::process::{Child, Command, Stdio};
-    use std::time::Duration;
 
-    /// How long a viewer may take to find that it cannot open a window.
-    const TRIAL: Duration = Duration::from_millis(1500);
-
-    /// A viewer that runs; it ends when this is dropped.
+    /// A viewer that was started; it ends when this is dropped.
     pub struct Viewer(RefCell<Child>);
 
     /// True where there is a display to open it on.
@@ -195,36 +195,28 @@ mod window {
         palpate_viewer::window::display_is_named()
     }
 
-    /// Opens it; `None`, with a word on standard error, where that fails.
-    pub fn open(server: &ServerArgs) -> Option<Viewer> {
-        let started = std::env::current_exe().and_then(|program| {
-            Command::new(program)
-                .arg("view")
-                .args(["--session", &server.session])
-                .args(["--surface-endpoint", &server.surface_endpoint])
-                .args(["--force-endpoint", &server.force_endpoint])
-                .stdin(Stdio::null())
-                .spawn()
-        });
-        let viewer = match started {
-            Ok(child) => Viewer(RefCell::new(child)),
-            Err(e) => {
-                eprintln!("no window ({e}): watching in the terminal");
-                return None;
-            }
-        };
-        std::thread::sleep(TRIAL);
-        if viewer.closed() {
-            eprintln!("no window: watching in the terminal");
-            return None;
-        }
-        Some(viewer)
+    pub fn open(server: &ServerArgs) -> anyhow::Result<Viewer> {
+        let child = Command::new(std::env::current_exe().context("where this program is")?)
+            .arg("view")
+            .args(["--session", &server.session])
+            .args(["--surface-endpoint", &server.surface_endpoint])
+            .args(["--force-endpoint", &server.force_endpoint])
+            .stdin(Stdio::null())
+            .spawn()
+            .context("starting the viewer")?;
+        Ok(Viewer(RefCell::new(child)))
     }
 
     impl Viewer {
-        /// True when its window has been closed.
-        pub fn closed(&self) -> bool {
+        /// True when its window was closed, or never opened.
+        pub fn has_ended(&self) -> bool {
             self.0.borrow_mut().try_wait().map_or(true, |ended| ended.is_some())
+        }
+
+        /// True when it ended because it could not open its window: it says so itself, on standard error.
+        pub fn has_failed(&self) -> bool {
+            let ended = self.0.borrow_mut().try_wait();
+            ended.is_ok_and(|ended| ended.is_some_and(|status| status.code().is_some_and(|code| code != 0)))
         }
     }
 
@@ -246,12 +238,16 @@ mod window {
         false
     }
 
-    pub fn open(_: &crate::ServerArgs) -> Option<Viewer> {
-        None
+    pub fn open(_: &crate::ServerArgs) -> anyhow::Result<Viewer> {
+        Ok(Viewer)
     }
 
     impl Viewer {
-        pub fn closed(&self) -> bool {
+        pub fn has_ended(&self) -> bool {
+            true
+        }
+
+        pub fn has_failed(&self) -> bool {
             true
         }
     }

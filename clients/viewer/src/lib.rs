@@ -45,3 +45,5 @@ pub mod window;
 
 pub use args::{Args, run};
 pub use scenes::Scenes;
+// Vectors, views and egui in the interfaces above are of this version.
+pub use three_d;

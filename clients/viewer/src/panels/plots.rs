@@ -36,7 +36,8 @@ pub fn forces(ui: &mut egui::Ui, app: &App, height: f32) {
         }
     }
     let now = app.recorded().map(|recording| recording.frames()[0].tick as f64 * crate::source::TICK + app.time);
-    show(ui, "force [N]", &curves, span(app), 0.1, now, height);
+    let title = if now.is_some() { "force [N]" } else { "force [N], last 20 s" };
+    show(ui, title, &curves, span(app), 0.1, now, height);
 }
 
 /// Active nodes of each level.
@@ -46,7 +47,7 @@ pub fn nodes(ui: &mut egui::Ui, app: &App) {
     let curves: Vec<Curve> = (0..levels)
         .map(|level| {
             let curve = points(health, |health| health.nodes.get(level).copied().unwrap_or(0) as f64);
-            (format!("level {level}"), colour(colour::level(level)), curve)
+            (format!("L{level}"), colour(colour::level(level)), curve)
         })
         .collect();
     show(ui, "active nodes", &curves, span(app), 10.0, None, HEIGHT);
@@ -89,7 +90,8 @@ fn show(ui: &mut egui::Ui, title: &str, curves: &[Curve], span: (f64, f64), leas
             let words = if largest < 10.0 { format!("{name} {value:.2}") } else { format!("{name} {value:.0}") };
             let peak = curve.iter().map(|point| point[1]).fold(0.0, f64::max);
             let words = if now.is_some() { format!("{name}, at most {peak:.2}") } else { words };
-            ui.label(RichText::new(words).size(11.5).color(*ink).strong());
+            // Darker than the line: yellow cannot be read on paper.
+            ui.label(RichText::new(words).size(11.5).color(ink.lerp_to_gamma(INK, 0.35)).strong());
         }
     });
     Plot::new(title)

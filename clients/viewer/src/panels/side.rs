@@ -66,11 +66,10 @@ fn live(ui: &mut egui::Ui, app: &mut App) {
         None => return,
         Some(Felt::Waiting) => ("taking a tool …".to_owned(), FAINT),
         Some(Felt::Lost(why)) => (why, WARNING),
-        Some(Felt::Held(tool, wrench)) => {
+        Some(Felt::Held(tool, touch)) => {
             let name = app.body().and_then(|body| body.subject.tools.get(tool as usize)).map(|tool| tool.name.clone());
-            let norm = |v: [f64; 3]| v.iter().map(|c| c * c).sum::<f64>().sqrt();
-            let feels = match wrench {
-                Some(wrench) => format!("{:.3} N, {} contact points", norm(wrench.force), wrench.contact_points),
+            let feels = match touch {
+                Some(touch) => format!("{:.3} N, {} contact points", touch.newtons, touch.contact_points),
                 None => "nothing yet".into(),
             };
             let depth = app.pressing.as_ref().map(|p| format!(", {:.0} mm deep", 1e3 * p.press.depth));

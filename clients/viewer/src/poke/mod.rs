@@ -7,7 +7,7 @@ mod hand;
 pub use hand::Press;
 
 use hand::Hand;
-use palpate_sdk::{Attachment, Connection, Endpoints, PoseSample, SdkError, Wrench};
+use palpate_sdk::{Attachment, Connection, Endpoints, PoseSample, SdkError};
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -24,10 +24,19 @@ pub enum Felt {
     /// It is being taken.
     #[default]
     Waiting,
-    /// Held; `None` before the first answer.
-    Held(u32, Option<Wrench>),
+    /// It holds the tool with this number; `None` before the first answer.
+    Held(u32, Option<Touch>),
     /// It could not be taken, or was lost: why.
     Lost(String),
+}
+
+/// What the server answered last.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Touch {
+    /// Rendered force [N].
+    pub newtons: f64,
+    /// Contacts that carry it; 0 means free.
+    pub contact_points: u32,
 }
 
 /// A tool held by the mouse until this is dropped.
@@ -107,8 +116,11 @@ impl Shared {
                 angular_velocity: None,
                 buttons: 0,
             })?;
-            let wrench = tool.latest_wrench().map(|received| received.wrench);
-            *lock(&self.felt) = Felt::Held(tool.id(), wrench);
+            let touch = tool.latest_wrench().map(|received| Touch {
+                newtons: received.wrench.force.iter().map(|c| c * c).sum::<f64>().sqrt(),
+                contact_points: received.wrench.contact_points,
+            });
+            *lock(&self.felt) = Felt::Held(tool.id(), touch);
             due = (due + PERIOD).max(now);
             std::thread::sleep(due.saturating_duration_since(Instant::now()));
         }

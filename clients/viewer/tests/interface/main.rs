@@ -3,3 +3,4 @@
 mod panels;
 mod pressed_ball;
 mod recordings;
+mod screen;

@@ -1,66 +1,17 @@
 //! Panels, mouse and keyboard.
 
 use crate::pressed_ball::record;
+use crate::screen::{Screen, button, readable, said};
 use palpate_sdk::Endpoints;
 use palpate_viewer::app::App;
 use palpate_viewer::colour::Colouring;
-use palpate_viewer::panels;
 use palpate_viewer::source::Recording;
-use three_d::egui::{Context, Event, Key, Modifiers, PointerButton, Pos2, RawInput, Rect, pos2, vec2};
-
-/// A screen to show an app on, and a user in front of it.
-struct Screen {
-    context: Context,
-    time: f64,
-}
-
-impl Screen {
-    fn new() -> Self {
-        let context = Context::default();
-        panels::style(&context);
-        Self { context, time: 0.0 }
-    }
-
-    /// Shows `app` on 1280 × 800 points after the user did `events`; all text that is on the screen, with its box.
-    fn show(&mut self, app: &mut App, events: Vec<Event>) -> (Rect, Vec<(Rect, String)>) {
-        self.time += 0.1;
-        let input = RawInput {
-            screen_rect: Some(Rect::from_min_size(Pos2::ZERO, vec2(1280.0, 800.0))),
-            time: Some(self.time),
-            events,
-            ..Default::default()
-        };
-        let mut free = Rect::ZERO;
-        let output = self.context.run_ui(input, |ui| free = panels::show(ui, app));
-        let mut texts = Vec::new();
-        for clipped in output.shapes {
-            collect(&clipped.shape, clipped.clip_rect, &mut texts);
-        }
-        (free, texts)
-    }
-}
-
-fn collect(shape: &three_d::egui::Shape, clip: Rect, texts: &mut Vec<(Rect, String)>) {
-    match shape {
-        three_d::egui::Shape::Text(text) => {
-            let rect = text.visual_bounding_rect().intersect(clip);
-            if rect.is_positive() {
-                texts.push((rect, text.galley.text().to_owned()));
-            }
-        }
-        three_d::egui::Shape::Vec(shapes) => shapes.iter().for_each(|shape| collect(shape, clip, texts)),
-        _ => {}
-    }
-}
+use three_d::egui::{Event, Key, Modifiers, PointerButton, pos2, vec2};
 
 fn press(key: Key) -> Vec<Event> {
     [true, false]
         .map(|pressed| Event::Key { key, physical_key: None, pressed, repeat: false, modifiers: Modifiers::NONE })
         .into()
-}
-
-fn button(pos: Pos2, button: PointerButton, pressed: bool) -> Vec<Event> {
-    vec![Event::PointerMoved(pos), Event::PointerButton { pos, button, pressed, modifiers: Modifiers::NONE }]
 }
 
 /// An app that plays a recording of the pressed ball.
@@ -69,10 +20,6 @@ fn app() -> App {
     let path = folder.path().join("ball.mcap");
     record(&path, 40);
     App::recording(Recording::open(&path).unwrap()).unwrap()
-}
-
-fn said(texts: &[(Rect, String)], part: &str) -> bool {
-    texts.iter().any(|(_, text)| text.contains(part))
 }
 
 #[test]
@@ -88,17 +35,7 @@ fn what_must_be_read_is_on_the_screen_and_no_two_texts_overlap() {
     {
         assert!(said(&texts, part), "{part} of {texts:#?}");
     }
-    for (number, (rect, text)) in texts.iter().enumerate() {
-        assert!(
-            Rect::from_min_size(Pos2::ZERO, vec2(1280.0, 800.0)).contains_rect(*rect),
-            "{text} is cut off: {rect:?}"
-        );
-        for (other, words) in &texts[..number] {
-            // The rim of a text over the body is the same text, a point away.
-            let overlap = rect.shrink(1.5).intersect(other.shrink(1.5));
-            assert!(words == text || !overlap.is_positive(), "{text:?} {rect:?} over {words:?} {other:?}");
-        }
-    }
+    readable(&texts);
 }
 
 #[test]
@@ -161,8 +98,8 @@ fn the_mouse_turns_moves_and_zooms() {
 fn the_time_line_is_dragged_and_a_recording_ends_at_its_end() {
     let (mut app, mut screen) = (app(), Screen::new());
     let (free, texts) = screen.show(&mut app, vec![]);
-    let (rect, _) = texts.iter().find(|(_, text)| text.contains(" s of ")).expect("the time line says where it stands");
-    let slider = pos2(0.5 * (free.min.x + rect.min.x), rect.center().y);
+    let place = texts.iter().find(|text| text.words.contains(" s of ")).expect("the time line says where it stands");
+    let slider = pos2(0.5 * (free.min.x + place.rect.min.x), place.rect.center().y);
     screen.show(&mut app, button(slider, PointerButton::Primary, true));
     screen.show(&mut app, button(slider, PointerButton::Primary, false));
     assert!(app.paused && (0.3..0.9).contains(&app.time), "{}", app.time);

@@ -1,6 +1,6 @@
-//! Pictures of real recordings and of a real server, drawn without a display and looked at region by region.
-#![cfg(feature = "viewer")]
+//! Pictures of a recording, drawn without a display.
 
+use crate::look::{all, is_force, is_tissue, mean, part};
 use assert_cmd::Command;
 use palpate_viewer::app::App;
 use palpate_viewer::colour::Colouring;
@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 
 /// The clamped cube, weightless, pressed from above: made once for all tests.
-static PRESSED: LazyLock<(tempfile::TempDir, PathBuf)> = LazyLock::new(|| {
+pub static PRESSED: LazyLock<(tempfile::TempDir, PathBuf)> = LazyLock::new(|| {
     let folder = tempfile::tempdir().unwrap();
     let recording = folder.path().join("press.mcap");
     let trajectory = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/trajectories/press.csv");
@@ -36,33 +36,6 @@ fn picture(time: f64, change: impl FnOnce(&mut App)) -> Snapshot {
     change(&mut app);
     app.advance(0.0).unwrap();
     Photographer::new().unwrap().take(&mut app, 640, 480).unwrap()
-}
-
-/// The part of `region` for which `holds`.
-fn part(region: impl Iterator<Item = [u8; 3]>, holds: impl Fn([u8; 3]) -> bool) -> f32 {
-    let (held, all) = region.fold((0, 0), |(held, all), pixel| (held + u32::from(holds(pixel)), all + 1));
-    held as f32 / all as f32
-}
-
-/// Mean red, green and blue.
-fn mean(region: impl Iterator<Item = [u8; 3]>) -> [f32; 3] {
-    let (sum, all) =
-        region.fold(([0.0; 3], 0.0), |(sum, all), p| ([0, 1, 2].map(|c| sum[c] + f32::from(p[c])), all + 1.0));
-    sum.map(|sum| sum / all)
-}
-
-fn all(picture: &Snapshot) -> impl Iterator<Item = [u8; 3]> + '_ {
-    picture.pixels.iter().copied()
-}
-
-/// Tissue: clearly more red than green and blue.
-fn is_tissue([r, g, b]: [u8; 3]) -> bool {
-    i32::from(r) > i32::from(g) + 40 && i32::from(r) > i32::from(b) + 40
-}
-
-/// The force's arrow and its number.
-fn is_force([r, g, b]: [u8; 3]) -> bool {
-    i32::from(b) > i32::from(r) + 60 && i32::from(b) > i32::from(g) + 30
 }
 
 #[test]
@@ -140,73 +113,4 @@ fn the_command_line_writes_a_picture_of_the_size_that_was_asked_for() {
     assert!(said(&["view", "nowhere.mcap", "--snapshot", file]).contains("nowhere.mcap"));
     let nobody = ["view", "--connect", "tcp/127.0.0.1:9", "--snapshot", file];
     assert!(said(&nobody).contains("tcp/127.0.0.1:9"));
-}
-
-/// A display of its own: a virtual X server, whose picture is a file.
-struct Display {
-    server: std::process::Child,
-    name: String,
-    folder: tempfile::TempDir,
-}
-
-impl Display {
-    fn open() -> Self {
-        use std::io::{BufRead, BufReader};
-        let folder = tempfile::tempdir().unwrap();
-        let mut server = std::process::Command::new("Xvfb")
-            .args(["-displayfd", "1", "-screen", "0", "1280x800x24", "-nolisten", "tcp", "-fbdir"])
-            .arg(folder.path())
-            .stdout(std::process::Stdio::piped())
-            .stderr(std::process::Stdio::null())
-            .spawn()
-            .expect("Xvfb: `apt-get install xvfb libgl1 libgl1-mesa-dri libxcursor1 libxi6 libxrandr2`");
-        let mut number = String::new();
-        BufReader::new(server.stdout.as_mut().unwrap()).read_line(&mut number).unwrap();
-        Self { server, name: format!(":{}", number.trim()), folder }
-    }
-
-    /// What the display shows now: an X window dump of 32 bits a pixel.
-    fn picture(&self) -> Snapshot {
-        let dump = std::fs::read(self.folder.path().join("Xvfb_screen0")).unwrap();
-        let word = |at: usize| u32::from_be_bytes(dump[4 * at..4 * at + 4].try_into().unwrap());
-        let (width, height, row) = (word(4), word(5), word(12));
-        let pixels = &dump[(word(0) + 12 * word(19)) as usize..];
-        let rows = pixels.chunks(row as usize).take(height as usize);
-        let pixels = rows.flat_map(|row| row[..4 * width as usize].as_chunks::<4>().0).map(|[b, g, r, _]| [*r, *g, *b]);
-        Snapshot { width, height, pixels: pixels.collect() }
-    }
-}
-
-impl Drop for Display {
-    fn drop(&mut self) {
-        let _ = self.server.kill();
-        let _ = self.server.wait();
-    }
-}
-
-#[test]
-fn a_window_shows_what_a_picture_shows_and_closes_by_itself() {
-    let display = Display::open();
-    let mut viewer = std::process::Command::new(env!("CARGO_BIN_EXE_palpate"))
-        .args(["view", PRESSED.1.to_str().unwrap(), "--colour", "displacement", "--seconds", "6"])
-        .env("DISPLAY", &display.name)
-        .env_remove("WAYLAND_DISPLAY")
-        .spawn()
-        .unwrap();
-    let began = std::time::Instant::now();
-    let shown = loop {
-        let picture = display.picture();
-        // Pale, then red: the scale of displacement; and the panels' paper.
-        let body = part(all(&picture), |[r, g, b]| r > 150 && i32::from(r) > i32::from(b) + 30 && g > 60);
-        let paper = part(all(&picture), |pixel| pixel.iter().all(|c| *c > 240));
-        if body > 0.05 && paper > 0.1 {
-            break true;
-        }
-        if viewer.try_wait().unwrap().is_some() || began.elapsed().as_secs() > 30 {
-            break false;
-        }
-        std::thread::sleep(std::time::Duration::from_millis(200));
-    };
-    assert!(shown, "the window never showed the body and its panels");
-    assert!(viewer.wait().unwrap().success());
 }
