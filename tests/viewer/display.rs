@@ -109,7 +109,7 @@ fn a_display_that_cannot_be_reached_is_an_error_with_a_remedy() {
 }
 
 /// The processes that `parent` has started.
-fn children(parent: u32) -> Vec<u32> {
+pub fn children(parent: u32) -> Vec<u32> {
     let threads = std::fs::read_dir(format!("/proc/{parent}/task")).unwrap().map(|thread| thread.unwrap().path());
     let lists = threads.filter_map(|thread| std::fs::read_to_string(thread.join("children")).ok());
     let lists: Vec<String> = lists.collect();

@@ -1,8 +1,10 @@
 //! A running server, watched and poked.
 
+use crate::display::children;
 use crate::look::{all, is_force, is_tissue, part};
 use crate::screen::{Screen, button, readable, said};
 use palpate_sdk::Endpoints;
+use palpate_viewer::Scenes;
 use palpate_viewer::app::App;
 use palpate_viewer::poke::Felt;
 use palpate_viewer::snapshot::Photographer;
@@ -23,9 +25,14 @@ struct Serving(Child);
 
 impl Serving {
     fn start(endpoints: &Endpoints) -> Self {
+        Self::with(endpoints, &[])
+    }
+
+    fn with(endpoints: &Endpoints, more: &[&str]) -> Self {
         let server = Command::new(env!("CARGO_BIN_EXE_palpate"))
             .args(["serve", "--scene", "cube", "--set", "world.gravity=[0.0, 0.0, 0.0]", "--until-input-ends"])
             .args(["--force-endpoint", &endpoints.force, "--surface-endpoint", &endpoints.surface])
+            .args(more)
             .stdin(Stdio::piped())
             .stdout(Stdio::null())
             .spawn()
@@ -144,4 +151,92 @@ fn a_reset_puts_the_body_back() {
     let moved =
         app.moment().positions.iter().zip(rest).map(|(a, b)| (0..3).map(|i| (a[i] - b[i]).abs()).fold(0.0, f32::max));
     assert!(moved.fold(0.0, f32::max) < 1e-3);
+}
+
+#[test]
+fn a_bundled_scene_can_be_chosen_and_its_server_ends_with_the_viewer() {
+    let mut app = App::live(&endpoints());
+    let program = std::path::PathBuf::from(env!("CARGO_BIN_EXE_palpate"));
+    app.scenes = Some(Scenes { program, names: vec!["cube".into(), "toy".into()] });
+    let (mut screen, before) = (Screen::new(), children(std::process::id()));
+    screen.show(&mut app, vec![]);
+    let (_, texts) = screen.show(&mut app, vec![]);
+    let menu = texts.iter().find(|text| text.words.contains("scene")).expect("a menu of scenes").rect.center();
+    let mut click = |app: &mut App, at: Pos2| {
+        screen.show(app, button(at, PointerButton::Primary, true));
+        screen.show(app, button(at, PointerButton::Primary, false));
+        screen.show(app, vec![]).1
+    };
+    let texts = click(&mut app, menu);
+    let cube = texts.iter().find(|text| text.words == "cube").expect("the cube is in the menu").rect.center();
+    click(&mut app, cube);
+    watch_until(&mut app, "the chosen scene", |app| app.moment().tick > 0 && !app.stale());
+    assert_eq!(app.body().unwrap().subject.name, "cube");
+    let started: Vec<u32> = children(std::process::id()).into_iter().filter(|child| !before.contains(child)).collect();
+    drop(app);
+    let served = |child: &u32| {
+        let command = std::fs::read_to_string(format!("/proc/{child}/cmdline")).unwrap_or_default();
+        command.contains("serve\0--until-input-ends\0--scene\0cube\0--force")
+    };
+    assert!(!started.iter().any(served), "its server is still there");
+}
+
+#[test]
+fn a_server_that_was_started_by_a_viewer_ends_when_the_viewer_dies() {
+    let mut server = Serving::start(&endpoints());
+    std::thread::sleep(Duration::from_millis(500));
+    assert!(server.0.try_wait().unwrap().is_none());
+    // What the system does to the pipe of a process that dies.
+    drop(server.0.stdin.take());
+    let began = Instant::now();
+    while server.0.try_wait().unwrap().is_none() {
+        assert!(began.elapsed() < Duration::from_secs(20), "it serves nobody");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    assert!(server.0.wait().unwrap().success());
+}
+
+#[test]
+fn two_tools_are_drawn_and_each_has_a_curve_of_its_own() {
+    let endpoints = endpoints();
+    let two = "tool=[{name=\"left\", radius=0.02}, {name=\"right\", radius=0.01, length=0.05}]";
+    let _server = Serving::with(&endpoints, &["--set", two]);
+    let mut app = App::live(&endpoints);
+    app.panels = false;
+    watch_until(&mut app, "the first frame", |app| app.moment().tick > 0);
+    let alone = Photographer::new().unwrap().take(&mut app, 640, 480).unwrap();
+    let connection = palpate_sdk::Connection::open(&endpoints).unwrap();
+    let mut tools = ["left", "right"].map(|name| {
+        let attachment = palpate_sdk::Attachment { tool: name.into(), client: name.into(), ..Default::default() };
+        connection.attach(&attachment).unwrap()
+    });
+    let mut sent = 0u32;
+    watch_until(&mut app, "both forces", |app| {
+        for (tool, x) in tools.iter_mut().zip([0.02, 0.08]) {
+            // From 50 mm above the top down to 8 mm below.
+            let height = (0.15 - 1e-4 * f64::from(sent)).max(0.092) + if x < 0.05 { 0.02 } else { 0.01 };
+            tool.send_pose(palpate_sdk::PoseSample {
+                position: [x, 0.05, height],
+                orientation: [0.0, 0.0, 0.0, 1.0],
+                linear_velocity: None,
+                angular_velocity: None,
+                buttons: 0,
+            })
+            .unwrap();
+        }
+        sent += 1;
+        app.tools().len() == 2 && app.tools().iter().all(|tool| tool.force.z > 0.05)
+    });
+    let both = Photographer::new().unwrap().take(&mut app, 640, 480).unwrap();
+    // Each of them covers something that was to be seen before, on its own side.
+    for (left, right) in [(0.2, 0.48), (0.52, 0.8)] {
+        let pairs = alone.region(left, 0.05, right, 0.5).zip(both.region(left, 0.05, right, 0.5));
+        let changed = pairs.filter(|(a, b)| (0..3).any(|channel| a[channel].abs_diff(b[channel]) > 30)).count();
+        assert!(changed > 1000, "from {left} to {right}: {changed} pixels");
+    }
+    assert!(part(all(&both), is_force) > 1e-3);
+    assert_eq!(app.history().tools(), 2);
+    for tool in 0..2 {
+        assert!(app.history().force(tool, 1000).iter().any(|point| point[1] > 0.05), "tool {tool}");
+    }
 }

@@ -124,7 +124,7 @@ pub fn bounds(positions: &[[f32; 3]]) -> (Vec3, Vec3) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use three_d::PixelPoint;
+    use three_d::Vec2;
 
     const CORNERS: [[f32; 3]; 8] = [
         [-0.1, -0.05, 0.0],
@@ -141,17 +141,18 @@ mod tests {
         Orbit::around(&CORNERS, Angle::default())
     }
 
-    fn pixel(orbit: &Orbit, point: Vec3) -> PixelPoint {
-        orbit.camera(Viewport::new_at_origo(800, 600)).pixel_at_position(point)
+    /// Where `point` is in a picture of 800 times 600 pixels, from the left and from below.
+    fn pixel(orbit: &Orbit, point: Vec3) -> Vec2 {
+        orbit.camera(Viewport::new_at_origo(800, 600)).pixel_at_position(point).into()
     }
 
     #[test]
     fn the_whole_body_is_in_the_picture_and_fills_it_from_every_side() {
         for (yaw, pitch) in [(0.0, 0.0), (-0.5, 0.5), (1.6, 0.2), (3.0, -1.2), (0.7, 1.4)] {
             let orbit = Orbit::around(&CORNERS, Angle { yaw, pitch, zoom: 1.0 });
-            let pixels: Vec<PixelPoint> = CORNERS.iter().map(|&corner| pixel(&orbit, corner.into())).collect();
+            let pixels: Vec<Vec2> = CORNERS.iter().map(|&corner| pixel(&orbit, corner.into())).collect();
             assert!(pixels.iter().all(|p| (0.0..800.0).contains(&p.x) && (0.0..600.0).contains(&p.y)));
-            let extent = |of: fn(&PixelPoint) -> f32| {
+            let extent = |of: fn(&Vec2) -> f32| {
                 let along = pixels.iter().map(of);
                 along.clone().fold(f32::MIN, f32::max) - along.fold(f32::MAX, f32::min)
             };
@@ -168,7 +169,6 @@ mod tests {
         orbit.pan(0.25, 0.125);
         let after = pixel(&orbit, target);
         assert!((after.x - before.x - 150.0).abs() < 1.0, "{} {}", before.x, after.x);
-        // Pixels count from below.
         assert!((before.y - after.y - 75.0).abs() < 1.0, "{} {}", before.y, after.y);
     }
 

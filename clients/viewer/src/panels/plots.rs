@@ -2,9 +2,9 @@
 
 use super::{FAINT, INK, colour};
 use crate::app::App;
-use crate::colour;
+use crate::colour::{self, round_number};
 use crate::history::{Health, SPAN};
-use egui_plot::{Line, Plot, PlotPoints, VLine};
+use egui_plot::{GridMark, Line, Plot, PlotPoints, VLine};
 use three_d::egui::{self, Color32, RichText};
 
 /// Height of a plot [points].
@@ -60,7 +60,7 @@ pub fn lateness(ui: &mut egui::Ui, app: &App) {
         .into_iter()
         .enumerate()
         .map(|(which, (name, ink))| (name.to_owned(), ink, points(health, |health| health.lateness[which])));
-    show(ui, "tick lateness [µs]", &curves.collect::<Vec<_>>(), span(app), 20.0, None, HEIGHT);
+    show(ui, "tick lateness since the start [µs]", &curves.collect::<Vec<_>>(), span(app), 20.0, None, HEIGHT);
 }
 
 /// How much of the work budget ticks use.
@@ -105,7 +105,12 @@ fn show(ui: &mut egui::Ui, title: &str, curves: &[Curve], span: (f64, f64), leas
         .allow_double_click_reset(false)
         .show_axes([now.is_some(), true])
         .show_grid([false, true])
-        .y_axis_min_width(28.0)
+        .y_axis_min_width(36.0)
+        .y_grid_spacer(move |_| {
+            let step_size = f64::from(round_number(0.6 * largest as f32));
+            let values = (0..4).map(|number| f64::from(number) * step_size).filter(|value| *value <= largest);
+            values.map(|value| GridMark { value, step_size }).collect()
+        })
         .set_margin_fraction(egui::vec2(0.0, 0.0))
         .default_x_bounds(span.0, span.1.max(span.0 + 1e-3))
         .default_y_bounds(0.0, 1.08 * largest)
