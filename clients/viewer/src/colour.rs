@@ -136,7 +136,7 @@ mod tests {
             levels: vec![0, 2, 9],
             ..Default::default()
         };
-        let colours = |colouring: Colouring, moment: &Moment| colouring.colours(&deformation, moment, 2.0);
+        let colours = |colouring: Colouring, moment: &Moment| colouring.colours(&deformation, moment, 1.0);
         assert_eq!(colours(Colouring::Level, &moved), [LEVELS[0], LEVELS[2], LEVELS[5]]);
         assert_eq!(colours(Colouring::Displacement, &moved), [scale(0.0), scale(1.0), scale(0.0)]);
         let rest = Moment::at_rest(&surface);
