@@ -134,7 +134,7 @@ impl App {
     pub fn advance(&mut self, seconds: f64) -> Result<(), SourceError> {
         match &mut self.source {
             Source::Live(live) => {
-                let LiveView { link, subject, moment, status } = live.view();
+                let LiveView { link, subject, moment, status, .. } = live.view();
                 self.notice = match link {
                     Link::Open => None,
                     Link::Waiting(None) => Some("waiting for frames".into()),

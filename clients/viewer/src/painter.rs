@@ -3,7 +3,17 @@
 use crate::app::App;
 use crate::panels;
 use crate::scene::Scene;
+use std::time::{Duration, Instant};
 use three_d::{Camera, Context, CoreError, Event, GUI, Viewport, egui};
+
+/// How long the parts of a picture took.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Spent {
+    /// Layout of the panels and what the user did.
+    pub panels: Duration,
+    /// Normals, colours and their way to the graphics card.
+    pub mesh: Duration,
+}
 
 /// Draws pictures with one OpenGL context.
 pub struct Painter {
@@ -30,7 +40,8 @@ impl Painter {
         milliseconds: f64,
         viewport: Viewport,
         pixels_per_point: f32,
-    ) {
+    ) -> Spent {
+        let began = Instant::now();
         let mut free = egui::Rect::ZERO;
         self.gui.update(events, milliseconds, viewport, pixels_per_point, |ui| free = panels::show(ui, app));
         // Panels count points from above, OpenGL pixels from below.
@@ -43,7 +54,9 @@ impl Painter {
         };
         let whole = Camera::new_2d(viewport);
         self.cameras = app.orbit.map(|orbit| [whole, orbit.camera(region)]);
+        let panels = began.elapsed();
         self.scene.update(app);
+        Spent { panels, mesh: began.elapsed() - panels }
     }
 
     /// Draws what was prepared into the render target that is being written.

@@ -34,6 +34,7 @@ pub fn show(mut app: App, title: &str, seconds: Option<f64>) -> Result<(), Windo
         .map_err(|_| WindowError("the display cannot be reached".into()))?
         .map_err(|e| WindowError(e.to_string()))?;
     let mut painter = Painter::new(&window.gl());
+    let mut pictures = 0u32;
     window.render_loop(move |mut frame| {
         if let Err(e) = app.advance(1e-3 * frame.elapsed_time) {
             app.say(e.to_string());
@@ -44,7 +45,13 @@ pub fn show(mut app: App, title: &str, seconds: Option<f64>) -> Result<(), Windo
         if let Err(e) = screen.write(|| painter.paint(&app)) {
             app.say(e.to_string());
         }
-        FrameOutput { exit: seconds.is_some_and(|most| frame.accumulated_time > 1e3 * most), ..Default::default() }
+        pictures += 1;
+        let shown = 1e-3 * frame.accumulated_time;
+        let exit = seconds.is_some_and(|most| shown > most);
+        if exit {
+            println!("{pictures} pictures in {shown:.1} s: {:.1} a second", f64::from(pictures) / shown);
+        }
+        FrameOutput { exit, ..Default::default() }
     });
     Ok(())
 }

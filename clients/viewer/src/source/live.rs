@@ -37,6 +37,8 @@ pub struct LiveView {
     pub subject: Option<Arc<Subject>>,
     /// How it looks; the last that came while the link is down.
     pub moment: Option<Moment>,
+    /// Tick of the newest frame that has come; what is shown is a little older.
+    pub newest: Option<u64>,
     /// How the server fares, and who is there.
     pub status: Status,
 }
@@ -110,6 +112,7 @@ impl Live {
         let due = seen.pace.tick_at(clock).unwrap_or_default();
         let after = seen.frames.partition_point(|frame| (frame.tick as f64) < due);
         let next = seen.frames.get(after).or(seen.frames.back()).cloned();
+        let newest = seen.frames.back().map(|frame| frame.tick);
         let last = after.checked_sub(1).and_then(|before| seen.frames.get(before)).cloned();
         drop(seen);
         let moment = match (last, next) {
@@ -119,7 +122,7 @@ impl Live {
             }
             (_, next) => next.map(|moment| (*moment).clone()),
         };
-        LiveView { link, subject, moment, status }
+        LiveView { link, subject, moment, newest, status }
     }
 
     /// Asks the server to put the body back into its starting state.
