@@ -1,6 +1,8 @@
-//! `palpate demo`: server and virtual Phantom in one process, over loopback, with a live view in the terminal.
+//! `palpate demo`: server and virtual Phantom in one process, over loopback, watched in a window where there is a display
+//! and in the terminal where there is none.
 //!
-//! The only place of the program that uses the client libraries beside `record`: the Phantom is a client like any
+//! The window belongs to a process of its own, `palpate view`: nothing of graphics shares the simulation's process. The
+//! only place of the program that uses the client libraries beside `record`: the Phantom is a client like any
 //! other, with zenoh sessions of its own.
 
 use crate::{SceneArgs, ServerArgs, build, log_to_stderr, runtime};
@@ -49,6 +51,9 @@ pub struct DemoArgs {
     /// How often the device sends poses [Hz]; a headset's 72 to 90 also work
     #[arg(long, default_value_t = 1000.0)]
     rate_hz: f64,
+    /// Stay in the terminal, where there is a display too
+    #[arg(long)]
+    terminal: bool,
     /// Print a line a second instead of the live view
     #[arg(long)]
     plain: bool,
@@ -69,9 +74,10 @@ struct View {
 }
 
 pub fn run(args: DemoArgs) -> anyhow::Result<ExitCode> {
+    let window = !args.terminal && !args.plain && window::wanted();
     let live = !args.plain && std::io::stdout().is_terminal();
     // A log line would tear the live view; what matters is in the view itself.
-    if !live {
+    if window || !live {
         log_to_stderr();
     }
     let (loaded, body, start) = build(&args.scene)?;
@@ -111,6 +117,14 @@ pub fn run(args: DemoArgs) -> anyhow::Result<ExitCode> {
                 }
             };
             let over = || phantom.is_finished() || INTERRUPTED.load(Ordering::Relaxed);
+            if window {
+                let viewer = window::open(&args.server)?;
+                watch_plain(&mut view, &mut refresh, || over() || viewer.has_ended())?;
+                if over() || !viewer.has_failed() {
+                    return Ok(());
+                }
+                eprintln!("no window: watching in the terminal");
+            }
             if live { watch_live(&mut view, &mut refresh, over) } else { watch_plain(&mut view, &mut refresh, over) }
         });
         stop.store(true, Ordering::Relaxed);
@@ -163,6 +177,80 @@ fn start_phantom(
             })
         })
         .context("starting the virtual Phantom")
+}
+
+/// The window: a viewer in a process of its own.
+#[cfg(feature = "viewer")]
+mod window {
+    use crate::ServerArgs;
+    use anyhow::Context;
+    use std::cell::RefCell;
+    use std::process::{Child, Command, Stdio};
+
+    /// A viewer that was started; it ends when this is dropped.
+    pub struct Viewer(RefCell<Child>);
+
+    /// True where there is a display to open it on.
+    pub fn wanted() -> bool {
+        palpate_viewer::window::display_is_named()
+    }
+
+    pub fn open(server: &ServerArgs) -> anyhow::Result<Viewer> {
+        let child = Command::new(std::env::current_exe().context("where this program is")?)
+            .arg("view")
+            .args(["--session", &server.session])
+            .args(["--surface-endpoint", &server.surface_endpoint])
+            .args(["--force-endpoint", &server.force_endpoint])
+            .stdin(Stdio::null())
+            .spawn()
+            .context("starting the viewer")?;
+        Ok(Viewer(RefCell::new(child)))
+    }
+
+    impl Viewer {
+        /// True when its window was closed, or never opened.
+        pub fn has_ended(&self) -> bool {
+            self.0.borrow_mut().try_wait().map_or(true, |ended| ended.is_some())
+        }
+
+        /// True when it ended because it could not open its window: it says so itself, on standard error.
+        pub fn has_failed(&self) -> bool {
+            let ended = self.0.borrow_mut().try_wait();
+            ended.is_ok_and(|ended| ended.is_some_and(|status| status.code().is_some_and(|code| code != 0)))
+        }
+    }
+
+    impl Drop for Viewer {
+        fn drop(&mut self) {
+            let child = self.0.get_mut();
+            let _ = child.kill();
+            let _ = child.wait();
+        }
+    }
+}
+
+/// Without a viewer there is no window.
+#[cfg(not(feature = "viewer"))]
+mod window {
+    pub struct Viewer;
+
+    pub fn wanted() -> bool {
+        false
+    }
+
+    pub fn open(_: &crate::ServerArgs) -> anyhow::Result<Viewer> {
+        Ok(Viewer)
+    }
+
+    impl Viewer {
+        pub fn has_ended(&self) -> bool {
+            true
+        }
+
+        pub fn has_failed(&self) -> bool {
+            true
+        }
+    }
 }
 
 fn watch_plain(view: &mut View, refresh: &mut dyn FnMut(&mut View), over: impl Fn() -> bool) -> anyhow::Result<()> {

@@ -28,8 +28,11 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
-    /// Build an organ, serve it, and let the virtual Phantom touch it, with a live view in the terminal
+    /// Build an organ, serve it, and let the virtual Phantom touch it, in a window or with a live view in the terminal
     Demo(demo::DemoArgs),
+    /// Watch a running server, or play a recording, in a window or into a picture
+    #[cfg(feature = "viewer")]
+    View(palpate_viewer::Args),
     /// Serve a scene to remote tools and viewers
     Serve(ServeArgs),
     /// Run a scene without a network, as fast as it goes
@@ -130,6 +133,9 @@ struct ServeArgs {
     /// Stop after this long [s]
     #[arg(long)]
     seconds: Option<f64>,
+    /// Stop when standard input ends: for a program that starts a server of its own
+    #[arg(long)]
+    until_input_ends: bool,
 }
 
 #[derive(Args)]
@@ -187,6 +193,8 @@ fn main() -> ExitCode {
     let cli = Cli::parse();
     let outcome = match cli.command {
         Command::Demo(args) => demo::run(args),
+        #[cfg(feature = "viewer")]
+        Command::View(args) => view(args),
         Command::Serve(args) => serve(&args),
         Command::Simulate(args) => simulate(&args),
         Command::Prepare(args) => prepare_command::run(&args),
@@ -275,9 +283,24 @@ fn serve(args: &ServeArgs) -> anyhow::Result<ExitCode> {
                 None => std::future::pending().await,
             }
         };
+        let input_ends = async {
+            match args.until_input_ends {
+                // A thread of its own, that nobody joins: a read of standard input cannot be called off.
+                true => {
+                    let (ended, end) = tokio::sync::oneshot::channel();
+                    std::thread::spawn(move || {
+                        let _ = std::io::copy(&mut std::io::stdin(), &mut std::io::sink());
+                        let _ = ended.send(());
+                    });
+                    let _ = end.await;
+                }
+                false => std::future::pending().await,
+            }
+        };
         let mut terminate = tokio::signal::unix::signal(tokio::signal::unix::SignalKind::terminate())?;
         tokio::select! {
             () = time_up => {}
+            () = input_ends => {}
             _ = terminate.recv() => {}
             interrupted = tokio::signal::ctrl_c() => interrupted?,
         }
@@ -285,6 +308,17 @@ fn serve(args: &ServeArgs) -> anyhow::Result<ExitCode> {
         println!("{}", demo::summary(&status));
         Ok(ExitCode::SUCCESS)
     })
+}
+
+/// The viewer, which may start servers of bundled scenes as processes of their own: this one has no simulation.
+#[cfg(feature = "viewer")]
+fn view(args: palpate_viewer::Args) -> anyhow::Result<ExitCode> {
+    let scenes = palpate_viewer::Scenes {
+        program: std::env::current_exe().context("where this program is")?,
+        names: palpate::scene::BUNDLED.iter().map(|(name, _)| (*name).to_owned()).collect(),
+    };
+    palpate_viewer::run(args, Some(scenes))?;
+    Ok(ExitCode::SUCCESS)
 }
 
 fn simulate(args: &SimulateArgs) -> anyhow::Result<ExitCode> {

@@ -1,0 +1,183 @@
+//! The three-dimensional part of a picture: organ, tools and force arrows, drawn with OpenGL.
+
+use crate::app::App;
+use crate::colour::Colouring;
+use crate::contact::{PlacedTool, Shape};
+use crate::shading::{Backdrop, Shaded};
+use crate::source::Subject;
+use std::sync::Arc;
+use three_d::{
+    Camera, Context, CpuMesh, Geometry, Indices, InnerSpace, Mat4, Mesh, Positions, Quat, Rotation, Srgba, Vec3, Vec4,
+    apply_screen_material, vec3,
+};
+
+/// Length of an arrow for the largest force that a tool renders, in diagonals of the body.
+const LONGEST_ARROW: f32 = 0.5;
+/// Steel.
+const TOOL: Srgba = Srgba::new_opaque(170, 178, 188);
+/// A force.
+const FORCE: Srgba = Srgba::new_opaque(28, 96, 200);
+/// Where a tool touches tissue, which turns pale (linear).
+const PALE: Vec3 = Vec3::new(1.0, 0.86, 0.5);
+/// Where a tool touches and a colour means a number: none of the scales' colours (linear).
+const DARK: Vec3 = Vec3::new(0.05, 0.05, 0.07);
+/// What everything fades to when nothing comes any more (linear).
+const GREY: Vec3 = Vec3::new(0.35, 0.36, 0.38);
+/// Sides of round things.
+const SIDES: u32 = 32;
+
+/// Meshes on the graphics card.
+pub struct Scene {
+    context: Context,
+    organ: Option<(Arc<Subject>, Mesh)>,
+    ball: Mesh,
+    cylinder: Mesh,
+    cone: Mesh,
+}
+
+impl Scene {
+    /// An empty one.
+    pub fn new(context: &Context) -> Self {
+        let mesh = |cpu: CpuMesh| Mesh::new(context, &cpu);
+        Self {
+            context: context.clone(),
+            organ: None,
+            ball: mesh(CpuMesh::sphere(SIDES)),
+            cylinder: mesh(CpuMesh::cylinder(SIDES)),
+            cone: mesh(CpuMesh::cone(SIDES)),
+        }
+    }
+
+    /// Takes over how the body looks now.
+    pub fn update(&mut self, app: &App) {
+        let Some(body) = app.body() else { return };
+        let moment = app.moment();
+        let vertices = moment.positions.len();
+        if self.organ.as_ref().is_none_or(|(subject, _)| !Arc::ptr_eq(subject, &body.subject)) {
+            let mesh = CpuMesh {
+                positions: Positions::F32(vec![vec3(0.0, 0.0, 0.0); vertices]),
+                indices: Indices::U32(body.subject.surface.triangles.concat()),
+                normals: Some(vec![Vec3::unit_z(); vertices]),
+                colors: Some(vec![Srgba::WHITE; vertices]),
+                ..Default::default()
+            };
+            self.organ = Some((body.subject.clone(), Mesh::new(&self.context, &mesh)));
+        }
+        let Some((_, mesh)) = &mut self.organ else { return };
+        let positions: Vec<Vec3> = moment.positions.iter().map(|&position| position.into()).collect();
+        let mut touch = vec![0.0; vertices];
+        for tool in app.tools() {
+            tool.add_touch(&moment.positions, body.edge, &mut touch);
+        }
+        let faded = if app.stale() { 0.8 } else { 0.0 };
+        let colours = app.colouring.colours(&body.deformation, moment, body.size());
+        let (mark, strength) = if app.colouring == Colouring::Material { (PALE, 0.75) } else { (DARK, 0.35) };
+        let colours = colours.iter().zip(&touch).map(|(colour, touch)| {
+            let own = colour.to_linear_srgb().truncate();
+            let touched = own + strength * *touch * (mark - own);
+            (touched + faded * (GREY - touched)).extend(1.0)
+        });
+        let colours: Vec<Vec4> = colours.collect();
+        // Of an indexed mesh three-d counts corners instead of vertices, so that only partial updates fit.
+        let fits = mesh.set_positions_partially(0, &positions).is_ok()
+            && mesh.set_normals_partially(0, &body.deformation.normals(&moment.positions)).is_ok()
+            && mesh.set_colors_partially(0, &colours).is_ok();
+        debug_assert!(fits, "the mesh was made for this surface");
+    }
+
+    /// Draws into the render target that is being written: the backdrop behind all of `whole`, the rest as `camera` sees it.
+    pub fn draw(&mut self, app: &App, whole: &Camera, camera: &Camera) {
+        apply_screen_material(&self.context, Backdrop, whole, &[]);
+        if let Some((_, organ)) = &self.organ {
+            organ.render_with_material(&Shaded { colour: Srgba::WHITE, gloss: 0.5, wrap: 0.3 }, camera, &[]);
+        }
+        let Some(body) = app.body() else { return };
+        let mut brush = Brush { scene: self, camera };
+        for tool in app.tools() {
+            brush.tool(&tool);
+            if let Some(arrow) = Arrow::of(&tool, body.size(), body.subject.force_limit) {
+                brush.arrow(&arrow, 0.006 * body.size());
+            }
+        }
+    }
+}
+
+/// A force as it is drawn.
+#[derive(Clone, Copy, Debug)]
+pub struct Arrow {
+    /// Where it starts: at the tool [m].
+    pub start: Vec3,
+    /// From start to tip [m].
+    pub way: Vec3,
+    /// What it says [N].
+    pub newtons: f32,
+}
+
+impl Arrow {
+    /// That of the force on `tool`; `None` where it feels nothing. `size` is the body's diagonal [m], `limit` the largest
+    /// force that is rendered [N].
+    pub fn of(tool: &PlacedTool, size: f32, limit: f32) -> Option<Self> {
+        let newtons = tool.force.magnitude();
+        let start = tool.position + tool.shape.radius() * tool.force / newtons.max(1e-9);
+        let way = LONGEST_ARROW * size / limit.max(1e-3) * tool.force;
+        (newtons > 0.005).then_some(Self { start, way, newtons })
+    }
+}
+
+/// Draws unit meshes in many places.
+struct Brush<'a> {
+    scene: &'a mut Scene,
+    camera: &'a Camera,
+}
+
+impl Brush<'_> {
+    fn tool(&mut self, tool: &PlacedTool) {
+        let steel = Shaded { colour: TOOL, gloss: 1.0, wrap: 0.1 };
+        let axis = tool.orientation.rotate_vector(Vec3::unit_z());
+        let along = Quat::between_vectors(Vec3::unit_x(), axis);
+        let (at, turn) = (tool.position, tool.orientation);
+        match tool.shape {
+            Shape::Ball { radius } | Shape::Within { radius } => self.ball(&steel, at, radius, turn),
+            Shape::Capsule { radius, length } => {
+                self.ball(&steel, at, radius, turn);
+                self.ball(&steel, at + length * axis, radius, turn);
+                self.cylinder(&steel, at, vec3(length, radius, radius), along);
+            }
+            Shape::Cylinder { radius, length } => {
+                self.cylinder(&steel, at, vec3(length, radius, radius), along);
+                // The unit cylinder is open: flat cones close the ends.
+                let lid = vec3(1e-3 * radius, radius, radius);
+                self.cone(&steel, at, lid, Quat::between_vectors(Vec3::unit_x(), -axis));
+                self.cone(&steel, at + length * axis, lid, along);
+            }
+        }
+    }
+
+    fn arrow(&mut self, arrow: &Arrow, radius: f32) {
+        let blue = Shaded { colour: FORCE, gloss: 0.2, wrap: 0.4 };
+        let length = arrow.way.magnitude();
+        let turn = Quat::between_vectors(Vec3::unit_x(), arrow.way / length);
+        let head = (4.0 * radius).min(0.6 * length);
+        let neck = arrow.start + arrow.way.normalize_to(length - head);
+        self.cylinder(&blue, arrow.start, vec3(length - head, radius, radius), turn);
+        self.cone(&blue, neck, vec3(head, 0.55 * head, 0.55 * head), turn);
+    }
+
+    fn ball(&mut self, material: &Shaded, at: Vec3, radius: f32, turn: Quat) {
+        draw(&mut self.scene.ball, material, at, vec3(radius, radius, radius), turn, self.camera);
+    }
+
+    fn cylinder(&mut self, material: &Shaded, at: Vec3, scale: Vec3, turn: Quat) {
+        draw(&mut self.scene.cylinder, material, at, scale, turn, self.camera);
+    }
+
+    fn cone(&mut self, material: &Shaded, at: Vec3, scale: Vec3, turn: Quat) {
+        draw(&mut self.scene.cone, material, at, scale, turn, self.camera);
+    }
+}
+
+fn draw(mesh: &mut Mesh, material: &Shaded, at: Vec3, scale: Vec3, turn: Quat, camera: &Camera) {
+    let scaled = Mat4::from_nonuniform_scale(scale.x, scale.y, scale.z);
+    mesh.set_transformation(Mat4::from_translation(at) * Mat4::from(turn) * scaled);
+    mesh.render_with_material(material, camera, &[]);
+}

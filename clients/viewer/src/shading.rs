@@ -1,0 +1,111 @@
+//! How light falls on things: two shaders.
+
+use three_d::{
+    DepthTest, EffectMaterialId, InnerSpace, Light, Material, MaterialType, Program, RenderStates, Srgba, Vec3, Viewer,
+    WriteMask, vec3,
+};
+
+/// Smooth surfaces under a key light beside the eye and a dim sky, in the colours of their vertices.
+///
+/// Leaner than a physical material: pictures are also drawn without a graphics card.
+pub struct Shaded {
+    /// Multiplies the vertices' own colours.
+    pub colour: Srgba,
+    /// Strength of highlights, 0 to 1.
+    pub gloss: f32,
+    /// How far light reaches around into the shade, as it does in tissue, 0 to 1.
+    pub wrap: f32,
+}
+
+/// Light grey behind everything, a little lighter above.
+pub struct Backdrop;
+
+const SHADED: &str = "
+uniform vec3 eye;
+uniform vec3 key;
+uniform vec3 fill;
+uniform vec4 surface;
+uniform float gloss;
+uniform float wrap;
+in vec3 pos;
+in vec3 nor;
+in vec4 col;
+layout (location = 0) out vec4 result;
+
+void main() {
+    vec3 sight = normalize(eye - pos);
+    vec3 normal = normalize(gl_FrontFacing ? nor : -nor);
+    vec3 sky = mix(vec3(0.24, 0.23, 0.24), vec3(0.42, 0.44, 0.48), 0.5 + 0.5 * normal.z);
+    float lit = max((dot(normal, key) + wrap) / (1.0 + wrap), 0.0);
+    float filled = max(dot(normal, fill), 0.0);
+    vec3 light = sky + lit * vec3(0.74, 0.72, 0.69) + filled * vec3(0.10, 0.11, 0.13);
+    float facing = max(dot(normal, sight), 0.0);
+    float shine = gloss * (0.35 * pow(max(dot(normal, normalize(key + sight)), 0.0), 48.0) + 0.22 * pow(1.0 - facing, 4.0));
+    vec3 linear = surface.rgb * col.rgb * light + vec3(shine);
+    result = vec4(pow(clamp(linear, 0.0, 1.0), vec3(1.0 / 2.2)), 1.0);
+}
+";
+
+const BACKDROP: &str = "
+in vec2 uvs;
+layout (location = 0) out vec4 result;
+
+void main() {
+    result = vec4(mix(vec3(0.78, 0.80, 0.83), vec3(0.94, 0.95, 0.96), uvs.y), 1.0);
+}
+";
+
+impl Material for Shaded {
+    fn fragment_shader_source(&self, _: &[&dyn Light]) -> String {
+        SHADED.into()
+    }
+
+    fn id(&self) -> EffectMaterialId {
+        EffectMaterialId(1)
+    }
+
+    fn use_uniforms(&self, program: &Program, viewer: &dyn Viewer, _: &[&dyn Light]) {
+        // The lights go with the eye: whatever side is looked at is lit from above its left shoulder.
+        let view = viewer.view();
+        let (right, up, back) = (row(&view, 0), row(&view, 1), row(&view, 2));
+        program.use_uniform("eye", viewer.position());
+        program.use_uniform("key", (-0.42 * right + 0.62 * up + 0.8 * back).normalize());
+        program.use_uniform("fill", (0.9 * right - 0.1 * up + 0.4 * back).normalize());
+        program.use_uniform("surface", self.colour.to_linear_srgb());
+        program.use_uniform("gloss", self.gloss);
+        program.use_uniform("wrap", self.wrap);
+    }
+
+    fn render_states(&self) -> RenderStates {
+        RenderStates::default()
+    }
+
+    fn material_type(&self) -> MaterialType {
+        MaterialType::Opaque
+    }
+}
+
+impl Material for Backdrop {
+    fn fragment_shader_source(&self, _: &[&dyn Light]) -> String {
+        BACKDROP.into()
+    }
+
+    fn id(&self) -> EffectMaterialId {
+        EffectMaterialId(2)
+    }
+
+    fn use_uniforms(&self, _: &Program, _: &dyn Viewer, _: &[&dyn Light]) {}
+
+    fn render_states(&self) -> RenderStates {
+        RenderStates { depth_test: DepthTest::Always, write_mask: WriteMask::COLOR, ..Default::default() }
+    }
+
+    fn material_type(&self) -> MaterialType {
+        MaterialType::Opaque
+    }
+}
+
+/// An axis of the eye in the world: a row of the view matrix.
+fn row(view: &three_d::Mat4, number: usize) -> Vec3 {
+    vec3(view.x[number], view.y[number], view.z[number])
+}

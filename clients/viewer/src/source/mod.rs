@@ -1,0 +1,199 @@
+//! Where pictures come from: bytes from the wire ([`Live`]) or from a file ([`Recording`]), never a server's memory.
+
+mod live;
+mod pace;
+mod recording;
+
+pub use live::{Link, Live, LiveView};
+pub use recording::{Frame, Recording};
+
+use palpate_sdk::proto::{SurfaceTopology, ToolState};
+use palpate_sdk::{SdkError, Surface, SurfaceFrame, ToolDescription, frame_positions};
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// Length of a tick [s].
+pub const TICK: f64 = 1e-3;
+/// What is looked at: all that stays as it is while frames come.
+#[derive(Clone, Debug)]
+pub struct Subject {
+    /// The body's name.
+    pub name: String,
+    /// Its surface at rest.
+    pub surface: Arc<Surface>,
+    /// How many levels of resolution it has.
+    pub levels: usize,
+    /// Its tools; their place in the list is their number.
+    pub tools: Vec<ToolDescription>,
+    /// The largest force that a tool renders [N].
+    pub force_limit: f32,
+    /// What simulates or has simulated it, for people.
+    pub made_by: String,
+}
+
+/// The surface and the tools at one tick.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Moment {
+    /// Simulated time [ms].
+    pub tick: u64,
+    /// (vertices) [m].
+    pub positions: Vec<[f32; 3]>,
+    /// (vertices) the level of resolution that each vertex shows, coarsest 0; empty where the source does not say.
+    pub levels: Vec<u8>,
+    /// What every tool does.
+    pub tools: Vec<ToolState>,
+}
+
+/// Why there is nothing to see.
+#[derive(Debug, thiserror::Error)]
+pub enum SourceError {
+    /// The file system said no.
+    #[error("{}: {source}", path.display())]
+    Io {
+        /// The recording.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// Not a recording, or one without anything to see.
+    #[error("{}: {what}", path.display())]
+    Content {
+        /// The recording.
+        path: PathBuf,
+        /// What is wrong, and what to do.
+        what: String,
+    },
+    /// The server, or what it sends.
+    #[error(transparent)]
+    Sdk(#[from] SdkError),
+}
+
+/// The surface in a message. Errors: [`SdkError::Undecodable`] when it does not fit together.
+fn surface_of(message: &SurfaceTopology) -> Result<Surface, SdkError> {
+    let undecodable = |reason: &str| SdkError::Undecodable { message: "SurfaceTopology", reason: reason.to_owned() };
+    let positions = SurfaceFrame { positions: message.rest_positions.clone(), ..Default::default() };
+    let rest_positions = frame_positions(&positions)?;
+    let (numbers, rest) = message.triangles.as_chunks::<12>();
+    let corner = |triangle: &[u8; 12], at: usize| u32::from_le_bytes([0, 1, 2, 3].map(|byte| triangle[4 * at + byte]));
+    let triangles: Vec<[u32; 3]> = numbers.iter().map(|t| [0, 1, 2].map(|at| corner(t, at))).collect();
+    if !rest.is_empty() || triangles.iter().flatten().any(|&v| v as usize >= rest_positions.len()) {
+        return Err(undecodable("a triangle is not whole, or names a vertex that does not exist"));
+    }
+    Ok(Surface { topology: message.topology, triangles, rest_positions })
+}
+
+/// The frame's moment on `surface`. Errors: [`SdkError::Undecodable`] when it does not fit the surface.
+fn decode(surface: &Surface, frame: &SurfaceFrame) -> Result<Moment, SdkError> {
+    let undecodable = |reason: String| SdkError::Undecodable { message: "SurfaceFrame", reason };
+    if frame.topology != surface.topology {
+        return Err(undecodable(format!("of surface {}, not {}", frame.topology, surface.topology)));
+    }
+    let positions = frame_positions(frame)?;
+    if positions.len() != surface.rest_positions.len() {
+        return Err(undecodable(format!("{} vertices, not {}", positions.len(), surface.rest_positions.len())));
+    }
+    Ok(Moment { tick: frame.tick, positions, levels: Vec::new(), tools: frame.tools.clone() })
+}
+
+impl Moment {
+    /// The body at rest, before any frame.
+    pub fn at_rest(surface: &Surface) -> Self {
+        Self { positions: surface.rest_positions.clone(), ..Self::default() }
+    }
+
+    /// What lies between `self` and the later `next`: `t` from 0 to 1. Positions, forces and poses go straight from one
+    /// to the other; what is no number is that of the nearer one.
+    pub fn towards(&self, next: &Moment, t: f32) -> Moment {
+        let nearer = if t < 0.5 { self } else { next };
+        if self.positions.len() != next.positions.len() {
+            return nearer.clone();
+        }
+        let mix = |a: f32, b: f32| a + t * (b - a);
+        let positions = self.positions.iter().zip(&next.positions);
+        let positions = positions.map(|(a, b)| [mix(a[0], b[0]), mix(a[1], b[1]), mix(a[2], b[2])]).collect();
+        let mix_all = |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| mix(*a, *b)).collect();
+        // A tool that is taken or let go between the two is where the nearer one has it.
+        let tools = nearer.tools.iter().map(|tool| {
+            let of = |moment: &Moment| moment.tools.iter().find(|other| other.tool == tool.tool).cloned();
+            let (Some(a), Some(b)) = (of(self), of(next)) else { return tool.clone() };
+            ToolState {
+                position: mix_all(&a.position, &b.position),
+                orientation: turn_towards(&a.orientation, &b.orientation, t),
+                force: mix_all(&a.force, &b.force),
+                ..tool.clone()
+            }
+        });
+        let tick = self.tick + (t * next.tick.saturating_sub(self.tick) as f32).round() as u64;
+        Moment { tick, positions, levels: nearer.levels.clone(), tools: tools.collect() }
+    }
+}
+
+/// The shorter way from one unit quaternion to another, at even parts of the chord: frames are close together.
+fn turn_towards(a: &[f32], b: &[f32], t: f32) -> Vec<f32> {
+    let sign = a.iter().zip(b).map(|(a, b)| a * b).sum::<f32>().signum();
+    let mixed: Vec<f32> = a.iter().zip(b).map(|(a, b)| a + t * (sign * b - a)).collect();
+    let norm = mixed.iter().map(|c| c * c).sum::<f32>().sqrt();
+    mixed.into_iter().map(|c| c / norm).collect()
+}
+
+/// Numbers of tools that are plotted are below this: a session has no more than 8.
+const MOST_TOOLS: usize = 64;
+
+/// (tools) The force on each tool [N], by its number; 0 for one that nobody holds.
+pub fn forces(tools: &[ToolState]) -> Vec<f32> {
+    let mut forces = Vec::new();
+    for tool in tools.iter().filter(|tool| (tool.tool as usize) < MOST_TOOLS) {
+        let number = tool.tool as usize;
+        forces.resize(forces.len().max(number + 1), 0.0);
+        forces[number] = tool.force.iter().map(|c| c * c).sum::<f32>().sqrt();
+    }
+    forces
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn moment(tick: u64, x: f32, orientation: [f32; 4]) -> Moment {
+        let tool = ToolState {
+            position: vec![x; 3],
+            orientation: orientation.into(),
+            force: vec![0.0, 0.0, x],
+            ..Default::default()
+        };
+        Moment { tick, positions: vec![[x; 3]; 2], levels: vec![tick as u8; 2], tools: vec![tool] }
+    }
+
+    #[test]
+    fn between_two_frames_everything_is_between_them() {
+        let half = std::f32::consts::FRAC_1_SQRT_2;
+        let (a, b) = (moment(32, 0.0, [0.0, 0.0, 0.0, 1.0]), moment(64, 1.0, [0.0, 0.0, -half, -half]));
+        let quarter = a.towards(&b, 0.25);
+        assert_eq!((quarter.tick, quarter.positions[1], quarter.levels[0]), (40, [0.25; 3], 32));
+        assert_eq!(forces(&quarter.tools), [0.25]);
+        // Two quaternions of opposite sign are neighbours: the tool does not turn the long way round.
+        let turned = &quarter.tools[0].orientation;
+        assert!(turned[2] > 0.1 && turned[3] > 0.9, "{turned:?}");
+        assert!((turned.iter().map(|c| c * c).sum::<f32>() - 1.0).abs() < 1e-6);
+        assert_eq!(a.towards(&b, 1.0).positions, b.positions);
+    }
+
+    #[test]
+    fn a_tool_that_is_let_go_between_two_frames_leaves_and_the_surface_moves_on() {
+        let b = moment(64, 1.0, [0.0, 0.0, 0.0, 1.0]);
+        let a = Moment { tools: vec![], ..moment(32, 0.0, [0.0, 0.0, 0.0, 1.0]) };
+        assert_eq!((a.towards(&b, 0.4).tools.len(), a.towards(&b, 0.6).tools.len()), (0, 1));
+        assert!((a.towards(&b, 0.4).positions[0][0] - 0.4).abs() < 1e-6);
+        let third = ToolState { tool: 2, force: vec![3.0, 0.0, 4.0], ..Default::default() };
+        assert_eq!(forces(&[third]), [0.0, 0.0, 5.0]);
+    }
+
+    #[test]
+    fn a_frame_that_does_not_fit_the_surface_is_refused() {
+        let surface = Surface { topology: 1, triangles: vec![[0, 1, 2]], rest_positions: vec![[0.0; 3]; 3] };
+        let frame = SurfaceFrame { topology: 1, positions: vec![0; 36], ..Default::default() };
+        assert_eq!(decode(&surface, &frame).unwrap().positions.len(), 3);
+        assert!(decode(&surface, &SurfaceFrame { topology: 2, ..frame.clone() }).is_err());
+        assert!(decode(&surface, &SurfaceFrame { positions: vec![0; 24], ..frame }).is_err());
+    }
+}

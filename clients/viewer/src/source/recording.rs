@@ -1,0 +1,328 @@
+//! A recording (MCAP): an index of its frames in memory, the frames themselves read when they are asked for.
+
+use super::{Moment, SourceError, Subject, decode, forces, surface_of};
+use mcap::records::Record;
+use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
+use palpate_sdk::ToolDescription;
+use palpate_sdk::proto::{Message, RecordingStart, SurfaceFrame, SurfaceTopology, keys::topics};
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{Read, Seek, SeekFrom};
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// A record that claims to be longer than this [B] is damaged.
+const LARGEST_RECORD: usize = 1 << 30;
+/// What a byte of LZ4 can stand for at most [B].
+const LZ4_EXPANSION: usize = 255;
+/// Bytes of the magic at the start of a file.
+const MAGIC: u64 = 8;
+/// Bytes of a record's opcode and length.
+const RECORD_HEAD: u64 = 9;
+
+/// An open recording.
+pub struct Recording {
+    path: PathBuf,
+    file: File,
+    subject: Arc<Subject>,
+    /// By channel number.
+    topics: BTreeMap<u16, String>,
+    chunks: Vec<Chunk>,
+    frames: Vec<Frame>,
+    /// The moments of the chunk that was read last, and its number.
+    read: Option<(usize, Vec<Moment>)>,
+    cut: Option<String>,
+}
+
+/// A chunk: opcode, where its content lies in the file [B], which frames are in it.
+struct Chunk {
+    opcode: u8,
+    content: Range<u64>,
+    frames: Range<usize>,
+}
+
+/// What the time line shows of a frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Frame {
+    /// Simulated time [ms].
+    pub tick: u64,
+    /// (tools) rendered force [N] by the tool's number; shorter where the last ones are not held.
+    pub forces: Vec<f32>,
+}
+
+impl Recording {
+    /// Opens the recording at `path` and finds its frames. A file cut short gives what is whole before the cut.
+    ///
+    /// # Errors
+    /// When it is no recording, has no frame, or is cut before the first one.
+    pub fn open(path: &Path) -> Result<Self, SourceError> {
+        let io = |source| SourceError::Io { path: path.to_owned(), source };
+        let content = |what: String| SourceError::Content { path: path.to_owned(), what };
+        let mut file = File::open(path).map_err(io)?;
+        let mut index = Index::default();
+        let cut = index.fill(&mut file).map_err(|fault| match fault {
+            Fault::Io(source) => io(source),
+            Fault::Content(what) => content(what),
+        })?;
+        let because = cut.as_ref().map_or(String::new(), |cut| format!(" ({cut})"));
+        let start = index.start.ok_or_else(|| {
+            content(format!("no recording of palpate: it has no whole message on {}{because}", topics::START))
+        })?;
+        let surface = index.surface.ok_or_else(|| content(format!("it has no surface{because}")))?;
+        if index.frames.is_empty() {
+            return Err(content(format!("it has no surface frame{because}: record for longer than 32 ms")));
+        }
+        let subject = subject(&start, surface).map_err(|e| content(format!("its scene is damaged: {e}")))?;
+        Ok(Self {
+            path: path.to_owned(),
+            file,
+            subject: Arc::new(subject),
+            topics: index.topics,
+            chunks: index.chunks,
+            frames: index.frames,
+            read: None,
+            cut,
+        })
+    }
+
+    /// What was recorded.
+    pub fn subject(&self) -> &Arc<Subject> {
+        &self.subject
+    }
+
+    /// Ascending by tick, at least one.
+    pub fn frames(&self) -> &[Frame] {
+        &self.frames
+    }
+
+    /// Why reading ended before the end of the file, when it did.
+    pub fn cut(&self) -> Option<&str> {
+        self.cut.as_deref()
+    }
+
+    /// Simulated time from the first frame to the last [s].
+    pub fn duration(&self) -> f64 {
+        (self.frames[self.frames.len() - 1].tick - self.frames[0].tick) as f64 * super::TICK
+    }
+
+    /// The moment `seconds` after the first frame, between two frames where it falls between them; the first or the last
+    /// frame beyond the ends.
+    ///
+    /// # Errors
+    /// When the file has changed since it was opened, or a frame does not fit the surface.
+    pub fn at(&mut self, seconds: f64) -> Result<Moment, SourceError> {
+        let first = self.frames[0].tick as f64;
+        let tick = (first + seconds.max(0.0) / super::TICK).min(self.frames[self.frames.len() - 1].tick as f64);
+        let after = self.frames.partition_point(|frame| (frame.tick as f64) < tick);
+        let moment = self.frame(after)?;
+        if after == 0 || moment.tick as f64 == tick {
+            return Ok(moment);
+        }
+        let before = self.frame(after - 1)?;
+        let t = (tick - before.tick as f64) / (moment.tick - before.tick) as f64;
+        Ok(before.towards(&moment, t as f32))
+    }
+
+    /// The moment of frame `number`.
+    fn frame(&mut self, number: usize) -> Result<Moment, SourceError> {
+        let chunk = self.chunks.partition_point(|chunk| chunk.frames.end <= number);
+        if self.read.as_ref().is_none_or(|(read, _)| *read != chunk) {
+            self.read = Some((chunk, self.moments(chunk)?));
+        }
+        let (_, moments) = self.read.as_ref().unwrap_or_else(|| unreachable!("read above"));
+        moments.get(number - self.chunks[chunk].frames.start).cloned().ok_or_else(|| self.changed())
+    }
+
+    fn moments(&mut self, chunk: usize) -> Result<Vec<Moment>, SourceError> {
+        let Chunk { opcode, content, .. } = &self.chunks[chunk];
+        let mut bytes = vec![0; (content.end - content.start) as usize];
+        let io = |source| SourceError::Io { path: self.path.clone(), source };
+        self.file.seek(SeekFrom::Start(content.start)).map_err(io)?;
+        self.file.read_exact(&mut bytes).map_err(io)?;
+        let mut moments = Vec::new();
+        let mut fault = None;
+        let mut topics = self.topics.clone();
+        for_each_message(*opcode, &bytes, &mut topics, &mut |topic, data| {
+            if topic == topics::SURFACE && fault.is_none() {
+                match SurfaceFrame::decode(data).map_err(|_| self.changed()) {
+                    Ok(frame) => match decode(&self.subject.surface, &frame) {
+                        Ok(moment) => moments.push(moment),
+                        Err(e) => fault = Some(e.into()),
+                    },
+                    Err(e) => fault = Some(e),
+                }
+            }
+        })
+        .map_err(|_| self.changed())?;
+        fault.map_or(Ok(moments), Err)
+    }
+
+    fn changed(&self) -> SourceError {
+        SourceError::Content {
+            path: self.path.clone(),
+            what: "it has changed since it was opened: open it again".into(),
+        }
+    }
+}
+
+/// What a pass over a file finds.
+#[derive(Default)]
+struct Index {
+    topics: BTreeMap<u16, String>,
+    start: Option<RecordingStart>,
+    surface: Option<palpate_sdk::Surface>,
+    chunks: Vec<Chunk>,
+    frames: Vec<Frame>,
+}
+
+enum Fault {
+    Io(std::io::Error),
+    Content(String),
+}
+
+impl Index {
+    /// Reads `file` from its start; the reason where it had to stop before the end.
+    fn fill(&mut self, file: &mut File) -> Result<Option<String>, Fault> {
+        let length = file.metadata().map_err(Fault::Io)?.len();
+        let options = LinearReaderOptions::default()
+            .with_emit_chunks(true)
+            .with_skip_end_magic(true)
+            .with_record_length_limit(LARGEST_RECORD);
+        let mut reader = LinearReader::new_with_options(options);
+        let mut offset = MAGIC;
+        while let Some(event) = reader.next_event() {
+            match event {
+                // What a damaged length asks for beyond the file is never there: do not make room for it.
+                Ok(LinearReadEvent::ReadRequest(wanted)) => {
+                    let room = wanted.min(length as usize + 1);
+                    let count = file.read(reader.insert(room)).map_err(Fault::Io)?;
+                    reader.notify_read(count);
+                }
+                Ok(LinearReadEvent::Record { opcode, data }) => {
+                    let content = offset + RECORD_HEAD..offset + RECORD_HEAD + data.len() as u64;
+                    offset = content.end;
+                    if let Err(cut) = self.add(opcode, data, content)? {
+                        return Ok(Some(cut));
+                    }
+                }
+                Err(mcap::McapError::BadMagic) if offset == MAGIC => {
+                    return Err(Fault::Content(
+                        "no MCAP file; record one with `palpate demo --record FILE.mcap`".into(),
+                    ));
+                }
+                Err(e) => return Ok(Some(e.to_string())),
+            }
+        }
+        Ok(None)
+    }
+
+    /// Adds what is in one record of the file; `Ok(Err)` where nothing after it can be trusted.
+    fn add(&mut self, opcode: u8, data: &[u8], content: Range<u64>) -> Result<Result<(), String>, Fault> {
+        let first = self.frames.len();
+        let mut topics = std::mem::take(&mut self.topics);
+        let mut fault = None;
+        let outcome = for_each_message(opcode, data, &mut topics, &mut |topic, data| {
+            if fault.is_none()
+                && let Err(what) = self.message(topic, data)
+            {
+                fault = Some(what);
+            }
+        });
+        self.topics = topics;
+        if let Some(what) = fault {
+            return Err(Fault::Content(what));
+        }
+        if self.frames.len() > first {
+            self.chunks.push(Chunk { opcode, content, frames: first..self.frames.len() });
+        }
+        Ok(outcome.map_err(|e| e.to_string()))
+    }
+
+    fn message(&mut self, topic: &str, data: &[u8]) -> Result<(), String> {
+        let broken = |e: &dyn std::fmt::Display| format!("a message of {topic} is damaged: {e}");
+        match topic {
+            topics::START => self.start = Some(RecordingStart::decode(data).map_err(|e| broken(&e))?),
+            topics::TOPOLOGY => {
+                let message = SurfaceTopology::decode(data).map_err(|e| broken(&e))?;
+                self.surface = Some(surface_of(&message).map_err(|e| broken(&e))?);
+            }
+            topics::SURFACE => {
+                let frame = SurfaceFrame::decode(data).map_err(|e| broken(&e))?;
+                if self.frames.last().is_some_and(|last| last.tick >= frame.tick) {
+                    return Err(format!("the frame of tick {} comes after a later one", frame.tick));
+                }
+                self.frames.push(Frame { tick: frame.tick, forces: forces(&frame.tools) });
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+}
+
+/// Calls `each` with topic and content of every message in a record of the file, chunk or not; learns channels on the way.
+fn for_each_message(
+    opcode: u8,
+    content: &[u8],
+    topics: &mut BTreeMap<u16, String>,
+    each: &mut dyn FnMut(&str, &[u8]),
+) -> mcap::McapResult<()> {
+    // A chunk that claims to hold more than its bytes can is damaged: it gets no room.
+    let most = content.len().saturating_mul(LZ4_EXPANSION).saturating_add(1 << 16);
+    let options = LinearReaderOptions::default()
+        .with_skip_start_magic(true)
+        .with_skip_end_magic(true)
+        .with_prevalidate_chunk_crcs(true)
+        .with_record_length_limit(most);
+    let mut reader = LinearReader::new_with_options(options);
+    let head = [&[opcode][..], &(content.len() as u64).to_le_bytes()].concat();
+    let mut rest = head.as_slice().chain(content);
+    while let Some(event) = reader.next_event() {
+        match event? {
+            LinearReadEvent::ReadRequest(wanted) => {
+                let count = rest.read(reader.insert(wanted.min(content.len() + head.len())))?;
+                reader.notify_read(count);
+            }
+            LinearReadEvent::Record { opcode, data } => match mcap::parse_record(opcode, data)? {
+                Record::Channel(channel) => {
+                    topics.insert(channel.id, channel.topic);
+                }
+                Record::Message { header, data } => {
+                    if let Some(topic) = topics.get(&header.channel_id) {
+                        each(topic, &data);
+                    }
+                }
+                _ => {}
+            },
+        }
+    }
+    Ok(())
+}
+
+/// What the recording's scene says about body and tools.
+fn subject(start: &RecordingStart, surface: palpate_sdk::Surface) -> Result<Subject, toml::de::Error> {
+    let scene: toml::Table = toml::from_str(&start.scene_toml)?;
+    let text = |table: &toml::Table, key: &str| table.get(key).and_then(|v| v.as_str()).unwrap_or_default().to_owned();
+    let number = |table: &toml::Table, key: &str| table.get(key).and_then(|v| v.as_float()).unwrap_or_default();
+    let table = |key: &str| scene.get(key).and_then(|v| v.as_table()).cloned().unwrap_or_default();
+    let listed = |table: &toml::Table, key: &str| table.get(key).and_then(|v| v.as_array()).map_or(0, Vec::len);
+    let tools = scene.get("tool").and_then(|v| v.as_array()).into_iter().flatten().filter_map(|v| v.as_table());
+    let tools = tools.zip(0..).map(|(keys, tool)| {
+        let (radius, length) = (number(keys, "radius"), number(keys, "length"));
+        let shape = match text(keys, "shape") {
+            shape if !shape.is_empty() => shape,
+            _ if length > 0.0 => "capsule".into(),
+            _ => "ball".into(),
+        };
+        ToolDescription { tool, name: text(keys, "name"), shape, radius, length, taken: false }
+    });
+    let body = table("body");
+    Ok(Subject {
+        name: text(&scene, "name"),
+        surface: Arc::new(surface),
+        levels: ["spacings", "cells", "files"].map(|key| listed(&body, key)).into_iter().max().unwrap_or(0),
+        tools: tools.collect(),
+        force_limit: number(&table("safety"), "force_limit") as f32,
+        made_by: format!("palpate {}", start.palpate_version),
+    })
+}

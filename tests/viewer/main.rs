@@ -1,0 +1,9 @@
+//! The viewer on real recordings, real servers and real displays.
+#![cfg(feature = "viewer")]
+
+mod display;
+mod live;
+mod look;
+mod pictures;
+#[path = "../../clients/viewer/tests/interface/screen.rs"]
+mod screen;

@@ -1,0 +1,116 @@
+//! Pictures of a recording, drawn without a display.
+
+use crate::look::{all, is_force, is_tissue, mean, part};
+use assert_cmd::Command;
+use palpate_viewer::app::App;
+use palpate_viewer::colour::Colouring;
+use palpate_viewer::snapshot::{Photographer, Snapshot};
+use palpate_viewer::source::Recording;
+use std::path::{Path, PathBuf};
+use std::sync::LazyLock;
+
+/// The clamped cube, weightless, pressed from above: made once for all tests.
+pub static PRESSED: LazyLock<(tempfile::TempDir, PathBuf)> = LazyLock::new(|| {
+    let folder = tempfile::tempdir().unwrap();
+    let recording = folder.path().join("press.mcap");
+    let trajectory = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/trajectories/press.csv");
+    Command::new(env!("CARGO_BIN_EXE_palpate"))
+        .args(["simulate", "cube", "--seconds", "3.2", "--trajectory", trajectory.to_str().unwrap()])
+        .args(["--set", "world.gravity=[0.0, 0.0, 0.0]"])
+        .args(["--out", folder.path().join("out").to_str().unwrap(), "--record", recording.to_str().unwrap()])
+        .assert()
+        .success();
+    (folder, recording)
+});
+
+/// When the ball of [`PRESSED`] is deepest [s].
+const DEEPEST: f64 = 2.6;
+
+fn palpate(arguments: &[&str]) -> assert_cmd::assert::Assert {
+    Command::new(env!("CARGO_BIN_EXE_palpate")).args(arguments).timeout(std::time::Duration::from_secs(60)).assert()
+}
+
+fn picture(time: f64, change: impl FnOnce(&mut App)) -> Snapshot {
+    let mut app = App::recording(Recording::open(&PRESSED.1).unwrap()).unwrap();
+    (app.paused, app.time, app.panels) = (true, time, false);
+    change(&mut app);
+    app.advance(0.0).unwrap();
+    Photographer::new().unwrap().take(&mut app, 640, 480).unwrap()
+}
+
+#[test]
+fn the_body_stands_in_the_middle_of_a_light_backdrop() {
+    let rest = picture(0.0, |_| ());
+    for (left, top) in [(0.0, 0.3), (0.93, 0.3), (0.93, 0.9)] {
+        let corner = mean(rest.region(left, top, left + 0.06, top + 0.06));
+        assert!(corner.iter().all(|channel| (180.0..250.0).contains(channel)), "{corner:?}");
+    }
+    let middle = mean(rest.region(0.45, 0.45, 0.55, 0.55)).map(|channel| channel as u8);
+    assert!(is_tissue(middle), "{middle:?}");
+    let tissue = part(all(&rest), is_tissue);
+    assert!((0.12..0.6).contains(&tissue), "{tissue}");
+    assert!(part(all(&rest), is_force) < 1e-4, "nobody touches it");
+}
+
+#[test]
+fn a_press_shows_the_tool_the_dent_and_the_force() {
+    let (rest, pressed) = (picture(0.0, |_| ()), picture(DEEPEST, |_| ()));
+    let arrow = part(all(&pressed), is_force);
+    assert!(arrow > 1e-3, "{arrow}");
+    let changed = rest.pixels.iter().zip(&pressed.pixels).filter(|(a, b)| (0..3).any(|c| a[c].abs_diff(b[c]) > 12));
+    let changed = changed.count() as f32 / rest.pixels.len() as f32;
+    assert!((0.02..0.7).contains(&changed), "{changed}");
+    // What is clamped below does not move.
+    let foot = |picture: &Snapshot| mean(picture.region(0.3, 0.8, 0.7, 0.95));
+    let moved = (0..3).map(|c| (foot(&rest)[c] - foot(&pressed)[c]).abs()).fold(0.0, f32::max);
+    assert!(moved < 3.0, "{moved}");
+}
+
+#[test]
+fn strain_and_displacement_colour_what_was_moved() {
+    for colouring in [Colouring::Strain, Colouring::Displacement] {
+        let rest = picture(0.0, |app| app.colouring = colouring);
+        let pressed = picture(DEEPEST, |app| app.colouring = colouring);
+        // The scale goes from pale yellow to red: more red than blue is more of what is shown.
+        let warmth = |picture: &Snapshot| {
+            let [red, _, blue] = mean(picture.region(0.32, 0.35, 0.7, 0.75));
+            red - blue
+        };
+        assert!((0.0..60.0).contains(&warmth(&rest)), "{colouring:?} at rest: {}", warmth(&rest));
+        let more = warmth(&pressed) - warmth(&rest);
+        assert!(more > 8.0, "{colouring:?}: {more}");
+    }
+}
+
+#[test]
+fn panels_leave_the_body_its_room_and_show_a_time_line() {
+    let bare = picture(DEEPEST, |_| ());
+    let panels = picture(DEEPEST, |app| app.panels = true);
+    // The panel at the side is paper; so is the time line, but for its curve and its buttons.
+    let side = mean(panels.region(0.7, 0.5, 0.99, 0.6));
+    assert!(side.iter().all(|channel| *channel > 235.0), "{side:?}");
+    assert!(mean(bare.region(0.7, 0.5, 0.99, 0.6))[0] < 235.0);
+    let curve = part(panels.region(0.0, 0.9, 0.6, 1.0), is_force);
+    assert!(curve > 2e-3, "the force's curve: {curve}");
+    let tissue = part(all(&panels), is_tissue);
+    assert!(tissue > 0.05, "the body is still there: {tissue}");
+}
+
+#[test]
+fn the_command_line_writes_a_picture_of_the_size_that_was_asked_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("press.png");
+    let (recording, file) = (PRESSED.1.to_str().unwrap(), file.to_str().unwrap());
+    palpate(&["view", recording, "--snapshot", file, "--at", "2.8", "--size", "400x300", "--colour", "strain"])
+        .success();
+    let decoder = png::Decoder::new(std::io::BufReader::new(std::fs::File::open(file).unwrap()));
+    let reader = decoder.read_info().unwrap();
+    assert_eq!((reader.info().width, reader.info().height), (400, 300));
+
+    let said =
+        |arguments: &[&str]| String::from_utf8_lossy(&palpate(arguments).failure().get_output().stderr).into_owned();
+    assert!(said(&["view", recording, "--snapshot", file, "--size", "4x3"]).contains("1280x800"));
+    assert!(said(&["view", "nowhere.mcap", "--snapshot", file]).contains("nowhere.mcap"));
+    let nobody = ["view", "--connect", "tcp/127.0.0.1:9", "--snapshot", file];
+    assert!(said(&nobody).contains("tcp/127.0.0.1:9"));
+}
