@@ -413,7 +413,7 @@ fn check(parts: &BodyParts) -> Result<(), String> {
     if parts.holds.iter().any(|h| h.vertex as usize >= vertices || !(h.stiffness >= 0.0 && h.stiffness.is_finite())) {
         return Err("a hold names a vertex that does not exist or has a bad stiffness".into());
     }
-    if !parts.surface.vertices.iter().all(finite) || !(parts.slowest_mode >= 0.0 && parts.slowest_mode.is_finite()) {
+    if !(parts.surface.vertices.iter().all(finite) && parts.slowest_mode >= 0.0 && parts.slowest_mode.is_finite()) {
         return Err("a display vertex or the slowest mode is no finite number".into());
     }
     for (i, level) in parts.levels.iter().enumerate() {
