@@ -12,6 +12,7 @@ use palpate_viewer::three_d::egui::{PointerButton, Pos2, pos2};
 use palpate_viewer::three_d::{Viewport, vec3};
 use std::net::TcpListener;
 use std::process::{Child, Command, Stdio};
+use std::sync::mpsc;
 use std::time::{Duration, Instant};
 
 /// Endpoints of two ports that nobody listens on.
@@ -196,6 +197,29 @@ fn a_server_that_was_started_by_a_viewer_ends_when_the_viewer_dies() {
     assert!(server.0.wait().unwrap().success());
 }
 
+/// Two tools beside each other into the top of the cube, from 50 mm above to 8 mm below it, and on until `end`'s other
+/// half is dropped.
+fn press_with_two(connection: &palpate_sdk::Connection, end: mpsc::Receiver<()>) {
+    let mut tools = ["left", "right"].map(|name| {
+        let attachment = palpate_sdk::Attachment { tool: name.into(), client: name.into(), ..Default::default() };
+        connection.attach(&attachment).unwrap()
+    });
+    let mut depth = -0.05;
+    while end.recv_timeout(Duration::from_millis(2)) == Err(mpsc::RecvTimeoutError::Timeout) {
+        for (tool, (x, radius)) in tools.iter_mut().zip([(0.02, 0.02), (0.08, 0.01)]) {
+            tool.send_pose(palpate_sdk::PoseSample {
+                position: [x, 0.05, 0.1 + radius - depth],
+                orientation: [0.0, 0.0, 0.0, 1.0],
+                linear_velocity: None,
+                angular_velocity: None,
+                buttons: 0,
+            })
+            .unwrap();
+        }
+        depth = f64::min(depth + 1e-4, 0.008);
+    }
+}
+
 #[test]
 fn two_tools_are_drawn_and_each_has_a_curve_of_its_own() {
     let endpoints = endpoints();
@@ -206,28 +230,17 @@ fn two_tools_are_drawn_and_each_has_a_curve_of_its_own() {
     watch_until(&mut app, "the first frame", |app| app.moment().tick > 0);
     let alone = Photographer::new().unwrap().take(&mut app, 640, 480).unwrap();
     let connection = palpate_sdk::Connection::open(&endpoints).unwrap();
-    let mut tools = ["left", "right"].map(|name| {
-        let attachment = palpate_sdk::Attachment { tool: name.into(), client: name.into(), ..Default::default() };
-        connection.attach(&attachment).unwrap()
+    let both = std::thread::scope(|scope| {
+        let (ended, end) = mpsc::channel::<()>();
+        scope.spawn(|| press_with_two(&connection, end));
+        // Enough for arrows that can be seen, and held while the picture is taken.
+        watch_until(&mut app, "both forces", |app| {
+            app.tools().len() == 2 && app.tools().iter().all(|tool| tool.force.z > 0.3)
+        });
+        let both = Photographer::new().unwrap().take(&mut app, 640, 480).unwrap();
+        drop(ended);
+        both
     });
-    let mut sent = 0u32;
-    watch_until(&mut app, "both forces", |app| {
-        for (tool, x) in tools.iter_mut().zip([0.02, 0.08]) {
-            // From 50 mm above the top down to 8 mm below.
-            let height = (0.15 - 1e-4 * f64::from(sent)).max(0.092) + if x < 0.05 { 0.02 } else { 0.01 };
-            tool.send_pose(palpate_sdk::PoseSample {
-                position: [x, 0.05, height],
-                orientation: [0.0, 0.0, 0.0, 1.0],
-                linear_velocity: None,
-                angular_velocity: None,
-                buttons: 0,
-            })
-            .unwrap();
-        }
-        sent += 1;
-        app.tools().len() == 2 && app.tools().iter().all(|tool| tool.force.z > 0.05)
-    });
-    let both = Photographer::new().unwrap().take(&mut app, 640, 480).unwrap();
     // Each of them covers something that was to be seen before, on its own side.
     for (left, right) in [(0.2, 0.48), (0.52, 0.8)] {
         let pairs = alone.region(left, 0.05, right, 0.5).zip(both.region(left, 0.05, right, 0.5));
