@@ -12,6 +12,7 @@ use palpate::model::{ActiveMesh, Body, State};
 use palpate::scene::LoadedScene;
 use palpate::simulation::{Inputs, Simulation, Snapshot};
 use palpate::wire;
+use palpate::wire::surface::SurfaceEncoder;
 use palpate_proto::Message;
 use std::hint::black_box;
 use std::path::Path;
@@ -99,11 +100,26 @@ fn ticks(c: &mut Criterion) {
     frame.bench_function("state hash", |b| b.iter(|| touched.hash()));
     let mut room = Snapshot::with_room(&body, touched.settings());
     frame.bench_function("snapshot", |b| b.iter(|| touched.save_into(black_box(&mut room))));
-    let outputs = touched.advance(&Inputs::default()).clone();
-    let tools: Vec<_> = outputs.tools.iter().map(|t| t.state).collect();
-    frame.bench_function("encode surface", |b| {
-        b.iter(|| wire::surface_frame(1, 1, black_box(&outputs.skin), &tools).encode_to_vec());
+    // Two seconds of palpation, again and again: one key frame in sixteen.
+    let mut palpated = Vec::new();
+    for tick in 0..2048 {
+        let height = -0.008 + 1e-5 * f64::from((tick % 1024).min(1024 - tick % 1024));
+        inputs.tools[0] = pose(2_000_000_000 + tick, top + Vec3::new(0.0, 0.0, radius + height));
+        let outputs = touched.advance(&inputs);
+        if outputs.frame {
+            palpated.push(outputs.clone());
+        }
+    }
+    let mut encoder = SurfaceEncoder::new(&body, 1);
+    let mut turn = palpated.iter().cycle();
+    frame.bench_function(format!("encode surface, {} vertices", vertices.len()), |b| {
+        b.iter(|| {
+            let Some(outputs) = turn.next() else { unreachable!("frames come in a circle") };
+            let parts = encoder.frame(1, black_box(&outputs.skin), &outputs.levels, &[]).unwrap();
+            parts.iter().map(|part| part.encode_to_vec().len()).sum::<usize>()
+        });
     });
+    let outputs = &palpated[0];
     frame.bench_function("encode wrench", |b| {
         b.iter(|| wire::wrench(0, 1, 1, black_box(&outputs.tools[0]), outputs.flags()).encode_to_vec());
     });

@@ -359,7 +359,7 @@ fn simulate(args: &SimulateArgs) -> anyhow::Result<ExitCode> {
             )?;
             if outputs.frame {
                 let tools: Vec<_> = outputs.tools.iter().map(|t| t.state).collect();
-                recording.frame(outputs.tick, &outputs.skin, &tools)?;
+                recording.frame(outputs.tick, &outputs.skin, &outputs.levels, &tools)?;
             }
         }
         samples.write(simulation, outputs)?;

@@ -142,10 +142,12 @@ pub struct Outputs {
     pub tick: u64,
     /// Each tool, by id.
     pub tools: Vec<ToolOutput>,
-    /// The tick ends a frame: `skin` and `hash` are those of this tick.
+    /// The tick ends a frame: `skin`, `levels` and `hash` are those of this tick.
     pub frame: bool,
     /// Display vertices [m], (n_vertices); as of the last frame.
     pub skin: Vec<Vec3>,
+    /// Level of detail that displays each of them, (n_vertices); as of the last frame.
+    pub levels: Vec<u8>,
     /// [`Snapshot::hash`] as of the last frame.
     pub hash: u64,
     /// Units of work that the step needed and took: all, or none when the budget did not cover it.
@@ -227,6 +229,7 @@ impl Simulation {
                 tools: vec![ToolOutput::default(); tools],
                 frame: false,
                 skin: body.surface().vertices.clone(),
+                levels: vec![0; vertices],
                 hash: 0,
                 plan: Plan::default(),
                 element_evaluations: 0,
@@ -541,6 +544,7 @@ impl Simulation {
         }
         if frame {
             self.mesh.skin(&mut self.outputs.skin);
+            self.mesh.display_levels(&self.body, &mut self.outputs.levels);
             self.outputs.hash = self.hash();
         }
     }

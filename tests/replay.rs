@@ -91,7 +91,7 @@ impl Cube {
             writer.tick(o.tick, &inputs, &o.tools, o.flags(), o.frame.then_some(o.hash))?;
             if o.frame {
                 let tools: Vec<_> = o.tools.iter().map(|t| t.state).collect();
-                writer.frame(o.tick, &o.skin, &tools)?;
+                writer.frame(o.tick, &o.skin, &o.levels, &tools)?;
             }
             Ok::<(), palpate::recording::RecordingError>(())
         })

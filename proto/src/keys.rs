@@ -36,17 +36,29 @@ pub fn tool_wrench(session: &str, tool: u32) -> String {
 pub fn session(session: &str) -> String {
     format!("palpate/v1/{session}/session")
 }
+/// Where the session description is offered: clients of another major version ask under theirs, and are told this one.
+pub fn session_of_any_version(session: &str) -> String {
+    format!("palpate/*/{session}/session")
+}
 /// Queryable: control requests.
 pub fn control(session: &str) -> String {
     format!("palpate/v1/{session}/control")
 }
-/// Queryable: surface topology.
+/// Queryable: every part of the surface topology.
 pub fn surface_topology(session: &str) -> String {
-    format!("palpate/v1/{session}/surface/topology")
+    format!("palpate/v1/{session}/surface/topology/*")
 }
-/// Surface frames.
-pub fn surface_frame(session: &str) -> String {
-    format!("palpate/v1/{session}/surface/frame")
+/// Queryable: every part of the newest key frame, with levels.
+pub fn surface_key(session: &str) -> String {
+    format!("palpate/v1/{session}/surface/key/*")
+}
+/// Part `part` in an answer of [`surface_topology`] or [`surface_key`]: `key` with the part for `*`.
+pub fn surface_part(key: &str, part: u32) -> String {
+    key.replace('*', &part.to_string())
+}
+/// Every `every`-th surface frame (see [`EVERY`](crate::surface::EVERY)), with or without levels of detail.
+pub fn surface_frames(session: &str, every: u32, levels: bool) -> String {
+    format!("palpate/v1/{session}/surface/{}/{every}", if levels { "levels" } else { "frame" })
 }
 /// Status, once a second.
 pub fn status(session: &str) -> String {
@@ -86,9 +98,9 @@ pub mod topics {
     pub const WRENCH: &str = "palpate/wrench";
     /// `StateHash`, one per frame.
     pub const HASH: &str = "palpate/hash";
-    /// One `SurfaceTopology`.
+    /// `SurfaceTopology`, one per part.
     pub const TOPOLOGY: &str = "palpate/surface/topology";
-    /// `SurfaceFrame`, one per frame.
+    /// `SurfaceFrame` with levels, one per part and frame.
     pub const SURFACE: &str = "palpate/surface/frame";
 }
 

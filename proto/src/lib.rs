@@ -1,9 +1,12 @@
 //! The wire contract of Palpate: generated messages, key expressions and the version.
 //!
 //! `palpate.proto` beside this crate's manifest is the documentation of every message; [`keys`] is the only place
-//! where key expressions are written down.
+//! where key expressions are written down, [`surface`] how the vertices of a frame are coded.
+
+#![allow(rustdoc::broken_intra_doc_links, reason = "units stand in square brackets, as in `[m]`")]
 
 pub mod keys;
+pub mod surface;
 
 /// Messages of `palpate.proto`, package `palpate.v1`.
 #[allow(missing_docs, clippy::all)]
@@ -15,8 +18,8 @@ pub use prost::Message;
 
 /// Major version of the contract: peers with another one cannot talk to each other.
 pub const VERSION_MAJOR: u32 = 1;
-/// Minor version: grows when fields are added.
-pub const VERSION_MINOR: u32 = 0;
+/// Minor version: grows when something is added.
+pub const VERSION_MINOR: u32 = 1;
 
 /// The serialised `FileDescriptorSet` of the contract: the schema that recordings embed.
 pub const DESCRIPTOR_SET: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/palpate.bin"));

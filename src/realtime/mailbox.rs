@@ -123,6 +123,8 @@ pub struct Frame {
     pub tick: u64,
     /// Display vertices [m].
     pub skin: Vec<Vec3>,
+    /// Level of detail that displays each.
+    pub levels: Vec<u8>,
     /// Tools.
     pub tools: [ToolState; MOST_TOOLS],
 }
@@ -130,7 +132,12 @@ pub struct Frame {
 impl Frame {
     /// Room for a surface of `vertices`.
     pub fn empty(vertices: usize) -> Self {
-        Self { tick: 0, skin: vec![Vec3::zeros(); vertices], tools: [ToolState::default(); MOST_TOOLS] }
+        Self {
+            tick: 0,
+            skin: vec![Vec3::zeros(); vertices],
+            levels: vec![0; vertices],
+            tools: [ToolState::default(); MOST_TOOLS],
+        }
     }
 }
 

@@ -169,6 +169,7 @@ fn all_tools(outputs: &Outputs) -> [ToolOutput; MOST_TOOLS] {
 fn fill(frame: &mut Frame, outputs: &Outputs) {
     frame.tick = outputs.tick;
     frame.skin.copy_from_slice(&outputs.skin);
+    frame.levels.copy_from_slice(&outputs.levels);
     for (to, from) in frame.tools.iter_mut().zip(&outputs.tools) {
         *to = from.state;
     }

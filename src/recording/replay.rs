@@ -1,7 +1,7 @@
 //! Runs a recording again, as fast as it goes, and compares bit for bit.
 
 use super::{FORMAT, RecordingError};
-use crate::math::Real;
+use crate::math::{Real, Vec3};
 use crate::model::element_kernel::Path as KernelPath;
 use crate::model::{Body, State};
 use crate::scene::{self, Scene};
@@ -29,8 +29,8 @@ pub struct Recording {
     pub hashes: BTreeMap<u64, u64>,
     /// Wrenches, by tick and tool.
     pub wrenches: BTreeMap<(u64, u32), proto::ToolWrench>,
-    /// Surfaces, by tick.
-    pub frames: BTreeMap<u64, proto::SurfaceFrame>,
+    /// Surfaces in parts, by tick.
+    pub frames: BTreeMap<u64, Vec<proto::SurfaceFrame>>,
     /// Why reading ended before the end of the file, when it did.
     pub cut: Option<String>,
 }
@@ -50,7 +50,7 @@ impl Recording {
             .map_err(|source| RecordingError::Mcap { path: name.clone(), source })?;
         let mut start = None;
         let (mut inputs, mut hashes) = (Vec::<(u64, Inputs)>::new(), BTreeMap::new());
-        let (mut wrenches, mut frames) = (BTreeMap::new(), BTreeMap::new());
+        let (mut wrenches, mut frames) = (BTreeMap::new(), BTreeMap::<u64, Vec<_>>::new());
         let mut cut = None;
         for message in stream {
             let message = match message {
@@ -81,7 +81,7 @@ impl Recording {
                 }
                 topics::SURFACE => {
                     let frame = proto::SurfaceFrame::decode(data).map_err(broken)?;
-                    frames.insert(frame.tick, frame);
+                    frames.entry(frame.tick).or_default().push(frame);
                 }
                 _ => {}
             }
@@ -183,9 +183,7 @@ pub fn replay(recording: &Recording, path: KernelPath) -> Result<ReplayReport, S
         }
         if let Some(recorded) = recording.hashes.get(tick) {
             if outputs.hash != *recorded {
-                let moved =
-                    recording.frames.get(tick).map(|frame| farthest(frame, &wire::positions_f32(&outputs.skin)));
-                let what = match moved {
+                let what = match farthest(recording, *tick, &outputs.skin) {
                     Some(moved) => format!("state hash; the surface is at most {moved:e} m from the recorded one"),
                     None => "state hash".into(),
                 };
@@ -213,10 +211,11 @@ fn wrench_difference(tool: usize, recorded: &proto::ToolWrench, again: &proto::T
     )
 }
 
-/// Largest distance of two surfaces' vertices [m].
-fn farthest(frame: &proto::SurfaceFrame, now: &[u8]) -> f64 {
-    let value = |bytes: &[u8]| bytes.try_into().map_or(f64::NAN, |b| f64::from(f32::from_le_bytes(b)));
-    let components = frame.positions.chunks_exact(4).zip(now.chunks_exact(4)).map(|(a, b)| value(a) - value(b));
-    let squares: Vec<f64> = components.map(|d| d * d).collect();
-    squares.chunks_exact(3).map(|c| c.iter().sum::<f64>().sqrt()).fold(0.0, f64::max)
+/// Largest distance [m] of `skin` from the recorded vertices of `tick`, where their frame and its key frame are whole.
+fn farthest(recording: &Recording, tick: u64, skin: &[Vec3]) -> Option<Real> {
+    let frame = recording.frames.get(&tick)?;
+    let key = frame.first()?.key;
+    let key = recording.frames.values().find(|parts| parts.first().is_some_and(|part| part.sequence == key))?;
+    let recorded = wire::surface::vertices(&recording.body, key, frame)?;
+    Some(recorded.iter().zip(skin).map(|(a, b)| (a - b).norm()).fold(0.0, Real::max))
 }

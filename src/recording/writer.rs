@@ -7,6 +7,7 @@ use crate::model::{Body, State};
 use crate::scene::Scene;
 use crate::simulation::{Inputs, Snapshot, TICK, TickFlags, ToolOutput};
 use crate::wire;
+use crate::wire::surface::SurfaceEncoder;
 use mcap::records::MessageHeader;
 use palpate_proto::keys::topics;
 use palpate_proto::{self as proto, Message};
@@ -23,8 +24,11 @@ pub struct RecordingWriter {
     wrenches: Vec<u64>,
     first_tick: u64,
     ticks: u64,
-    frames: u64,
+    surface: SurfaceEncoder,
 }
+
+/// What frames of a recording call its only surface.
+const TOPOLOGY: u32 = 1;
 
 impl RecordingWriter {
     /// Creates the file and writes how the run starts: `start` is the state before the first recorded tick, at the end
@@ -69,7 +73,7 @@ impl RecordingWriter {
             wrenches: vec![0; start.tools.len()],
             first_tick: start.tick + 1,
             ticks: 0,
-            frames: 0,
+            surface: SurfaceEncoder::new(body, TOPOLOGY),
         };
         let content =
             |e: postcard::Error| RecordingError::Content { path: path.display().to_string(), what: e.to_string() };
@@ -84,7 +88,9 @@ impl RecordingWriter {
             first_tick: writer.first_tick,
         };
         writer.message(topics::START, start.tick, &opening)?;
-        writer.message(topics::TOPOLOGY, start.tick, &wire::topology(body))?;
+        for part in wire::surface::topology(body, TOPOLOGY) {
+            writer.message(topics::TOPOLOGY, start.tick, &part)?;
+        }
         writer.mcap.flush().map_err(|e| fault(path, e))?;
         Ok(writer)
     }
@@ -116,13 +122,23 @@ impl RecordingWriter {
         Ok(())
     }
 
-    /// Adds a frame's surface.
+    /// Adds a frame's surface: display vertices [m] (vertices), their levels (vertices), and the tools.
     ///
     /// # Errors
-    /// Those of the file system.
-    pub fn frame(&mut self, tick: u64, skin: &[Vec3], tools: &[ToolState]) -> Result<(), RecordingError> {
-        self.frames += 1;
-        self.message(topics::SURFACE, tick, &wire::surface_frame(tick, self.frames, skin, tools))
+    /// Those of the file system, or when there is no memory.
+    pub fn frame(
+        &mut self,
+        tick: u64,
+        skin: &[Vec3],
+        levels: &[u8],
+        tools: &[ToolState],
+    ) -> Result<(), RecordingError> {
+        let coded = self.surface.frame(tick, skin, levels, tools);
+        let parts = coded.map_err(|e| RecordingError::Content {
+            path: self.path.display().to_string(),
+            what: format!("the surface of tick {tick}: {e}"),
+        })?;
+        parts.iter().try_for_each(|part| self.message(topics::SURFACE, tick, part))
     }
 
     fn message(&mut self, topic: &'static str, tick: u64, message: &impl Message) -> Result<(), RecordingError> {

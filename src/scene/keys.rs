@@ -110,7 +110,7 @@ pub struct BodyKeys {
     pub spacings: Vec<Real>,
     /// Vertices of the display surface, about.
     #[serde(default = "display_vertices")]
-    #[garde(range(min = 50, max = 5_000))]
+    #[garde(range(min = 50, max = 20_000))]
     pub display_vertices: usize,
     /// Level whose nodes are all active, all the time; left out: the resolution adapts itself.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -5,7 +5,6 @@ use crate::contact::tool::MOST_TOOLS;
 use crate::realtime::mailbox::Command;
 use crate::scene::tool_keys::ToolKind;
 use crate::simulation::{TICK, TICKS_PER_FRAME};
-use crate::wire;
 use palpate_proto::control_request::Request;
 use palpate_proto::{self as proto, Message, keys};
 use std::path::{Component, Path};
@@ -71,22 +70,19 @@ impl Holders {
     }
 }
 
-/// Answers the session description, the topology and control requests until it is aborted.
+/// Answers the session description and control requests until it is aborted.
 pub(super) async fn serve(
     shared: &Arc<Shared>,
     session: &zenoh::Session,
 ) -> Result<tokio::task::JoinHandle<()>, ServerError> {
     let name = &shared.options.session;
-    let about = session.declare_queryable(keys::session(name)).await.map_err(network)?;
-    let topology = session.declare_queryable(keys::surface_topology(name)).await.map_err(network)?;
+    let about = session.declare_queryable(keys::session_of_any_version(name)).await.map_err(network)?;
     let control = session.declare_queryable(keys::control(name)).await.map_err(network)?;
-    let surface = wire::topology(&shared.body).encode_to_vec();
     let shared = shared.clone();
     Ok(tokio::spawn(async move {
         loop {
             tokio::select! {
                 Ok(query) = about.recv_async() => answer(&query, describe(&shared).encode_to_vec()).await,
-                Ok(query) = topology.recv_async() => answer(&query, surface.clone()).await,
                 Ok(query) = control.recv_async() => {
                     let bytes = query.payload().map(|p| p.to_bytes().into_owned()).unwrap_or_default();
                     let reply = match proto::ControlRequest::decode(&bytes[..]) {

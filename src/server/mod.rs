@@ -173,10 +173,9 @@ impl Server {
         tool_input::listen(&shared, &force_session)?;
         let (live_in, live) = watch::channel(proto::Status::default());
         let (flush_status, flush_requests) = tokio::sync::mpsc::channel(1);
-        let tasks = vec![
+        let mut tasks = vec![
             control::serve(&shared, &surface_session).await?,
             control::watch_presence(&shared, &surface_session).await?,
-            surface_output::publish(&shared, &surface_session, frames).await?,
             status::publish(
                 &shared,
                 &surface_session,
@@ -186,6 +185,7 @@ impl Server {
             )
             .await?,
         ];
+        tasks.extend(surface_output::publish(&shared, &surface_session, frames).await?);
         Ok(Server {
             shared,
             warning: granted.warning(),
@@ -285,6 +285,8 @@ fn open(endpoint: &str) -> Result<zenoh::Session, ServerError> {
         ("transport/link/tx/lease", "1500".into()),
         // A message that does not fit the queue at once is dropped: a slow viewer holds up nobody.
         ("transport/link/tx/queue/congestion_control/drop/wait_before_drop", "0".into()),
+        // Batches of 64 KiB that may wait for a viewer: a frame of the largest surface has more parts than the default of two.
+        ("transport/link/tx/queue/size/data_low", "16".into()),
     ] {
         config.insert_json5(key, &value).map_err(|e| ServerError::Network(format!("{key}: {e}")))?;
     }

@@ -131,7 +131,7 @@ fn write(
         }
         while let Ok(frame) = ends.frames.pop() {
             if fault.is_empty()
-                && let Err(e) = writer.frame(frame.tick, &frame.skin, &frame.tools[..tools])
+                && let Err(e) = writer.frame(frame.tick, &frame.skin, &frame.levels, &frame.tools[..tools])
             {
                 fault = e.to_string();
             }

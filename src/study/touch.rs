@@ -382,7 +382,9 @@ fn picture(simulation: &Simulation, title: &str) -> (Picture, Vec<usize>) {
     let (body, mesh) = (simulation.body(), simulation.mesh());
     let mut vertices = vec![Vec3::zeros(); body.surface().vertices.len()];
     mesh.skin(&mut vertices);
-    let level = |v: u32| body.level_of_element(mesh.attachment(v).element);
+    let mut of_vertex = vec![0; vertices.len()];
+    mesh.display_levels(body, &mut of_vertex);
+    let level = |v: u32| usize::from(of_vertex[v as usize]);
     let levels = body.surface().triangles.iter().map(|t| t.map(level).into_iter().max().unwrap_or(0)).collect();
     (Picture { title: title.into(), vertices, triangles: body.surface().triangles.clone() }, levels)
 }

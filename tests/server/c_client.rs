@@ -4,11 +4,12 @@
 mod c_program;
 
 use crate::serve;
+use crate::viewers::Viewer;
 use c_program::{compile_example, held_forces, run};
-use palpate_sdk::Connection;
+use palpate_sdk::{Connection, Moment, WatchOptions};
 use std::path::Path;
 use std::process::Command;
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 
 #[test]
 fn the_example_in_c_feels_the_real_body() {
@@ -16,20 +17,14 @@ fn the_example_in_c_feels_the_real_body() {
     let program = running.folder.path().join("touch");
     compile_example(&Path::new(env!("CARGO_MANIFEST_DIR")).join("clients/sdk"), &program);
     let viewer = Connection::open_surface(&running.endpoints).unwrap();
-    let shown = Arc::new(Mutex::new(0.0f64));
-    let most = shown.clone();
-    let frames = viewer.subscribe_surface(move |frame| {
-        let force = frame.tools.first().map_or(0.0, |tool| f64::from(tool.force[2]));
-        let mut most = most.lock().unwrap();
-        *most = most.max(force);
-    });
+    let viewer = Viewer::watch(&viewer, WatchOptions::default());
     let endpoints = &running.endpoints;
     // The ball ends 8 mm deep in the middle of the top.
     let place = ["0.05", "0.05", "0.111"];
     let said = run(Command::new(&program).args([&endpoints.force, &endpoints.surface, &endpoints.session]).args(place));
-    drop(frames.unwrap());
+    let force = |moment: &Arc<Moment>| moment.tools.first().map_or(0.0, |tool| f64::from(tool.force[2]));
+    let shown = viewer.stop().iter().map(force).fold(0.0, f64::max);
     let felt = held_forces(&said).into_iter().fold(0.0, f64::max);
-    let shown = *shown.lock().unwrap();
     println!("felt {felt} N, shown {shown} N");
     assert!(felt > 0.1 && felt < 3.3, "{said}");
     // What it feels is what viewers see, within what the tissue yields between a press and a hold.

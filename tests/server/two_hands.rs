@@ -6,10 +6,9 @@ use palpate::recording::Recording;
 use palpate::simulation::{Inputs, Simulation};
 use palpate_phantom::{Device, Options, Pattern, Report, Vec3, run};
 use palpate_proto::{self as proto, control_request::Request};
-use palpate_sdk::{Connection, Endpoints, LinkConditions};
+use palpate_sdk::{Connection, Endpoints, LinkConditions, WatchOptions};
 use std::collections::BTreeMap;
 use std::process::{Child, Command, Stdio};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
 /// Set for the process that is killed: the endpoints of the server.
@@ -122,26 +121,23 @@ fn kill_one_of_two(running: &Running) -> (Recording, Report) {
     let taken = || control.session().unwrap().tools[0].taken;
     let mut victim = Some(Victim::start(&running.endpoints));
     wait_for("the victim to take its tool", taken);
-    let pressed = Arc::new(AtomicBool::new(false));
-    let seen = pressed.clone();
+    let watch = control.watch_surface(WatchOptions::default()).unwrap();
     let engaged = proto::ToolPhase::Engaged as i32;
-    let frames = control.subscribe_surface(move |frame| {
-        let presses = |tool: &proto::ToolState| tool.phase == engaged && tool.force[2] > 0.3;
-        seen.store(frame.tools.first().is_some_and(presses), Relaxed);
-    });
+    let presses = |tool: &proto::ToolState| tool.phase == engaged && tool.force[2] > 0.3;
+    let pressed = || watch.latest().is_some_and(|moment| moment.tools.first().is_some_and(presses));
 
     // Three seconds are enough for this hand to arrive and hold; the other may have had a late start.
     let (stop, mut killed) = (AtomicBool::new(false), None);
     let survivor = trembling(&running.endpoints, "right", 0.025);
     let report = run(&survivor, &stop, &mut |live| match killed {
-        None if live.sample.time > 3.0 && pressed.load(Relaxed) => {
+        None if live.sample.time > 3.0 && pressed() => {
             victim = None;
             killed = Some(live.sample.time);
         }
         killed if live.sample.time > killed.map_or(60.0, |at| at + 1.5) => stop.store(true, Relaxed),
         _ => (),
     });
-    drop(frames.unwrap());
+    drop(watch);
     assert!(killed.is_some(), "the victim has not pressed within a minute");
     wait_for("the tool to be free", || !taken());
     ask(Request::StopRecording(proto::StopRecording {}));

@@ -74,7 +74,7 @@ mod tests {
         let corner = |i: usize| [0, 1, 2].map(|axis| if i >> axis & 1 == 1 { max[axis] } else { min[axis] });
         let faces = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
         let triangles = faces.iter().flat_map(|[a, b, c, d]| [[*a, *b, *c], [*a, *c, *d]]).collect();
-        Surface { topology: 1, triangles, rest_positions: (0..8).map(corner).collect() }
+        Surface::new(1, triangles, (0..8).map(corner).collect(), 1e-5).unwrap()
     }
 
     /// Two surfaces as one.
@@ -109,12 +109,9 @@ mod tests {
 
     #[test]
     fn a_surface_without_an_upper_side_is_refused() {
-        let below = Surface {
-            topology: 1,
-            triangles: vec![[0, 2, 1]],
-            rest_positions: vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
-        };
+        let corners = vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+        let below = Surface::new(1, vec![[0, 2, 1]], corners, 1e-5).unwrap();
         assert!(top_of_surface(&below).is_err());
-        assert!(top_of_surface(&Surface { topology: 1, triangles: vec![], rest_positions: vec![] }).is_err());
+        assert!(top_of_surface(&Surface::new(1, vec![], vec![], 1e-5).unwrap()).is_err());
     }
 }

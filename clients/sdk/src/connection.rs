@@ -3,13 +3,13 @@
 use std::time::{Duration, Instant};
 
 use palpate_proto::{
-    ControlReply, ControlRequest, Message, Session, VERSION_MAJOR,
+    ControlReply, ControlRequest, Message, Session, Status, VERSION_MAJOR,
     keys::{self, DEFAULT_FORCE_ENDPOINT, DEFAULT_SESSION, DEFAULT_SURFACE_ENDPOINT},
 };
 use zenoh::{
     Wait,
     bytes::ZBytes,
-    pubsub::Publisher,
+    pubsub::{Publisher, Subscriber},
     qos::{CongestionControl, Priority},
 };
 
@@ -47,6 +47,13 @@ pub struct Connection {
     force: Option<zenoh::Session>,
     surface: zenoh::Session,
     opened: Instant,
+}
+
+/// A running subscription; it ends when this is dropped.
+pub struct Subscription {
+    _subscriber: Subscriber<()>,
+    // Last, so that the subscription goes before its session closes.
+    _connection: Connection,
 }
 
 impl Connection {
@@ -87,7 +94,8 @@ impl Connection {
     pub fn session(&self) -> Result<Session, SdkError> {
         let session: Session = self.ask(keys::session(&self.endpoints.session), None, "Session")?;
         if session.version_major != VERSION_MAJOR {
-            return Err(SdkError::Version { server: session.version_major, client: VERSION_MAJOR });
+            let (server, client) = (session.version_major.to_string(), VERSION_MAJOR.to_string());
+            return Err(SdkError::Version { server, client });
         }
         Ok(session)
     }
@@ -101,13 +109,24 @@ impl Connection {
         if reply.error.is_empty() { Ok(reply) } else { Err(SdkError::Refused(reply.error)) }
     }
 
-    /// Asks one queryable of the surface endpoint and decodes its answer.
-    pub(crate) fn ask<M: Message + Default>(
+    /// Asks one queryable of the surface endpoint and decodes its only answer.
+    fn ask<M: Message + Default>(
         &self,
         key: String,
         payload: Option<ZBytes>,
         message: &'static str,
     ) -> Result<M, SdkError> {
+        let first = self.ask_all(key, payload, message)?.into_iter().next();
+        first.ok_or_else(|| SdkError::Undecodable { message, reason: "it is no answer".to_owned() })
+    }
+
+    /// Asks one queryable of the surface endpoint and decodes its answers, at least one, each on a key of its own.
+    pub(crate) fn ask_all<M: Message + Default>(
+        &self,
+        key: String,
+        payload: Option<ZBytes>,
+        message: &'static str,
+    ) -> Result<Vec<M>, SdkError> {
         let mut query = self.surface.get(&key).timeout(ANSWER_TIMEOUT);
         if let Some(payload) = payload {
             query = query.payload(payload);
@@ -118,18 +137,43 @@ impl Connection {
             reason: reason(error),
         })?;
         let no_answer = || SdkError::NoAnswer { key: key.clone(), endpoint: self.endpoints.surface.clone() };
-        // The channel closes without a reply when nobody offers this key.
-        let reply = replies.recv().map_err(|_| no_answer())?;
-        match reply.result() {
-            Ok(sample) => M::decode(&*sample.payload().to_bytes())
-                .map_err(|error| SdkError::Undecodable { message, reason: error.to_string() }),
-            Err(error) => match error.payload().try_to_string() {
-                // zenoh reports its own time limit as an error reply with this text.
-                Ok(text) if text == "Timeout" => Err(no_answer()),
-                Ok(text) => Err(SdkError::Refused(text.into_owned())),
-                Err(error) => Err(SdkError::Undecodable { message, reason: error.to_string() }),
-            },
+        let undecodable = |reason: String| SdkError::Undecodable { message, reason };
+        let mut answers = Vec::new();
+        // The channel closes after the last reply; without any when nobody offers this key.
+        while let Ok(reply) = replies.recv() {
+            match reply.result() {
+                Ok(sample) => {
+                    answers.push(M::decode(&*sample.payload().to_bytes()).map_err(|e| undecodable(e.to_string()))?);
+                }
+                Err(error) => match error.payload().try_to_string() {
+                    // zenoh reports its own time limit as an error reply with this text.
+                    Ok(text) if text == "Timeout" => return Err(no_answer()),
+                    Ok(text) => return Err(SdkError::Refused(text.into_owned())),
+                    Err(error) => return Err(undecodable(error.to_string())),
+                },
+            }
         }
+        if answers.is_empty() { Err(no_answer()) } else { Ok(answers) }
+    }
+
+    /// Calls `callback` with the server's status, once a second. It runs on a receiving thread of zenoh and must return
+    /// quickly. Messages that are no status are left out. Errors: [`SdkError::Zenoh`].
+    pub fn subscribe_status(
+        &self,
+        callback: impl Fn(Status) + Send + Sync + 'static,
+    ) -> Result<Subscription, SdkError> {
+        let key = keys::status(&self.endpoints.session);
+        let subscriber = self
+            .surface
+            .declare_subscriber(&key)
+            .callback(move |sample| {
+                if let Ok(status) = Status::decode(&*sample.payload().to_bytes()) {
+                    callback(status);
+                }
+            })
+            .wait()
+            .map_err(|error| SdkError::Zenoh { operation: "subscribe to", key, reason: reason(error) })?;
+        Ok(Subscription { _subscriber: subscriber, _connection: self.clone() })
     }
 
     /// The force session. Errors: [`SdkError::NoForceChannel`] where the connection was opened for viewing.

@@ -38,13 +38,13 @@ pub enum SdkError {
     /// The server answered a request with an error.
     #[error("the server refused: {0}")]
     Refused(String),
-    /// The server speaks another major version of the contract.
+    /// The server speaks another version of the contract, or an earlier one than this needs.
     #[error("the server speaks version {server} of the contract, this client version {client}")]
     Version {
-        /// Major version of the server.
-        server: u32,
-        /// Major version of this client.
-        client: u32,
+        /// Version of the server, `major` or `major.minor`.
+        server: String,
+        /// Version of this client.
+        client: String,
     },
     /// A message came that is not what the contract says.
     #[error("undecodable {message}: {reason}")]

@@ -2,7 +2,7 @@
 //!
 //! Data flow: [`Connection::open`] connects, [`Connection::attach`] takes a [`Tool`], [`Tool::send_pose`] says where it
 //! is held, and the server answers each tick with a [`Wrench`]. Viewers use [`Connection::open_surface`] and
-//! [`Connection::subscribe_surface`].
+//! [`Connection::watch_surface`].
 //!
 //! A device that renders force: [`Device`] has its limits, [`Frame`] and [`Registration`] say where it lies in the body,
 //! [`Renderer`] makes the force at its own rate from the wrenches that came. C and C++ have all of it in `include/palpate.h`.
@@ -28,7 +28,7 @@ mod surface;
 mod tool;
 mod wrench;
 
-pub use connection::{Connection, Endpoints};
+pub use connection::{Connection, Endpoints, Subscription};
 pub use device::Device;
 pub use echo::EchoProbe;
 pub use error::SdkError;
@@ -36,10 +36,11 @@ pub use frame::Frame;
 pub use link::{Link, LinkConditions};
 pub use palpate_proto as proto;
 pub use palpate_proto::{
-    ControlReply, ControlRequest, Session, Status, SurfaceFrame, ToolDescription, ToolPhase, control_request,
+    ControlReply, ControlRequest, Session, Status, SurfaceFrame, SurfaceTopology, ToolDescription, ToolPhase,
+    ToolState, control_request,
 };
 pub use registration::{Clutch, Fit, Registration};
 pub use renderer::{RenderMode, Renderer};
-pub use surface::{Subscription, Surface, frame_positions};
+pub use surface::{Moment, Surface, SurfaceDecoder, SurfaceWatch, WatchCounters, WatchOptions};
 pub use tool::{Attachment, Counters, PoseSample, Received, Tool};
 pub use wrench::{LocalModel, WRENCH_BYTES, Wrench, watchdog_scale};

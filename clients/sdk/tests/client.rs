@@ -3,12 +3,14 @@
 mod fake_server;
 
 use std::{
-    sync::mpsc::channel,
+    sync::atomic::Ordering::Relaxed,
     time::{Duration, Instant},
 };
 
-use fake_server::{FLOOR_STIFFNESS, FakeServer};
-use palpate_sdk::{Attachment, Connection, ControlRequest, Endpoints, PoseSample, SdkError};
+use fake_server::{FLOOR_STIFFNESS, FakeServer, height};
+use palpate_sdk::{
+    Attachment, Connection, ControlRequest, Endpoints, PoseSample, SdkError, SurfaceWatch, WatchOptions,
+};
 
 /// `tool` for `client`, held rigidly.
 fn rigid(client: &str, tool: &str, rate_hz: f64) -> Attachment {
@@ -25,14 +27,14 @@ fn pose(z: f64) -> PoseSample {
     }
 }
 
-/// Waits until `ready` gives something, at most 5 s.
+/// Waits until `ready` gives something, at most 60 s.
 fn wait_for<T>(mut ready: impl FnMut() -> Option<T>) -> T {
     let start = Instant::now();
     loop {
         if let Some(found) = ready() {
             return found;
         }
-        assert!(start.elapsed() < Duration::from_secs(5), "waited in vain");
+        assert!(start.elapsed() < Duration::from_secs(60), "waited in vain");
         std::thread::sleep(Duration::from_millis(1));
     }
 }
@@ -75,9 +77,20 @@ fn a_refusal_carries_the_reason_of_the_server() {
 
 #[test]
 fn a_server_of_another_version_is_refused_and_both_versions_are_named() {
-    let server = FakeServer::start(9);
-    let error = Connection::open_surface(&server.endpoints).unwrap().session().unwrap_err();
-    assert_eq!(error.to_string(), "the server speaks version 9 of the contract, this client version 1");
+    let server = FakeServer::start((9, 0));
+    let connection = Connection::open_surface(&server.endpoints).unwrap();
+    let expected = "the server speaks version 9 of the contract, this client version 1";
+    assert_eq!(connection.session().unwrap_err().to_string(), expected);
+    assert_eq!(connection.watch_surface(WatchOptions::default()).err().unwrap().to_string(), expected);
+}
+
+#[test]
+fn a_viewer_of_a_server_before_quantised_frames_is_told_both_versions() {
+    let server = FakeServer::start((1, 0));
+    let connection = Connection::open_surface(&server.endpoints).unwrap();
+    connection.session().unwrap();
+    let error = connection.watch_surface(WatchOptions::default()).err().unwrap();
+    assert_eq!(error.to_string(), "the server speaks version 1.0 of the contract, this client version 1.1");
 }
 
 #[test]
@@ -94,17 +107,65 @@ fn a_viewer_needs_no_force_channel_and_cannot_attach() {
     let server = FakeServer::current();
     let viewer = Connection::open_surface(&server.endpoints).unwrap();
     assert!(matches!(viewer.attach(&rigid("test", "", 1000.0)), Err(SdkError::NoForceChannel)));
-    assert_eq!(viewer.surface_topology().unwrap().triangles, [[0, 1, 2], [0, 2, 3]]);
+    let watch = viewer.watch_surface(WatchOptions::default()).unwrap();
+    assert_eq!(watch.surface().triangles, [[0, 1, 2], [0, 2, 3]]);
+    assert!(matches!(viewer.watch_surface(WatchOptions { every: 3, levels: false }), Err(SdkError::Unknown { .. })));
+}
 
-    let (sender, frames) = channel();
-    let subscription = viewer.subscribe_surface(move |frame| sender.send(frame.sequence).unwrap()).unwrap();
-    let first = wait_for(|| {
-        server.publish_frame(1);
-        frames.try_recv().ok()
+/// A watch to which `server` already sends.
+fn watch(server: &FakeServer, sequence: u64) -> SurfaceWatch {
+    let viewer = Connection::open_surface(&server.endpoints).unwrap();
+    let watch = viewer.watch_surface(WatchOptions::default()).unwrap();
+    wait_for(|| {
+        server.publish_frame(sequence, false);
+        (watch.counters().bytes > 0).then_some(())
     });
-    assert_eq!(first, 1);
-    drop(subscription);
-    wait_for(|| frames.recv().is_err().then_some(()));
+    watch
+}
+
+/// Waits until `watch` shows frame `sequence`, which must stand where the server has it.
+fn shows(watch: &SurfaceWatch, sequence: u64) {
+    let moment = wait_for(|| watch.latest().filter(|moment| moment.sequence == sequence));
+    assert_eq!((moment.tick, moment.positions.len()), (32 * sequence, 4));
+    for (now, rest) in moment.positions.iter().zip(&watch.surface().rest_positions) {
+        for (c, offset) in [0.0, 0.0, height(sequence)].into_iter().enumerate() {
+            let off = f64::from(now[c]) - f64::from(rest[c]) - offset;
+            assert!(off.abs() <= 0.51 * watch.surface().step, "{now:?} {rest:?}");
+        }
+    }
+}
+
+#[test]
+fn a_late_viewer_sees_the_newest_key_frame_before_any_frame_comes() {
+    let server = FakeServer::current();
+    server.publish_frame(37, false);
+    let viewer = Connection::open_surface(&server.endpoints).unwrap();
+    let watch = viewer.watch_surface(WatchOptions::default()).unwrap();
+    shows(&watch, 32);
+}
+
+#[test]
+fn a_viewer_that_loses_a_tenth_of_the_frames_shows_every_other_one_right() {
+    let server = FakeServer::current();
+    let watch = watch(&server, 0);
+    shows(&watch, 0);
+    let (mut lost, mut lost_keys) = (0, 0);
+    for sequence in 1..=320u64 {
+        let is_lost = sequence % 10 == 8 || sequence == 160;
+        server.publish_frame(sequence, is_lost);
+        if is_lost {
+            lost += 1;
+            lost_keys += u64::from(sequence.is_multiple_of(16));
+        } else {
+            shows(&watch, sequence);
+        }
+    }
+    let counters = watch.counters();
+    assert!(lost > 30 && lost_keys > 1, "{lost} frames, {lost_keys} key frames");
+    // The watch has asked for every key frame that was lost, and shown it.
+    assert_eq!((counters.frames, counters.lost, counters.undecodable), (321 - lost + lost_keys, lost - lost_keys, 0));
+    // One more at the start.
+    assert_eq!(server.keys_asked_for.load(Relaxed), 1 + lost_keys);
 }
 
 #[test]

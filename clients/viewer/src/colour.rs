@@ -125,11 +125,8 @@ mod tests {
 
     #[test]
     fn colours_say_what_the_moment_says() {
-        let surface = Surface {
-            topology: 0,
-            triangles: vec![[0, 1, 2]],
-            rest_positions: vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
-        };
+        let rest = vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+        let surface = Surface::new(0, vec![[0, 1, 2]], rest, 1e-4).unwrap();
         let deformation = Deformation::new(&Arc::new(surface.clone()));
         let moved = Moment {
             positions: vec![[0.0; 3], [1.0, 0.0, 0.1], [0.0, 1.0, 0.0]],

@@ -107,11 +107,9 @@ mod tests {
     use super::*;
 
     fn tetrahedron() -> Deformation {
-        Deformation::new(&Arc::new(Surface {
-            topology: 0,
-            triangles: vec![[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]],
-            rest_positions: vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
-        }))
+        let triangles = vec![[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]];
+        let rest = vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        Deformation::new(&Arc::new(Surface::new(0, triangles, rest, 1e-4).unwrap()))
     }
 
     fn moved(by: impl Fn([f32; 3]) -> [f32; 3]) -> Vec<[f32; 3]> {

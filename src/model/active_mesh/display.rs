@@ -56,6 +56,13 @@ impl ActiveMesh {
         }
     }
 
+    /// Level of the element that each display vertex hangs on.
+    pub fn display_levels(&self, body: &Body, levels: &mut [u8]) {
+        for (level, a) in levels.iter_mut().zip(&self.attachment) {
+            *level = body.level_of_element(a.element) as u8;
+        }
+    }
+
     /// Display vertices hang on the element whose vertices are active the most, the finer one of two alike; what they
     /// would jump by from `before` goes into the fade.
     pub(super) fn reattach(&mut self, body: &Body, before: &[Vec3]) {

@@ -11,7 +11,10 @@ use std::{
 
 use palpate_proto::{
     Attached, ControlReply, ControlRequest, Limits, Message, Session, SurfaceFrame, SurfaceTopology, ToolDescription,
-    ToolPhase, ToolPose, ToolWrench, VERSION_MAJOR, control_request::Request, keys,
+    ToolPhase, ToolPose, ToolWrench, VERSION_MAJOR, VERSION_MINOR,
+    control_request::Request,
+    keys,
+    surface::{KEY_INTERVAL, SurfaceCode},
 };
 use palpate_sdk::Endpoints;
 use zenoh::{
@@ -27,6 +30,27 @@ pub const FLOOR_STIFFNESS: f64 = 300.0;
 const EPOCH: u32 = 41;
 const TOOL: u32 = 3;
 
+/// The surface: two triangles.
+const TRIANGLES: [[u32; 3]; 2] = [[0, 1, 2], [0, 2, 3]];
+const CORNERS: [[f32; 3]; 4] = [[-0.05, -0.05, 0.0], [0.05, -0.05, 0.0], [0.05, 0.05, 0.0], [-0.05, 0.05, 0.0]];
+/// Number of the surface, and step of its grid [m].
+const TOPOLOGY: u32 = 1;
+const STEP: f64 = 1.0 / 65536.0;
+
+/// Height of the surface in frame `sequence` [m], but for the grid.
+pub fn height(sequence: u64) -> f64 {
+    1e-3 * (sequence % 100) as f64
+}
+
+fn frame(sequence: u64) -> SurfaceFrame {
+    let code = SurfaceCode::new(&TRIANGLES, &CORNERS, STEP).unwrap();
+    let at = |sequence| CORNERS.map(|[x, y, z]| code.on_grid([x.into(), y.into(), f64::from(z) + height(sequence)]));
+    let key = sequence - sequence % KEY_INTERVAL;
+    let reference = if sequence == key { code.rest().to_vec() } else { at(key).to_vec() };
+    let displacements = code.encode(0, &reference, &at(sequence)).unwrap();
+    SurfaceFrame { topology: TOPOLOGY, tick: 32 * sequence, sequence, key, displacements, ..Default::default() }
+}
+
 /// Runs until dropped.
 pub struct FakeServer {
     pub endpoints: Endpoints,
@@ -34,31 +58,39 @@ pub struct FakeServer {
     pub mute: Arc<AtomicBool>,
     /// Bits of the coupling stiffness [N/m] of the last attachment.
     pub coupling: Arc<AtomicU64>,
+    /// Sequence of the newest key frame, published or not, and how often viewers have asked for it.
+    newest_key: Arc<AtomicU64>,
+    pub keys_asked_for: Arc<AtomicU64>,
     surface: zenoh::Session,
     _force: zenoh::Session,
 }
 
 impl FakeServer {
-    /// Listens on two free ports of the loopback interface and speaks `version_major` of the contract.
-    pub fn start(version_major: u32) -> Self {
+    /// Listens on two free ports of the loopback interface and speaks `version` (major, minor) of the contract.
+    pub fn start(version: (u32, u32)) -> Self {
         let endpoints = Endpoints { force: free_endpoint(), surface: free_endpoint(), session: "fake".to_owned() };
         let (force, surface) = (open_router(&endpoints.force), open_router(&endpoints.surface));
         let mute = Arc::new(AtomicBool::new(false));
         answer_poses(&force, &endpoints.session, mute.clone());
         let coupling = Arc::new(AtomicU64::new(0));
-        answer_queries(&surface, &endpoints.session, version_major, coupling.clone());
-        Self { endpoints, mute, coupling, surface, _force: force }
+        answer_queries(&surface, &endpoints.session, version, coupling.clone());
+        let (newest_key, keys_asked_for) = <(Arc<AtomicU64>, Arc<AtomicU64>)>::default();
+        answer_surface(&surface, &endpoints.session, newest_key.clone(), keys_asked_for.clone());
+        Self { endpoints, mute, coupling, newest_key, keys_asked_for, surface, _force: force }
     }
 
     /// A server of this contract's version.
     pub fn current() -> Self {
-        Self::start(VERSION_MAJOR)
+        Self::start((VERSION_MAJOR, VERSION_MINOR))
     }
 
-    /// Publishes one surface frame with the given sequence number.
-    pub fn publish_frame(&self, sequence: u64) {
-        let frame = SurfaceFrame { sequence, ..Default::default() };
-        self.surface.put(keys::surface_frame(&self.endpoints.session), frame.encode_to_vec()).wait().unwrap();
+    /// Publishes the surface frame of the given sequence number; `lost`: it never leaves.
+    pub fn publish_frame(&self, sequence: u64, lost: bool) {
+        self.newest_key.store(sequence - sequence % KEY_INTERVAL, Relaxed);
+        if !lost {
+            let key = keys::surface_frames(&self.endpoints.session, 1, false);
+            self.surface.put(key, frame(sequence).encode_to_vec()).wait().unwrap();
+        }
     }
 
     /// True when a client holds a liveliness token.
@@ -145,9 +177,27 @@ fn answer_poses(force: &zenoh::Session, session: &str, mute: Arc<AtomicBool>) {
     force.declare_subscriber(keys::echo_request(session)).callback(echo).background().wait().unwrap();
 }
 
-fn answer_queries(surface: &zenoh::Session, session: &str, version_major: u32, coupling: Arc<AtomicU64>) {
+fn answer_surface(surface: &zenoh::Session, session: &str, newest_key: Arc<AtomicU64>, asked: Arc<AtomicU64>) {
+    let topology = SurfaceTopology {
+        topology: TOPOLOGY,
+        vertices: 4,
+        triangles: TRIANGLES.as_flattened().iter().flat_map(|v| v.to_le_bytes()).collect(),
+        rest_positions: CORNERS.as_flattened().iter().flat_map(|x| x.to_le_bytes()).collect(),
+        part: 0,
+        parts: 1,
+        step: STEP,
+    };
+    answer(surface, keys::surface_topology(session), move |_| topology.encode_to_vec());
+    answer(surface, keys::surface_key(session), move |_| {
+        asked.fetch_add(1, Relaxed);
+        frame(newest_key.load(Relaxed)).encode_to_vec()
+    });
+}
+
+fn answer_queries(surface: &zenoh::Session, session: &str, version: (u32, u32), coupling: Arc<AtomicU64>) {
     let description = Session {
-        version_major,
+        version_major: version.0,
+        version_minor: version.1,
         name: session.to_owned(),
         tick_s: 0.001,
         tools: vec![ToolDescription {
@@ -161,15 +211,6 @@ fn answer_queries(surface: &zenoh::Session, session: &str, version_major: u32, c
         ..Default::default()
     };
     answer(surface, keys::session(session), move |_| description.encode_to_vec());
-
-    let corners: [f32; 12] = [-0.05, -0.05, 0.0, 0.05, -0.05, 0.0, 0.05, 0.05, 0.0, -0.05, 0.05, 0.0];
-    let topology = SurfaceTopology {
-        topology: 1,
-        vertices: 4,
-        triangles: [0u32, 1, 2, 0, 2, 3].iter().flat_map(|v| v.to_le_bytes()).collect(),
-        rest_positions: corners.iter().flat_map(|x| x.to_le_bytes()).collect(),
-    };
-    answer(surface, keys::surface_topology(session), move |_| topology.encode_to_vec());
 
     let taken = AtomicBool::new(false);
     answer(surface, keys::control(session), move |payload| {
@@ -199,7 +240,7 @@ fn answer(session: &zenoh::Session, key: String, reply: impl Fn(&[u8]) -> Vec<u8
         .declare_queryable(&key)
         .callback(move |query| {
             let request = query.payload().map(|payload| payload.to_bytes().into_owned()).unwrap_or_default();
-            query.reply(query.key_expr().clone(), reply(&request)).wait().unwrap();
+            query.reply(keys::surface_part(query.key_expr(), 0), reply(&request)).wait().unwrap();
         })
         .background()
         .wait()

@@ -1,10 +1,10 @@
 //! A running server, watched: connects, keeps the newest frames, and connects again by itself when they stop.
 
 use super::pace::Pace;
-use super::{Moment, SourceError, Subject, decode};
+use super::{Moment, SourceError, Subject};
 use palpate_sdk::control_request::Request;
 use palpate_sdk::proto::ResetBody;
-use palpate_sdk::{Connection, ControlRequest, Endpoints, SdkError, Status};
+use palpate_sdk::{Connection, ControlRequest, Endpoints, SdkError, Status, Surface, WatchOptions};
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -12,8 +12,8 @@ use std::time::{Duration, Instant};
 
 /// Without a frame for this long the connection is given up and made anew.
 const SILENCE: Duration = Duration::from_secs(1);
-/// Between looks at whether frames still come.
-const LOOK: Duration = Duration::from_millis(50);
+/// Between looks at whether a frame has come: an eighth of what lies between two.
+const LOOK: Duration = Duration::from_millis(4);
 /// Between attempts to connect.
 const RETRY: Duration = Duration::from_millis(500);
 /// Frames kept: a quarter of a second, to interpolate between.
@@ -64,8 +64,6 @@ struct Seen {
     pace: Pace,
     /// When the newest frame came.
     newest: Instant,
-    /// A frame that does not fit the surface came: the surface must be asked for anew.
-    misfit: Option<SdkError>,
     status: Status,
 }
 
@@ -78,7 +76,6 @@ impl Live {
             frames: VecDeque::new(),
             pace: Pace::default(),
             newest: Instant::now(),
-            misfit: None,
             status: Status::default(),
         };
         let shared = Arc::new(Shared {
@@ -149,32 +146,31 @@ impl Shared {
     /// Connects and keeps what comes until nothing comes any more, the surface changes, or it is to stop.
     fn watch(self: &Arc<Self>) -> Result<(), SourceError> {
         let connection = Connection::open_surface(&self.endpoints)?;
-        let subject = Arc::new(subject(&connection)?);
+        let frames = connection.watch_surface(WatchOptions { every: 1, levels: true })?;
+        let surface = frames.surface();
+        let subject = Arc::new(subject(&connection, surface.clone())?);
         {
             let mut seen = self.lock();
-            seen.subject = Some(subject.clone());
+            seen.subject = Some(subject);
             seen.frames.clear();
-            seen.misfit = None;
             seen.newest = Instant::now();
         }
-        let (frames, statuses) = (self.clone(), self.clone());
-        let _frames = connection.subscribe_surface(move |frame| {
-            let clock = frames.opened.elapsed().as_secs_f64();
-            let moment = decode(&subject.surface, &frame);
-            let mut seen = frames.lock();
-            match moment {
-                Ok(moment) => seen.keep(moment, clock),
-                Err(e) => seen.misfit = Some(e),
-            }
-        })?;
+        let statuses = self.clone();
         let _statuses = connection.subscribe_status(move |status| statuses.lock().status = status)?;
+        let mut last = None;
         while !self.stop.load(Relaxed) {
             if self.reset.swap(false, Relaxed) {
                 connection.control(ControlRequest { request: Some(Request::Reset(ResetBody {})) })?;
             }
+            let moment = frames.latest().filter(|moment| last != Some(moment.sequence));
             let mut seen = self.lock();
-            if let Some(misfit) = seen.misfit.take() {
-                return Err(misfit.into());
+            if let Some(moment) = moment {
+                // Another surface: what is known of the body must be asked for anew.
+                if moment.topology != surface.topology {
+                    break;
+                }
+                last = Some(moment.sequence);
+                seen.keep((*moment).clone().into(), self.opened.elapsed().as_secs_f64());
             }
             if seen.newest.elapsed() > SILENCE {
                 break;
@@ -202,13 +198,12 @@ impl Seen {
     }
 }
 
-fn subject(connection: &Connection) -> Result<Subject, SdkError> {
+fn subject(connection: &Connection, surface: Arc<Surface>) -> Result<Subject, SdkError> {
     let session = connection.session()?;
-    let surface = connection.surface_topology()?;
     let body = session.body.unwrap_or_default();
     Ok(Subject {
         name: body.name,
-        surface: Arc::new(surface),
+        surface,
         levels: body.levels as usize,
         tools: session.tools,
         force_limit: session.limits.unwrap_or_default().force as f32,

@@ -7,8 +7,8 @@ mod recording;
 pub use live::{Link, Live, LiveView};
 pub use recording::{Frame, Recording};
 
-use palpate_sdk::proto::{SurfaceTopology, ToolState};
-use palpate_sdk::{SdkError, Surface, SurfaceFrame, ToolDescription, frame_positions};
+use palpate_sdk::proto::ToolState;
+use palpate_sdk::{SdkError, Surface, ToolDescription};
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -68,31 +68,11 @@ pub enum SourceError {
     Sdk(#[from] SdkError),
 }
 
-/// The surface in a message. Errors: [`SdkError::Undecodable`] when it does not fit together.
-fn surface_of(message: &SurfaceTopology) -> Result<Surface, SdkError> {
-    let undecodable = |reason: &str| SdkError::Undecodable { message: "SurfaceTopology", reason: reason.to_owned() };
-    let positions = SurfaceFrame { positions: message.rest_positions.clone(), ..Default::default() };
-    let rest_positions = frame_positions(&positions)?;
-    let (numbers, rest) = message.triangles.as_chunks::<12>();
-    let corner = |triangle: &[u8; 12], at: usize| u32::from_le_bytes([0, 1, 2, 3].map(|byte| triangle[4 * at + byte]));
-    let triangles: Vec<[u32; 3]> = numbers.iter().map(|t| [0, 1, 2].map(|at| corner(t, at))).collect();
-    if !rest.is_empty() || triangles.iter().flatten().any(|&v| v as usize >= rest_positions.len()) {
-        return Err(undecodable("a triangle is not whole, or names a vertex that does not exist"));
+impl From<palpate_sdk::Moment> for Moment {
+    fn from(decoded: palpate_sdk::Moment) -> Self {
+        let palpate_sdk::Moment { tick, positions, levels, tools, .. } = decoded;
+        Self { tick, positions, levels, tools }
     }
-    Ok(Surface { topology: message.topology, triangles, rest_positions })
-}
-
-/// The frame's moment on `surface`. Errors: [`SdkError::Undecodable`] when it does not fit the surface.
-fn decode(surface: &Surface, frame: &SurfaceFrame) -> Result<Moment, SdkError> {
-    let undecodable = |reason: String| SdkError::Undecodable { message: "SurfaceFrame", reason };
-    if frame.topology != surface.topology {
-        return Err(undecodable(format!("of surface {}, not {}", frame.topology, surface.topology)));
-    }
-    let positions = frame_positions(frame)?;
-    if positions.len() != surface.rest_positions.len() {
-        return Err(undecodable(format!("{} vertices, not {}", positions.len(), surface.rest_positions.len())));
-    }
-    Ok(Moment { tick: frame.tick, positions, levels: Vec::new(), tools: frame.tools.clone() })
 }
 
 impl Moment {
@@ -186,14 +166,5 @@ mod tests {
         assert!((a.towards(&b, 0.4).positions[0][0] - 0.4).abs() < 1e-6);
         let third = ToolState { tool: 2, force: vec![3.0, 0.0, 4.0], ..Default::default() };
         assert_eq!(forces(&[third]), [0.0, 0.0, 5.0]);
-    }
-
-    #[test]
-    fn a_frame_that_does_not_fit_the_surface_is_refused() {
-        let surface = Surface { topology: 1, triangles: vec![[0, 1, 2]], rest_positions: vec![[0.0; 3]; 3] };
-        let frame = SurfaceFrame { topology: 1, positions: vec![0; 36], ..Default::default() };
-        assert_eq!(decode(&surface, &frame).unwrap().positions.len(), 3);
-        assert!(decode(&surface, &SurfaceFrame { topology: 2, ..frame.clone() }).is_err());
-        assert!(decode(&surface, &SurfaceFrame { positions: vec![0; 24], ..frame }).is_err());
     }
 }

@@ -1,10 +1,10 @@
 //! A recording (MCAP): an index of its frames in memory, the frames themselves read when they are asked for.
 
-use super::{Moment, SourceError, Subject, decode, forces, surface_of};
+use super::{Moment, SourceError, Subject, forces};
 use mcap::records::Record;
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
-use palpate_sdk::ToolDescription;
 use palpate_sdk::proto::{Message, RecordingStart, SurfaceFrame, SurfaceTopology, keys::topics};
+use palpate_sdk::{Surface, SurfaceDecoder, ToolDescription};
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
@@ -35,11 +35,13 @@ pub struct Recording {
     cut: Option<String>,
 }
 
-/// A chunk: opcode, where its content lies in the file [B], which frames are in it.
+/// A chunk: opcode, where its content lies in the file [B], which frames begin in it, and which is the key frame of the
+/// first of them.
 struct Chunk {
     opcode: u8,
     content: Range<u64>,
     frames: Range<usize>,
+    key: usize,
 }
 
 /// What the time line shows of a frame.
@@ -66,10 +68,12 @@ impl Recording {
             Fault::Content(what) => content(what),
         })?;
         let because = cut.as_ref().map_or(String::new(), |cut| format!(" ({cut})"));
-        let start = index.start.ok_or_else(|| {
+        let start = index.start.take().ok_or_else(|| {
             content(format!("no recording of palpate: it has no whole message on {}{because}", topics::START))
         })?;
-        let surface = index.surface.ok_or_else(|| content(format!("it has no surface{because}")))?;
+        let surface = Surface::from_parts(std::mem::take(&mut index.surface));
+        let surface = surface.map_err(|e| content(format!("{e}{because}")))?;
+        index.drop_unfinished_frame(surface.parts());
         if index.frames.is_empty() {
             return Err(content(format!("it has no surface frame{because}: record for longer than 32 ms")));
         }
@@ -134,28 +138,44 @@ impl Recording {
         moments.get(number - self.chunks[chunk].frames.start).cloned().ok_or_else(|| self.changed())
     }
 
-    fn moments(&mut self, chunk: usize) -> Result<Vec<Moment>, SourceError> {
-        let Chunk { opcode, content, .. } = &self.chunks[chunk];
-        let mut bytes = vec![0; (content.end - content.start) as usize];
-        let io = |source| SourceError::Io { path: self.path.clone(), source };
-        self.file.seek(SeekFrom::Start(content.start)).map_err(io)?;
-        self.file.read_exact(&mut bytes).map_err(io)?;
+    /// The moments of the frames that begin in chunk `number`.
+    fn moments(&mut self, number: usize) -> Result<Vec<Moment>, SourceError> {
+        let Chunk { frames: wanted, key, .. } = &self.chunks[number];
+        let first = self.chunks.partition_point(|chunk| chunk.frames.end <= *key);
+        let mut decoder = SurfaceDecoder::new(self.subject.surface.clone());
         let mut moments = Vec::new();
-        let mut fault = None;
-        let mut topics = self.topics.clone();
-        for_each_message(*opcode, &bytes, &mut topics, &mut |topic, data| {
-            if topic == topics::SURFACE && fault.is_none() {
-                match SurfaceFrame::decode(data).map_err(|_| self.changed()) {
-                    Ok(frame) => match decode(&self.subject.surface, &frame) {
-                        Ok(moment) => moments.push(moment),
-                        Err(e) => fault = Some(e.into()),
-                    },
-                    Err(e) => fault = Some(e),
-                }
+        // The last parts of the last frame may be in the next chunk that has any.
+        for number in first..self.chunks.len() {
+            if moments.len() == wanted.len() {
+                break;
             }
-        })
-        .map_err(|_| self.changed())?;
-        fault.map_or(Ok(moments), Err)
+            let Chunk { opcode, content, .. } = &self.chunks[number];
+            let mut bytes = vec![0; (content.end - content.start) as usize];
+            let io = |source| SourceError::Io { path: self.path.clone(), source };
+            self.file.seek(SeekFrom::Start(content.start)).map_err(io)?;
+            self.file.read_exact(&mut bytes).map_err(io)?;
+            let mut fault = None;
+            let mut topics = self.topics.clone();
+            for_each_message(*opcode, &bytes, &mut topics, &mut |topic, data| {
+                if topic != topics::SURFACE || fault.is_some() || moments.len() == wanted.len() {
+                    return;
+                }
+                let Ok(frame) = SurfaceFrame::decode(data) else {
+                    fault = Some(self.changed());
+                    return;
+                };
+                match decoder.receive(&frame) {
+                    Ok(Some(moment)) if moment.tick >= self.frames[wanted.start].tick => moments.push(moment.into()),
+                    Ok(_) => {}
+                    Err(e) => fault = Some(e.into()),
+                }
+            })
+            .map_err(|_| self.changed())?;
+            if let Some(fault) = fault {
+                return Err(fault);
+            }
+        }
+        Ok(moments)
     }
 
     fn changed(&self) -> SourceError {
@@ -171,9 +191,14 @@ impl Recording {
 struct Index {
     topics: BTreeMap<u16, String>,
     start: Option<RecordingStart>,
-    surface: Option<palpate_sdk::Surface>,
+    surface: Vec<SurfaceTopology>,
     chunks: Vec<Chunk>,
     frames: Vec<Frame>,
+    /// (frames) number of each one's key frame.
+    keys: Vec<usize>,
+    /// Parts of frames so far, and those of the last frame.
+    parts: usize,
+    parts_of_last: usize,
 }
 
 enum Fault {
@@ -219,7 +244,7 @@ impl Index {
 
     /// Adds what is in one record of the file; `Ok(Err)` where nothing after it can be trusted.
     fn add(&mut self, opcode: u8, data: &[u8], content: Range<u64>) -> Result<Result<(), String>, Fault> {
-        let first = self.frames.len();
+        let (first, parts) = (self.frames.len(), self.parts);
         let mut topics = std::mem::take(&mut self.topics);
         let mut fault = None;
         let outcome = for_each_message(opcode, data, &mut topics, &mut |topic, data| {
@@ -233,8 +258,9 @@ impl Index {
         if let Some(what) = fault {
             return Err(Fault::Content(what));
         }
-        if self.frames.len() > first {
-            self.chunks.push(Chunk { opcode, content, frames: first..self.frames.len() });
+        if self.parts > parts {
+            let key = self.keys.get(first).copied().unwrap_or(first);
+            self.chunks.push(Chunk { opcode, content, frames: first..self.frames.len(), key });
         }
         Ok(outcome.map_err(|e| e.to_string()))
     }
@@ -244,19 +270,42 @@ impl Index {
         match topic {
             topics::START => self.start = Some(RecordingStart::decode(data).map_err(|e| broken(&e))?),
             topics::TOPOLOGY => {
-                let message = SurfaceTopology::decode(data).map_err(|e| broken(&e))?;
-                self.surface = Some(surface_of(&message).map_err(|e| broken(&e))?);
+                self.surface.push(SurfaceTopology::decode(data).map_err(|e| broken(&e))?);
             }
             topics::SURFACE => {
                 let frame = SurfaceFrame::decode(data).map_err(|e| broken(&e))?;
-                if self.frames.last().is_some_and(|last| last.tick >= frame.tick) {
-                    return Err(format!("the frame of tick {} comes after a later one", frame.tick));
+                self.parts += 1;
+                let is_key = frame.key == frame.sequence;
+                match self.frames.last() {
+                    Some(last) if last.tick > frame.tick => {
+                        return Err(format!("the frame of tick {} comes after a later one", frame.tick));
+                    }
+                    // A further part of it; tools are in the first.
+                    Some(last) if last.tick == frame.tick => self.parts_of_last += 1,
+                    // Frames before the first key frame are none.
+                    None if !is_key => {}
+                    _ => {
+                        let own = self.frames.len();
+                        self.keys.push(if is_key { own } else { self.keys.last().copied().unwrap_or(own) });
+                        self.frames.push(Frame { tick: frame.tick, forces: forces(&frame.tools) });
+                        self.parts_of_last = 1;
+                    }
                 }
-                self.frames.push(Frame { tick: frame.tick, forces: forces(&frame.tools) });
             }
             _ => {}
         }
         Ok(())
+    }
+
+    /// Leaves out the last frame if fewer than its `parts` are there: the file was cut between them.
+    fn drop_unfinished_frame(&mut self, parts: usize) {
+        if self.parts_of_last < parts {
+            self.frames.pop();
+        }
+        let frames = self.frames.len();
+        for chunk in &mut self.chunks {
+            chunk.frames = chunk.frames.start.min(frames)..chunk.frames.end.min(frames);
+        }
     }
 }
 

@@ -1,6 +1,7 @@
 //! A recording to look at: a ball of tissue on whose top a tool presses.
 
 use palpate_sdk::proto::keys::topics;
+use palpate_sdk::proto::surface::{KEY_INTERVAL, SurfaceCode};
 use palpate_sdk::proto::{Message, RecordingStart, SurfaceFrame, SurfaceTopology, ToolPhase, ToolState};
 use std::collections::BTreeMap;
 use std::f32::consts::{PI, TAU};
@@ -13,19 +14,19 @@ pub const RADIUS: f32 = 0.1;
 pub const TICKS: u64 = 32;
 /// The body sinks by this much a frame under the tool [m].
 pub const SINK: f32 = 0.001;
-/// Of triangles, from pole to pole and around.
-const RINGS: u32 = 20;
-const SECTORS: u32 = 40;
+/// Of the grid that frames' vertices stand on [m].
+const STEP: f64 = 1e-6;
 const SCENE: &str = "name = 'ball'\n[body]\nspacings = [0.1, 0.05]\n[safety]\nforce_limit = 3.3\n\
                      [[tool]]\nname = 'probe'\nradius = 0.01\nlength = 0.1\n";
 
-/// Rest positions, a pole first and last.
-fn rest() -> Vec<[f32; 3]> {
+/// Rest positions, a pole first and last; `rings` of triangles from pole to pole, twice as many sectors around.
+fn rest(rings: u32) -> Vec<[f32; 3]> {
+    let sectors = 2 * rings;
     let mut positions = vec![[0.0, 0.0, RADIUS]];
-    for ring in 1..RINGS {
-        let down = PI * ring as f32 / RINGS as f32;
-        positions.extend((0..SECTORS).map(|sector| {
-            let around = TAU * sector as f32 / SECTORS as f32;
+    for ring in 1..rings {
+        let down = PI * ring as f32 / rings as f32;
+        positions.extend((0..sectors).map(|sector| {
+            let around = TAU * sector as f32 / sectors as f32;
             [RADIUS * down.sin() * around.cos(), RADIUS * down.sin() * around.sin(), RADIUS * down.cos()]
         }));
     }
@@ -33,15 +34,16 @@ fn rest() -> Vec<[f32; 3]> {
     positions
 }
 
-fn triangles() -> Vec<[u32; 3]> {
+fn triangles(rings: u32) -> Vec<[u32; 3]> {
+    let sectors = 2 * rings;
     let vertex = |ring: u32, sector: u32| match ring {
         0 => 0,
-        RINGS => 1 + (RINGS - 1) * SECTORS,
-        ring => 1 + (ring - 1) * SECTORS + sector % SECTORS,
+        ring if ring == rings => 1 + (rings - 1) * sectors,
+        ring => 1 + (ring - 1) * sectors + sector % sectors,
     };
     let mut triangles = Vec::new();
-    for ring in 0..RINGS {
-        for sector in 0..SECTORS {
+    for ring in 0..rings {
+        for sector in 0..sectors {
             let [a, b] = [vertex(ring, sector), vertex(ring, sector + 1)];
             let [c, d] = [vertex(ring + 1, sector), vertex(ring + 1, sector + 1)];
             triangles
@@ -60,9 +62,14 @@ pub fn height(frame: u64) -> f32 {
     RADIUS - SINK * frame as f32
 }
 
-/// Writes `frames` frames; the first is number 1.
+/// Writes `frames` frames of a ball of 762 vertices; the first is number 1.
 pub fn record(path: &Path, frames: u64) {
-    let options = mcap::WriteOptions::new().chunk_size(Some(40_000)).compression(Some(mcap::Compression::Lz4));
+    record_ball(path, 20, frames);
+}
+
+/// As [`record`], with another number of rings.
+pub fn record_ball(path: &Path, rings: u32, frames: u64) {
+    let options = mcap::WriteOptions::new().chunk_size(Some(4_000)).compression(Some(mcap::Compression::Lz4));
     let mut writer = options.create(File::create(path).unwrap()).unwrap();
     let mut say = |topic: &str, tick: u64, bytes: Vec<u8>| {
         let channel_id = writer.add_channel(0, topic, "protobuf", &BTreeMap::new()).unwrap();
@@ -72,13 +79,18 @@ pub fn record(path: &Path, frames: u64) {
     };
     let start = RecordingStart { scene_toml: SCENE.into(), palpate_version: "7".into(), ..Default::default() };
     say(topics::START, 0, start.encode_to_vec());
-    let rest = rest();
+    let (rest, triangles) = (rest(rings), triangles(rings));
     let topology = SurfaceTopology {
         topology: 3,
         vertices: rest.len() as u32,
-        triangles: triangles().into_iter().flatten().flat_map(u32::to_le_bytes).collect(),
+        triangles: triangles.iter().flatten().flat_map(|v| v.to_le_bytes()).collect(),
         rest_positions: bytes(rest.clone()),
+        part: 0,
+        parts: 1,
+        step: STEP,
     };
+    let code = SurfaceCode::new(&triangles, &rest, STEP).unwrap();
+    let mut key = (0, code.rest().to_vec());
     say(topics::TOPOLOGY, 0, topology.encode_to_vec());
     for number in 1..=frames {
         let top = height(number);
@@ -91,14 +103,26 @@ pub fn record(path: &Path, frames: u64) {
             force: vec![0.0, 0.0, 0.05 * number as f32],
             phase: ToolPhase::Engaged.into(),
         };
-        let frame = SurfaceFrame {
-            topology: 3,
-            tick: TICKS * number,
-            sequence: number,
-            positions: bytes(positions),
-            tools: vec![tool],
-        };
-        say(topics::SURFACE, TICKS * number, frame.encode_to_vec());
+        let points: Vec<_> = positions.map(|x| code.on_grid(x.map(f64::from))).collect();
+        let is_key = (number - 1) % KEY_INTERVAL == 0;
+        let reference = if is_key { code.rest() } else { &key.1 };
+        let coded: Vec<_> = (0..code.parts()).map(|part| code.encode(part, reference, &points).unwrap()).collect();
+        if is_key {
+            key = (number, points);
+        }
+        for (part, displacements) in (0..).zip(coded) {
+            let frame = SurfaceFrame {
+                topology: 3,
+                tick: TICKS * number,
+                sequence: number,
+                tools: if part == 0 { vec![tool.clone()] } else { vec![] },
+                key: key.0,
+                part,
+                displacements,
+                levels: Vec::new(),
+            };
+            say(topics::SURFACE, TICKS * number, frame.encode_to_vec());
+        }
     }
     writer.finish().unwrap();
 }

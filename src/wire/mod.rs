@@ -1,10 +1,11 @@
 //! Messages to core types and back; what is malformed, not finite, out of range or stale is refused, with its reason.
 
+pub mod surface;
+
 use crate::contact::safety::Limited;
 use crate::contact::tool::{MOST_TOOLS, Phase, PoseSample, ToolEvent, ToolState};
 use crate::feedback::LocalModel;
 use crate::math::{Pose, Real, Vec3, normalized_quaternion};
-use crate::model::Body;
 use crate::simulation::{Inputs, TickFlags, ToolOutput};
 use palpate_proto as proto;
 use palpate_proto::Message;
@@ -188,40 +189,6 @@ pub fn tool_state(tool: u32, t: &ToolState) -> proto::ToolState {
         orientation: f32s4(&t.pose.orientation),
         force: f32s(&t.force),
         phase: phase(t.phase),
-    }
-}
-
-/// Points as (n, 3) f32 little-endian.
-pub fn positions_f32(points: &[Vec3]) -> Vec<u8> {
-    let mut bytes = Vec::with_capacity(points.len() * 12);
-    for p in points {
-        for c in p.iter() {
-            bytes.extend_from_slice(&(*c as f32).to_le_bytes());
-        }
-    }
-    bytes
-}
-
-/// The surface that frames refer to.
-pub fn topology(body: &Body) -> proto::SurfaceTopology {
-    let surface = body.surface();
-    proto::SurfaceTopology {
-        topology: 1,
-        vertices: surface.vertices.len() as u32,
-        triangles: surface.triangles.iter().flatten().flat_map(|v| v.to_le_bytes()).collect(),
-        rest_positions: positions_f32(&surface.vertices),
-    }
-}
-
-/// A frame of the surface; only tools that somebody holds are in it.
-pub fn surface_frame(tick: u64, sequence: u64, skin: &[Vec3], tools: &[ToolState]) -> proto::SurfaceFrame {
-    let held = tools.iter().enumerate().filter(|(_, t)| t.phase != Phase::Detached);
-    proto::SurfaceFrame {
-        topology: 1,
-        tick,
-        sequence,
-        positions: positions_f32(skin),
-        tools: held.map(|(i, t)| tool_state(i as u32, t)).collect(),
     }
 }
 

@@ -1,0 +1,149 @@
+//! What there is to see: the surface of the body as it moves.
+//!
+//! [`Connection::watch_surface`] does all that a viewer needs. Whoever has frames from elsewhere, such as a recording,
+//! makes a [`Surface`] of the messages of its topology and gives the frames to a [`SurfaceDecoder`].
+
+mod decoder;
+mod watch;
+
+pub use decoder::{Moment, SurfaceDecoder};
+pub use watch::{SurfaceWatch, WatchCounters, WatchOptions};
+
+use palpate_proto::surface::SurfaceCode;
+use palpate_proto::{SurfaceTopology, keys};
+
+use crate::{Connection, SdkError};
+
+/// The triangulated surface of the body at rest.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Surface {
+    /// Frames of this surface carry the same number.
+    pub topology: u32,
+    /// (n) vertex numbers of each triangle, counter-clockwise seen from outside; all below `rest_positions.len()`.
+    pub triangles: Vec<[u32; 3]>,
+    /// (vertices) [m].
+    pub rest_positions: Vec<[f32; 3]>,
+    /// Step of the grid on which frames' vertices stand [m]: no coordinate is off by more than half of it.
+    pub step: f64,
+    code: SurfaceCode,
+}
+
+impl Surface {
+    /// The surface of `triangles` (n, 3) with vertices `rest_positions` [m]; vertices of its frames stand on a grid of `step`
+    /// [m]. Errors: [`SdkError::Undecodable`] when a triangle names a vertex that does not exist, or the step is not positive.
+    pub fn new(
+        topology: u32,
+        triangles: Vec<[u32; 3]>,
+        rest_positions: Vec<[f32; 3]>,
+        step: f64,
+    ) -> Result<Self, SdkError> {
+        let code = SurfaceCode::new(&triangles, &rest_positions, step).ok_or_else(|| {
+            undecodable(format!("a triangle names a vertex that does not exist, or a grid of {step} m is none"))
+        })?;
+        Ok(Self { topology, triangles, rest_positions, step, code })
+    }
+
+    /// The surface whose topology came in `parts`, in any order. Errors: [`SdkError::Undecodable`] when some are missing
+    /// or do not fit together, or when a triangle names a vertex that does not exist.
+    pub fn from_parts(mut parts: Vec<SurfaceTopology>) -> Result<Self, SdkError> {
+        parts.sort_by_key(|part| part.part);
+        let Some(first) = parts.first() else { return Err(undecodable("no parts of it came".into())) };
+        let (topology, vertices, step) = (first.topology, first.vertices, first.step);
+        if first.parts == 0 {
+            return Err(undecodable("it is of version 1.0 of the contract, before frames were quantised".into()));
+        }
+        let whole = parts.len() == first.parts as usize
+            && (0..).zip(&parts).all(|(at, part)| (part.part, part.topology) == (at, topology));
+        if !whole {
+            let came: Vec<u32> = parts.iter().map(|part| part.part).collect();
+            return Err(undecodable(format!("parts {came:?} of {} came", first.parts)));
+        }
+        let mut triangles = Vec::new();
+        let mut rest_positions = Vec::new();
+        for part in &parts {
+            let not_whole = |what: &str| undecodable(format!("the {what} of part {} are not whole", part.part));
+            triangles.extend(triples(&part.triangles, u32::from_le_bytes).ok_or_else(|| not_whole("triangles"))?);
+            let positions = triples(&part.rest_positions, f32::from_le_bytes).ok_or_else(|| not_whole("positions"))?;
+            rest_positions.extend(positions);
+        }
+        if rest_positions.len() != vertices as usize {
+            return Err(undecodable(format!("{} positions for {vertices} vertices", rest_positions.len())));
+        }
+        Self::new(topology, triangles, rest_positions, step)
+    }
+
+    /// Messages that each of its frames comes in.
+    pub fn parts(&self) -> usize {
+        self.code.parts()
+    }
+}
+
+impl Connection {
+    /// The surface of the body. Errors: [`SdkError::NoAnswer`] after 2 s, [`SdkError::Undecodable`] when what comes is
+    /// no surface.
+    pub fn surface_topology(&self) -> Result<Surface, SdkError> {
+        let key = keys::surface_topology(&self.endpoints().session);
+        Surface::from_parts(self.ask_all(key, None, "SurfaceTopology")?)
+    }
+}
+
+fn undecodable(reason: String) -> SdkError {
+    SdkError::Undecodable { message: "SurfaceTopology", reason }
+}
+
+/// `bytes` as triples of four-byte numbers; `None` when they are not whole.
+fn triples<T: Copy>(bytes: &[u8], number: impl Fn([u8; 4]) -> T) -> Option<Vec<[T; 3]>> {
+    let (triples, rest) = bytes.as_chunks::<12>();
+    rest.is_empty().then_some(())?;
+    let number_at = |triple: &[u8; 12], at: usize| number([0, 1, 2, 3].map(|byte| triple[4 * at + byte]));
+    Some(triples.iter().map(|triple| [0, 1, 2].map(|at| number_at(triple, at))).collect())
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+
+    /// A triangle in two parts.
+    pub(crate) fn one_triangle() -> Vec<SurfaceTopology> {
+        let positions = [0.0f32, 0., 0., 1., 0., 0., 0., 1., 0.5];
+        let bytes = |positions: &[f32]| positions.iter().flat_map(|x| x.to_le_bytes()).collect();
+        let first = SurfaceTopology {
+            topology: 4,
+            vertices: 3,
+            triangles: [0u32, 1, 2].iter().flat_map(|v| v.to_le_bytes()).collect(),
+            rest_positions: bytes(&positions[..6]),
+            part: 0,
+            parts: 2,
+            step: 1e-4,
+        };
+        let second =
+            SurfaceTopology { triangles: vec![], rest_positions: bytes(&positions[6..]), part: 1, ..first.clone() };
+        vec![second, first]
+    }
+
+    #[test]
+    fn a_surface_reads_back_what_was_written_in_whatever_order_its_parts_come() {
+        let surface = Surface::from_parts(one_triangle()).unwrap();
+        assert_eq!(surface.triangles, [[0, 1, 2]]);
+        assert_eq!(surface.rest_positions[2], [0.0, 1.0, 0.5]);
+        assert_eq!((surface.topology, surface.step), (4, 1e-4));
+    }
+
+    #[test]
+    fn a_surface_that_does_not_fit_together_is_refused() {
+        let refused = |change: &dyn Fn(&mut Vec<SurfaceTopology>)| {
+            let mut parts = one_triangle();
+            change(&mut parts);
+            Surface::from_parts(parts).unwrap_err().to_string()
+        };
+        assert!(refused(&|parts| parts.clear()).contains("no parts"));
+        assert!(refused(&|parts| drop(parts.pop())).contains("parts [1] of 2 came"));
+        assert!(refused(&|parts| parts.iter_mut().for_each(|p| p.parts = 0)).contains("of version 1.0"));
+        assert!(refused(&|parts| parts[0].topology = 5).contains("parts [0, 1] of 2 came"));
+        assert!(refused(&|parts| parts.iter_mut().for_each(|p| p.vertices = 2)).contains("3 positions for 2 vertices"));
+        assert!(refused(&|parts| parts[1].triangles.truncate(11)).contains("triangles of part 0 are not whole"));
+        assert!(refused(&|parts| parts[0].rest_positions.truncate(11)).contains("positions of part 1 are not whole"));
+        assert!(refused(&|parts| parts[1].triangles[0] = 3).contains("does not exist"));
+        assert!(refused(&|parts| parts[1].step = 0.0).contains("a grid of 0 m"));
+    }
+}
