@@ -62,7 +62,7 @@ fn watch_until(app: &mut App, what: &str, mut done: impl FnMut(&mut App) -> bool
         if done(app) {
             return;
         }
-        assert!(began.elapsed() < Duration::from_secs(30), "waited in vain: {what}; {:?}", app.notice());
+        assert!(began.elapsed() < Duration::from_secs(90), "waited in vain: {what}; {:?}", app.notice());
         std::thread::sleep(Duration::from_millis(10));
     }
 }
@@ -95,12 +95,16 @@ fn a_press_of_the_mouse_is_felt_and_seen_and_all_that_is_said_can_be_read() {
         screen.show(app, vec![]);
         newtons(app) > 0.1
     });
+    // All at once, and nothing is taken in between this and the picture.
     watch_until(&mut app, "the force in the picture, and who holds the tool", |app| {
-        app.tools().first().is_some_and(|tool| tool.force.z > 0.1) && !app.status().clients.is_empty()
+        let (_, texts) = screen.show(app, vec![]);
+        let seen = app.tools().first().is_some_and(|tool| tool.force.z > 0.1) && newtons(app) > 0.1;
+        let written = said(&texts, "contact points") && said(&texts, "mouse (ball)");
+        if seen && written {
+            readable(&texts);
+        }
+        seen && written
     });
-    let (_, texts) = screen.show(&mut app, vec![]);
-    assert!(said(&texts, "contact points") && said(&texts, "mouse (ball)"), "{texts:?}");
-    readable(&texts);
     let picture = Photographer::new().unwrap().take(&mut app, 1280, 800).unwrap();
     let (arrow, tissue) = (part(all(&picture), is_force), part(all(&picture), is_tissue));
     assert!(arrow > 1e-3 && tissue > 0.05, "{arrow} {tissue}");
@@ -191,7 +195,7 @@ fn a_server_that_was_started_by_a_viewer_ends_when_the_viewer_dies() {
     drop(server.0.stdin.take());
     let began = Instant::now();
     while server.0.try_wait().unwrap().is_none() {
-        assert!(began.elapsed() < Duration::from_secs(20), "it serves nobody");
+        assert!(began.elapsed() < Duration::from_secs(90), "it serves nobody");
         std::thread::sleep(Duration::from_millis(20));
     }
     assert!(server.0.wait().unwrap().success());

@@ -27,7 +27,7 @@ pub static PRESSED: LazyLock<(tempfile::TempDir, PathBuf)> = LazyLock::new(|| {
 const DEEPEST: f64 = 2.6;
 
 fn palpate(arguments: &[&str]) -> assert_cmd::assert::Assert {
-    Command::new(env!("CARGO_BIN_EXE_palpate")).args(arguments).timeout(std::time::Duration::from_secs(60)).assert()
+    Command::new(env!("CARGO_BIN_EXE_palpate")).args(arguments).timeout(std::time::Duration::from_secs(180)).assert()
 }
 
 fn picture(time: f64, change: impl FnOnce(&mut App)) -> Snapshot {
