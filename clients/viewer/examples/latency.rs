@@ -132,11 +132,12 @@ impl Drop for TickClock {
 }
 
 fn histogram() -> Histogram<u64> {
-    Histogram::new(3).unwrap_or_else(|_| unreachable!("three digits are valid"))
+    // Microseconds up to a minute.
+    Histogram::new_with_bounds(1, 60_000_000, 3).unwrap_or_else(|_| unreachable!("valid bounds"))
 }
 
 fn record(histogram: &mut Histogram<u64>, took: Duration) {
-    histogram.saturating_record(took.as_micros() as u64);
+    histogram.saturating_record(took.as_micros().max(1) as u64);
 }
 
 fn row(name: &str, histogram: &Histogram<u64>) {

@@ -3,7 +3,7 @@
 use crate::app::App;
 use crate::colour::Colouring;
 use crate::contact::{PlacedTool, Shape};
-use crate::shading::{Backdrop, Shaded};
+use crate::shading::{Backdrop, Shaded, linear};
 use crate::source::Subject;
 use std::sync::Arc;
 use three_d::{
@@ -73,7 +73,7 @@ impl Scene {
         let colours = app.colouring.colours(&body.deformation, moment, body.size());
         let (mark, strength) = if app.colouring == Colouring::Material { (PALE, 0.75) } else { (DARK, 0.35) };
         let colours = colours.iter().zip(&touch).map(|(colour, touch)| {
-            let own = colour.to_linear_srgb().truncate();
+            let own = linear(*colour).truncate();
             let touched = own + strength * *touch * (mark - own);
             (touched + faded * (GREY - touched)).extend(1.0)
         });

@@ -1,13 +1,14 @@
 //! How light falls on things: two shaders.
 
 use three_d::{
-    DepthTest, EffectMaterialId, InnerSpace, Light, Material, MaterialType, Program, RenderStates, Srgba, Vec3, Viewer,
-    WriteMask, vec3,
+    DepthTest, EffectMaterialId, InnerSpace, Light, Material, MaterialType, Program, RenderStates, Srgba, Vec3, Vec4,
+    Viewer, WriteMask, vec3, vec4,
 };
 
 /// Smooth surfaces under a key light beside the eye and a dim sky, in the colours of their vertices.
 ///
-/// Leaner than a physical material: pictures are also drawn without a graphics card.
+/// Leaner than a physical material, and without powers: pictures are also drawn without a graphics card. Brightness is
+/// the square of what the screen is told ([`linear`]).
 pub struct Shaded {
     /// Multiplies the vertices' own colours.
     pub colour: Srgba,
@@ -39,10 +40,17 @@ void main() {
     float lit = max((dot(normal, key) + wrap) / (1.0 + wrap), 0.0);
     float filled = max(dot(normal, fill), 0.0);
     vec3 light = sky + lit * vec3(0.74, 0.72, 0.69) + filled * vec3(0.10, 0.11, 0.13);
-    float facing = max(dot(normal, sight), 0.0);
-    float shine = gloss * (0.35 * pow(max(dot(normal, normalize(key + sight)), 0.0), 48.0) + 0.22 * pow(1.0 - facing, 4.0));
+    float away = 1.0 - max(dot(normal, sight), 0.0);
+    float near = max(dot(normal, normalize(key + sight)), 0.0);
+    near *= near;
+    near *= near;
+    near *= near;
+    near *= near;
+    near *= near * near;
+    away *= away;
+    float shine = gloss * (0.35 * near + 0.22 * away * away);
     vec3 linear = surface.rgb * col.rgb * light + vec3(shine);
-    result = vec4(pow(clamp(linear, 0.0, 1.0), vec3(1.0 / 2.2)), 1.0);
+    result = vec4(sqrt(clamp(linear, 0.0, 1.0)), 1.0);
 }
 ";
 
@@ -71,7 +79,7 @@ impl Material for Shaded {
         program.use_uniform("eye", viewer.position());
         program.use_uniform("key", (-0.42 * right + 0.62 * up + 0.8 * back).normalize());
         program.use_uniform("fill", (0.9 * right - 0.1 * up + 0.4 * back).normalize());
-        program.use_uniform("surface", self.colour.to_linear_srgb());
+        program.use_uniform("surface", linear(self.colour));
         program.use_uniform("gloss", self.gloss);
         program.use_uniform("wrap", self.wrap);
     }
@@ -103,6 +111,12 @@ impl Material for Backdrop {
     fn material_type(&self) -> MaterialType {
         MaterialType::Opaque
     }
+}
+
+/// How bright a colour is, as the shader counts: the square root that it ends with gives the same colour back.
+pub fn linear(colour: Srgba) -> Vec4 {
+    let part = |channel: u8| (f32::from(channel) / 255.0).powi(2);
+    vec4(part(colour.r), part(colour.g), part(colour.b), 1.0)
 }
 
 /// An axis of the eye in the world: a row of the view matrix.
