@@ -18,7 +18,7 @@ const MAY_USE: [(&str, &[&str]); 17] = [
     ("prepare", &["geometry", "hierarchy", "model", "stepping", "simulation"]),
     ("scene", &["geometry", "model", "adaptation", "contact", "simulation", "prepare"]),
     ("offline", &["geometry", "model", "contact", "simulation", "scene"]),
-    ("wire", &["model", "contact", "simulation", "feedback"]),
+    ("wire", &["model", "contact", "simulation", "feedback", "scene"]),
     ("recording", &["model", "contact", "simulation", "scene", "wire"]),
     (
         "study",

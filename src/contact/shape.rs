@@ -154,6 +154,20 @@ impl Part {
         self.core.is_solid()
     }
 
+    /// What it is made of, in the tool's own frame: all that is within [`radius`](Self::radius) of the convex hull of
+    /// points [m]; in a cylinder, of a disc that goes from one to the other: its radius [m] and the unit vector across it.
+    pub fn hull(&self) -> (Vec<Vec3>, Option<(Real, Vec3)>) {
+        let (points, disc) = match &self.core {
+            Core::Axis(0.0) => (vec![Vec3::zeros()], None),
+            Core::Axis(length) => (vec![Vec3::zeros(), Vec3::z() * *length], None),
+            Core::Solid(Solid::Hull(hull)) => (hull.corners.clone(), None),
+            Core::Solid(Solid::Cylinder { radius, low, high }) => {
+                (vec![Vec3::z() * *low, Vec3::z() * *high], Some((*radius, self.place.rotate(Vec3::z()))))
+            }
+        };
+        (points.into_iter().map(|p| self.place.to_world(p)).collect(), disc)
+    }
+
     /// Corners of a convex part's core in the part's own frame [m]; none for others.
     pub fn corners(&self) -> &[Vec3] {
         match &self.core {

@@ -86,6 +86,7 @@ impl RecordingWriter {
             state: postcard::to_stdvec(start).map_err(content)?,
             reset_state: postcard::to_stdvec(reset).map_err(content)?,
             first_tick: writer.first_tick,
+            session: Some(wire::session::describe(scene, body)),
         };
         writer.message(topics::START, start.tick, &opening)?;
         for part in wire::surface::topology(body, TOPOLOGY) {

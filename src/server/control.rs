@@ -1,10 +1,9 @@
 //! Who holds which tool, and the requests of clients.
 
 use super::{ServerError, Shared, lock, network, recorder};
-use crate::contact::tool::MOST_TOOLS;
 use crate::realtime::mailbox::Command;
-use crate::scene::tool_keys::ToolKind;
-use crate::simulation::{TICK, TICKS_PER_FRAME};
+use crate::simulation::TICK;
+use crate::wire;
 use palpate_proto::control_request::Request;
 use palpate_proto::{self as proto, Message, keys};
 use std::path::{Component, Path};
@@ -203,54 +202,14 @@ fn free(shared: &Shared, tool: usize, epoch: u32) -> Result<(), String> {
 }
 
 fn describe(shared: &Shared) -> proto::Session {
-    let body = &shared.body;
-    let material = body.material();
-    let corners =
-        |(low, high): (crate::math::Vec3, crate::math::Vec3)| low.iter().chain(high.iter()).copied().collect();
-    let tools = shared.scene.tool.iter().enumerate().take(MOST_TOOLS);
+    let mut session = wire::session::describe(&shared.scene, &shared.body);
+    for tool in &mut session.tools {
+        tool.taken = shared.holders.taken(tool.tool as usize);
+    }
     proto::Session {
-        version_major: proto::VERSION_MAJOR,
-        version_minor: proto::VERSION_MINOR,
         name: shared.options.session.clone(),
-        frame: "world: right-handed, metres; gravity as the scene says".into(),
-        tick_s: TICK,
-        ticks_per_frame: TICKS_PER_FRAME as u32,
-        body: Some(proto::BodyDescription {
-            name: body.name().into(),
-            levels: body.levels().len() as u32,
-            nodes: body.levels().iter().map(|l| l.mesh.nodes.len() as u32).collect(),
-            elements: body.levels().iter().map(|l| l.mesh.elements.len() as u32).collect(),
-            mass_kg: body.mass(),
-            density: material.density,
-            youngs_modulus: material.youngs_modulus(),
-            poisson_ratio: material.poisson_ratio(),
-            bounds: corners(body.surface().bounds()),
-            checksum: body.checksum(),
-        }),
-        tools: tools
-            .map(|(i, t)| proto::ToolDescription {
-                tool: i as u32,
-                name: t.name.clone(),
-                shape: t.kind().name().into(),
-                radius: match t.kind() {
-                    ToolKind::Convex | ToolKind::Compound => t.shape().bounding_radius(),
-                    ToolKind::Ball | ToolKind::Capsule | ToolKind::Cylinder => t.radius,
-                },
-                length: match t.kind() {
-                    ToolKind::Capsule | ToolKind::Cylinder => t.length,
-                    ToolKind::Ball | ToolKind::Convex | ToolKind::Compound => 0.0,
-                },
-                taken: shared.holders.taken(i),
-            })
-            .collect(),
-        limits: Some(proto::Limits {
-            force: shared.scene.safety.force_limit,
-            torque: shared.scene.safety.torque_limit,
-            slew: shared.scene.safety.slew_limit,
-            tool_speed: shared.scene.safety.tool_speed,
-            workspace: corners(shared.scene.workspace(body)),
-        }),
         tick: shared.counters.tick.load(Ordering::Relaxed),
         surface_endpoint: shared.options.surface_endpoint.clone(),
+        ..session
     }
 }

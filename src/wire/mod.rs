@@ -1,5 +1,6 @@
 //! Messages to core types and back; what is malformed, not finite, out of range or stale is refused, with its reason.
 
+pub mod session;
 pub mod surface;
 
 use crate::contact::safety::Limited;

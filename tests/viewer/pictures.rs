@@ -10,18 +10,22 @@ use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 
 /// The clamped cube, weightless, pressed from above: made once for all tests.
-pub static PRESSED: LazyLock<(tempfile::TempDir, PathBuf)> = LazyLock::new(|| {
+pub static PRESSED: LazyLock<(tempfile::TempDir, PathBuf)> = LazyLock::new(|| press("3.2", &[]));
+
+/// A recording of so many seconds of the cube.
+fn press(seconds: &str, more: &[&str]) -> (tempfile::TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let recording = folder.path().join("press.mcap");
     let trajectory = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/trajectories/press.csv");
     Command::new(env!("CARGO_BIN_EXE_palpate"))
-        .args(["simulate", "cube", "--seconds", "3.2", "--trajectory", trajectory.to_str().unwrap()])
+        .args(["simulate", "cube", "--seconds", seconds, "--trajectory", trajectory.to_str().unwrap()])
         .args(["--set", "world.gravity=[0.0, 0.0, 0.0]"])
+        .args(more)
         .args(["--out", folder.path().join("out").to_str().unwrap(), "--record", recording.to_str().unwrap()])
         .assert()
         .success();
     (folder, recording)
-});
+}
 
 /// When the ball of [`PRESSED`] is deepest [s].
 const DEEPEST: f64 = 2.6;
@@ -31,7 +35,11 @@ fn palpate(arguments: &[&str]) -> assert_cmd::assert::Assert {
 }
 
 fn picture(time: f64, change: impl FnOnce(&mut App)) -> Snapshot {
-    let mut app = App::recording(Recording::open(&PRESSED.1).unwrap()).unwrap();
+    picture_of(&PRESSED.1, time, change)
+}
+
+fn picture_of(recording: &Path, time: f64, change: impl FnOnce(&mut App)) -> Snapshot {
+    let mut app = App::recording(Recording::open(recording).unwrap()).unwrap();
     (app.paused, app.time, app.panels) = (true, time, false);
     change(&mut app);
     app.advance(0.0).unwrap();
@@ -80,6 +88,43 @@ fn strain_and_displacement_colour_what_was_moved() {
         let more = warmth(&pressed) - warmth(&rest);
         assert!(more > 8.0, "{colouring:?}: {more}");
     }
+}
+
+/// Pixels in which two pictures differ, column by column.
+fn changed_columns(a: &Snapshot, b: &Snapshot) -> Vec<usize> {
+    let changed = |x: usize, y: usize| {
+        let at = y * a.width as usize + x;
+        (0..3).any(|c| a.pixels[at][c].abs_diff(b.pixels[at][c]) > 12)
+    };
+    (0..a.width as usize).map(|x| (0..a.height as usize).filter(|y| changed(x, *y)).count()).collect()
+}
+
+#[test]
+fn convex_and_compound_tools_are_drawn_as_they_are_and_not_as_the_ball_that_holds_them() {
+    let drawn = |tool: &str| {
+        let (_folder, recording) = press("0.3", &["--set", &format!("tool=[{{name=\"tool\", {tool}}}]")]);
+        picture_of(&recording, 0.2, |_| ())
+    };
+    let none = drawn("radius=0.0005");
+    let columns = |tool: &str| changed_columns(&none, &drawn(tool));
+    // All three are held by the same ball.
+    let ball = columns("radius=0.025");
+    let forceps = columns(
+        "shape=\"compound\", part=[{radius=0.005, position=[-0.02, 0.0, 0.0]}, {radius=0.005, position=[0.02, 0.0, 0.0]}]",
+    );
+    let corners = [-0.02, 0.02].into_iter().flat_map(|x| {
+        [-0.014, 0.014].into_iter().flat_map(move |y| [-0.002, 0.002].map(|z| format!("[{x}, {y}, {z}]")))
+    });
+    let corners: Vec<String> = corners.collect();
+    let plate = columns(&format!("shape=\"convex\", points=[{}]", corners.join(", ")));
+    let area = |columns: &[usize]| columns.iter().sum::<usize>();
+    let [whole, two, flat] = [&ball, &forceps, &plate].map(|columns| area(columns));
+    println!("{whole} pixels of a ball, {two} of two tips, {flat} of a plate");
+    assert!(whole > 2000 && two > whole / 25 && two < whole / 5 && flat > whole / 5 && flat < whole / 2);
+    // Between the tips the picture is as without a tool; the plate and the ball are whole.
+    // What is compared with has a ball of half a millimetre.
+    let runs = |columns: &[usize]| columns.windows(2).filter(|pair| pair[0] < 5 && pair[1] >= 5).count();
+    assert_eq!([&ball, &forceps, &plate].map(|columns| runs(columns)), [1, 2, 1]);
 }
 
 #[test]

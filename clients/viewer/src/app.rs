@@ -8,6 +8,7 @@ use crate::orbit::{Angle, Orbit, bounds};
 use crate::poke::{Felt, Poke, Press, Reach};
 use crate::scenes::{LocalServer, Scenes};
 use crate::source::{Link, Live, LiveView, Moment, Recording, SourceError, Subject};
+use crate::tool_shape::ToolShape;
 use palpate_sdk::{Endpoints, Status};
 use std::sync::Arc;
 use three_d::{InnerSpace, Vec3};
@@ -61,6 +62,8 @@ pub struct Body {
     pub bounds: [Vec3; 2],
     /// Mean length of an edge at rest [m].
     pub edge: f32,
+    /// The shapes of its tools, by number.
+    pub tools: Vec<Arc<ToolShape>>,
 }
 
 /// A press of the mouse on the organ, as long as it lasts.
@@ -75,7 +78,8 @@ impl Body {
     fn new(subject: Arc<Subject>) -> Self {
         let bounds = bounds(&subject.surface.rest_positions).into();
         let deformation = Arc::new(Deformation::new(&subject.surface));
-        Self { edge: deformation.edge(), deformation, subject, bounds }
+        let tools = subject.tools.iter().map(|tool| Arc::new(ToolShape::new(tool))).collect();
+        Self { edge: deformation.edge(), deformation, tools, subject, bounds }
     }
 
     /// Diagonal of the box at rest [m].
@@ -194,8 +198,8 @@ impl App {
 
     /// The tools that somebody holds.
     pub fn tools(&self) -> Vec<PlacedTool> {
-        let descriptions = self.body.as_ref().map_or(&[][..], |body| &body.subject.tools);
-        let placed = self.moment.tools.iter().filter_map(|state| PlacedTool::new(state, descriptions));
+        let shapes = self.body.as_ref().map_or(&[][..], |body| &body.tools);
+        let placed = self.moment.tools.iter().filter_map(|state| PlacedTool::new(state, shapes));
         placed.filter(|tool| tool.held).collect()
     }
 

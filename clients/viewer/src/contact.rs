@@ -1,14 +1,17 @@
-//! Tools on the organ: their shapes as the session describes them, and where they touch.
+//! Tools on the organ: where they are, and where they touch.
 
-use palpate_sdk::ToolDescription;
+use crate::tool_shape::ToolShape;
 use palpate_sdk::proto::{ToolPhase, ToolState};
-use three_d::{InnerSpace, Quat, Rotation, Vec3, vec3};
+use std::sync::Arc;
+use three_d::{InnerSpace, Quat, Rotation, Vec3};
 
 /// A tool where it is now. Its own +z runs from the reference point along the shaft.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct PlacedTool {
+    /// Its place in the session's list.
+    pub number: usize,
     /// What it looks like.
-    pub shape: Shape,
+    pub shape: Arc<ToolShape>,
     /// Its reference point [m].
     pub position: Vec3,
     /// How it is turned.
@@ -19,81 +22,18 @@ pub struct PlacedTool {
     pub held: bool,
 }
 
-/// What a tool looks like, lengths in metres.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Shape {
-    /// Around the reference point.
-    Ball {
-        /// Its radius.
-        radius: f32,
-    },
-    /// A ball moved along +z.
-    Capsule {
-        /// Its radius.
-        radius: f32,
-        /// Of its axis.
-        length: f32,
-    },
-    /// Along +z, with flat ends.
-    Cylinder {
-        /// Its radius.
-        radius: f32,
-        /// Of its axis.
-        length: f32,
-    },
-    /// A shape that the session does not describe further than by the ball that holds it.
-    Within {
-        /// Of that ball.
-        radius: f32,
-    },
-}
-
-impl Shape {
-    fn of(description: &ToolDescription) -> Self {
-        let (radius, length) = (description.radius as f32, description.length as f32);
-        match description.shape.as_str() {
-            "ball" => Self::Ball { radius },
-            "capsule" => Self::Capsule { radius, length },
-            "cylinder" => Self::Cylinder { radius, length },
-            _ => Self::Within { radius },
-        }
-    }
-
-    /// Radius [m] of the part that touches, or of the ball that holds it.
-    pub fn radius(self) -> f32 {
-        let (Self::Ball { radius }
-        | Self::Capsule { radius, .. }
-        | Self::Cylinder { radius, .. }
-        | Self::Within { radius }) = self;
-        radius
-    }
-
-    /// Distance [m] from the shape to `point` in the tool's own frame, negative inside. `None` where the shape is not
-    /// known. That of a cylinder is too small beside its rims.
-    fn distance(self, point: Vec3) -> Option<f32> {
-        let from_axis = |length: f32| point - vec3(0.0, 0.0, point.z.clamp(0.0, length));
-        match self {
-            Self::Ball { radius } => Some(point.magnitude() - radius),
-            Self::Capsule { radius, length } => Some(from_axis(length).magnitude() - radius),
-            Self::Cylinder { radius, length } => {
-                let beside = vec3(point.x, point.y, 0.0).magnitude() - radius;
-                Some(beside.max(-point.z).max(point.z - length))
-            }
-            Self::Within { .. } => None,
-        }
-    }
-}
-
 impl PlacedTool {
-    /// The tool that `state` moves; `None` where the state is not whole or not finite.
-    pub fn new(state: &ToolState, descriptions: &[ToolDescription]) -> Option<Self> {
-        let description = descriptions.iter().find(|description| description.tool == state.tool)?;
+    /// The one of the tools of these `shapes` that `state` moves; `None` where the state is not whole or not finite.
+    pub fn new(state: &ToolState, shapes: &[Arc<ToolShape>]) -> Option<Self> {
+        let number = state.tool as usize;
+        let shape = shapes.get(number)?.clone();
         let finite = |numbers: &[f32]| numbers.iter().all(|number| number.is_finite());
         let position: [f32; 3] = state.position[..].try_into().ok().filter(|p: &[f32; 3]| finite(p))?;
         let [x, y, z, w]: [f32; 4] = state.orientation[..].try_into().ok().filter(|q: &[f32; 4]| finite(q))?;
         let force: [f32; 3] = state.force[..].try_into().ok().filter(|f: &[f32; 3]| finite(f))?;
         Some(Self {
-            shape: Shape::of(description),
+            number,
+            shape,
             position: position.into(),
             orientation: Quat::new(w, x, y, z),
             force: force.into(),
@@ -107,10 +47,12 @@ impl PlacedTool {
         if self.force.magnitude() < 1e-4 {
             return;
         }
-        let (back, near) = (self.orientation.conjugate(), 0.1 * self.shape.radius());
+        let (back, near) = (self.orientation.conjugate(), 0.1 * self.shape.radius);
+        let reach = self.shape.reach() + near + edge;
         for (touch, &position) in touch.iter_mut().zip(positions) {
-            let local = back.rotate_vector(Vec3::from(position) - self.position);
-            if let Some(distance) = self.shape.distance(local) {
+            let away = Vec3::from(position) - self.position;
+            if away.magnitude2() < reach * reach {
+                let distance = self.shape.distance(back.rotate_vector(away));
                 *touch = touch.max(1.0 - ((distance - near) / edge).clamp(0.0, 1.0));
             }
         }
@@ -120,10 +62,18 @@ impl PlacedTool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use palpate_sdk::ToolDescription;
+    use palpate_sdk::proto::ToolPart;
+    use three_d::vec3;
 
-    fn tool(shape: &str, orientation: [f32; 4]) -> PlacedTool {
-        let description =
-            ToolDescription { tool: 1, shape: shape.into(), radius: 0.01, length: 0.1, ..Default::default() };
+    /// A tool of radius 10 mm: everything within `rounding` of `corners`, or of a disc between them.
+    fn shape(corners: &[f64], rounding: f64) -> Arc<ToolShape> {
+        let disc = if rounding < 0.01 { 0.01 - rounding } else { 0.0 };
+        let part = ToolPart { corners: corners.into(), rounding, disc, axis: vec![0.0, 0.0, 1.0] };
+        ToolShape::new(&ToolDescription { radius: 0.01, parts: vec![part], ..Default::default() }).into()
+    }
+
+    fn tool(shape: &Arc<ToolShape>, orientation: [f32; 4]) -> PlacedTool {
         let state = ToolState {
             tool: 1,
             position: vec![0.0, 0.0, 1.0],
@@ -131,7 +81,7 @@ mod tests {
             force: vec![0.0, 0.0, 0.5],
             phase: ToolPhase::Engaged.into(),
         };
-        PlacedTool::new(&state, &[description]).unwrap()
+        PlacedTool::new(&state, &[shape.clone(), shape.clone()]).unwrap()
     }
 
     fn touch(tool: &PlacedTool, at: [f32; 3]) -> f32 {
@@ -145,24 +95,25 @@ mod tests {
         const UPRIGHT: [f32; 4] = [0.0, 0.0, 0.0, 1.0];
         // A quarter turn about +y lays the shaft along +x.
         let lying = [0.0, std::f32::consts::FRAC_1_SQRT_2, 0.0, std::f32::consts::FRAC_1_SQRT_2];
+        let shaft = [0.0, 0.0, 0.0, 0.0, 0.0, 0.1];
+        let (ball, capsule, cylinder) = (shape(&[0.0; 3], 0.01), shape(&shaft, 0.01), shape(&shaft, 1e-4));
         for (shape, orientation, on, off) in [
-            ("ball", UPRIGHT, [0.0, 0.01, 1.0], [0.0, 0.0, 1.05]),
-            ("capsule", UPRIGHT, [0.01, 0.0, 1.05], [0.05, 0.0, 1.0]),
-            ("capsule", lying, [0.05, 0.01, 1.0], [0.0, 0.0, 1.05]),
-            ("cylinder", lying, [0.0, 0.005, 1.0], [-0.01, 0.0, 1.0]),
+            (&ball, UPRIGHT, [0.0, 0.01, 1.0], [0.0, 0.0, 1.05]),
+            (&capsule, UPRIGHT, [0.01, 0.0, 1.05], [0.05, 0.0, 1.0]),
+            (&capsule, lying, [0.05, 0.01, 1.0], [0.0, 0.0, 1.05]),
+            (&cylinder, lying, [0.0, 0.005, 1.0], [-0.01, 0.0, 1.0]),
         ] {
             let tool = tool(shape, orientation);
-            assert!(touch(&tool, on) > 0.99, "{shape} {on:?}: {}", touch(&tool, on));
-            assert!(touch(&tool, off) < 0.01, "{shape} {off:?}: {}", touch(&tool, off));
+            assert!(touch(&tool, on) > 0.99, "{on:?}: {}", touch(&tool, on));
+            assert!(touch(&tool, off) < 0.01, "{off:?}: {}", touch(&tool, off));
         }
-        let free = PlacedTool { force: vec3(0.0, 0.0, 0.0), ..tool("ball", UPRIGHT) };
+        let free = PlacedTool { force: vec3(0.0, 0.0, 0.0), ..tool(&ball, UPRIGHT) };
         assert_eq!(touch(&free, [0.0, 0.01, 1.0]), 0.0);
-        assert_eq!(touch(&tool("compound", UPRIGHT), [0.0, 0.01, 1.0]), 0.0);
     }
 
     #[test]
     fn a_tool_without_a_whole_state_is_not_drawn() {
-        let descriptions = [ToolDescription { tool: 1, ..Default::default() }];
+        let shapes = [shape(&[0.0; 3], 0.01), shape(&[0.0; 3], 0.01)];
         let whole = ToolState {
             tool: 1,
             position: vec![0.0; 3],
@@ -170,9 +121,9 @@ mod tests {
             force: vec![0.0; 3],
             ..Default::default()
         };
-        assert!(PlacedTool::new(&whole, &descriptions).is_some());
-        assert!(PlacedTool::new(&ToolState { tool: 2, ..whole.clone() }, &descriptions).is_none());
-        assert!(PlacedTool::new(&ToolState { position: vec![f32::NAN; 3], ..whole.clone() }, &descriptions).is_none());
-        assert!(PlacedTool::new(&ToolState { orientation: vec![], ..whole }, &descriptions).is_none());
+        assert!(PlacedTool::new(&whole, &shapes).is_some());
+        assert!(PlacedTool::new(&ToolState { tool: 2, ..whole.clone() }, &shapes).is_none());
+        assert!(PlacedTool::new(&ToolState { position: vec![f32::NAN; 3], ..whole.clone() }, &shapes).is_none());
+        assert!(PlacedTool::new(&ToolState { orientation: vec![], ..whole }, &shapes).is_none());
     }
 }

@@ -5,7 +5,7 @@
 //! | [`source`] | bytes from the wire or from a file to moments in time | drawing |
 //! | [`deformation`] | normals, strain, displacement of a surface | tools, colours |
 //! | [`colour`] | what a colour means | drawing |
-//! | [`contact`] | tools as they are described, and where they touch | drawing |
+//! | [`tool_shape`], [`contact`] | what tools look like, where they are and where they touch | drawing |
 //! | [`history`] | what the plots show | drawing |
 //! | [`orbit`], [`pick`] | where the picture is taken from, and what is under the pointer | OpenGL |
 //! | [`poke`] | a tool that the mouse holds, a client of its own | drawing |
@@ -41,6 +41,7 @@ mod scenes;
 pub mod shading;
 pub mod snapshot;
 pub mod source;
+pub mod tool_shape;
 pub mod window;
 
 pub use args::{Args, run};

@@ -2,9 +2,10 @@
 
 use crate::app::App;
 use crate::colour::Colouring;
-use crate::contact::{PlacedTool, Shape};
+use crate::contact::PlacedTool;
 use crate::shading::{Backdrop, Shaded, linear};
 use crate::source::Subject;
+use crate::tool_shape::ToolShape;
 use std::sync::Arc;
 use three_d::{
     Camera, Context, CpuMesh, Geometry, Indices, InnerSpace, Mat4, Mesh, Positions, Quat, Rotation, Srgba, Vec3, Vec4,
@@ -30,7 +31,7 @@ const SIDES: u32 = 32;
 pub struct Scene {
     context: Context,
     organ: Option<(Arc<Subject>, Mesh)>,
-    ball: Mesh,
+    tools: Vec<Mesh>,
     cylinder: Mesh,
     cone: Mesh,
 }
@@ -42,7 +43,7 @@ impl Scene {
         Self {
             context: context.clone(),
             organ: None,
-            ball: mesh(CpuMesh::sphere(SIDES)),
+            tools: Vec::new(),
             cylinder: mesh(CpuMesh::cylinder(SIDES)),
             cone: mesh(CpuMesh::cone(SIDES)),
         }
@@ -62,6 +63,7 @@ impl Scene {
                 ..Default::default()
             };
             self.organ = Some((body.subject.clone(), Mesh::new(&self.context, &mesh)));
+            self.tools = body.tools.iter().map(|shape| tool_mesh(&self.context, shape)).collect();
         }
         let Some((_, mesh)) = &mut self.organ else { return };
         let positions: Vec<Vec3> = moment.positions.iter().map(|&position| position.into()).collect();
@@ -118,7 +120,7 @@ impl Arrow {
     /// force that is rendered [N].
     pub fn of(tool: &PlacedTool, size: f32, limit: f32) -> Option<Self> {
         let newtons = tool.force.magnitude();
-        let start = tool.position + tool.shape.radius() * tool.force / newtons.max(1e-9);
+        let start = tool.position + tool.shape.radius * tool.force / newtons.max(1e-9);
         let way = LONGEST_ARROW * size / limit.max(1e-3) * tool.force;
         (newtons > 0.005).then_some(Self { start, way, newtons })
     }
@@ -133,23 +135,8 @@ struct Brush<'a> {
 impl Brush<'_> {
     fn tool(&mut self, tool: &PlacedTool) {
         let steel = Shaded { colour: TOOL, gloss: 1.0, wrap: 0.1 };
-        let axis = tool.orientation.rotate_vector(Vec3::unit_z());
-        let along = Quat::between_vectors(Vec3::unit_x(), axis);
-        let (at, turn) = (tool.position, tool.orientation);
-        match tool.shape {
-            Shape::Ball { radius } | Shape::Within { radius } => self.ball(&steel, at, radius, turn),
-            Shape::Capsule { radius, length } => {
-                self.ball(&steel, at, radius, turn);
-                self.ball(&steel, at + length * axis, radius, turn);
-                self.cylinder(&steel, at, vec3(length, radius, radius), along);
-            }
-            Shape::Cylinder { radius, length } => {
-                self.cylinder(&steel, at, vec3(length, radius, radius), along);
-                // The unit cylinder is open: flat cones close the ends.
-                let lid = vec3(1e-3 * radius, radius, radius);
-                self.cone(&steel, at, lid, Quat::between_vectors(Vec3::unit_x(), -axis));
-                self.cone(&steel, at + length * axis, lid, along);
-            }
+        if let Some(mesh) = self.scene.tools.get_mut(tool.number) {
+            draw(mesh, &steel, tool.position, vec3(1.0, 1.0, 1.0), tool.orientation, self.camera);
         }
     }
 
@@ -161,10 +148,6 @@ impl Brush<'_> {
         let neck = arrow.start + arrow.way.normalize_to(length - head);
         self.cylinder(&blue, arrow.start, vec3(length - head, radius, radius), turn);
         self.cone(&blue, neck, vec3(head, 0.55 * head, 0.55 * head), turn);
-    }
-
-    fn ball(&mut self, material: &Shaded, at: Vec3, radius: f32, turn: Quat) {
-        draw(&mut self.scene.ball, material, at, vec3(radius, radius, radius), turn, self.camera);
     }
 
     fn cylinder(&mut self, material: &Shaded, at: Vec3, scale: Vec3, turn: Quat) {
@@ -180,4 +163,15 @@ fn draw(mesh: &mut Mesh, material: &Shaded, at: Vec3, scale: Vec3, turn: Quat, c
     let scaled = Mat4::from_nonuniform_scale(scale.x, scale.y, scale.z);
     mesh.set_transformation(Mat4::from_translation(at) * Mat4::from(turn) * scaled);
     mesh.render_with_material(material, camera, &[]);
+}
+
+fn tool_mesh(context: &Context, shape: &ToolShape) -> Mesh {
+    let (points, normals, corners) = shape.mesh();
+    let mesh = CpuMesh {
+        positions: Positions::F32(points),
+        normals: Some(normals),
+        indices: Indices::U32(corners),
+        ..Default::default()
+    };
+    Mesh::new(context, &mesh)
 }

@@ -4,7 +4,7 @@ use super::pace::Pace;
 use super::{Moment, SourceError, Subject};
 use palpate_sdk::control_request::Request;
 use palpate_sdk::proto::ResetBody;
-use palpate_sdk::{Connection, ControlRequest, Endpoints, SdkError, Status, Surface, WatchOptions};
+use palpate_sdk::{Connection, ControlRequest, Endpoints, Status, WatchOptions};
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -148,7 +148,8 @@ impl Shared {
         let connection = Connection::open_surface(&self.endpoints)?;
         let frames = connection.watch_surface(WatchOptions { every: 1, levels: true })?;
         let surface = frames.surface();
-        let subject = Arc::new(subject(&connection, surface.clone())?);
+        let made_by = format!("session {} at {}", self.endpoints.session, self.endpoints.surface);
+        let subject = Arc::new(Subject::new(connection.session()?, surface.clone(), made_by));
         {
             let mut seen = self.lock();
             seen.subject = Some(subject);
@@ -196,17 +197,4 @@ impl Seen {
         self.newest = Instant::now();
         self.link = Link::Open;
     }
-}
-
-fn subject(connection: &Connection, surface: Arc<Surface>) -> Result<Subject, SdkError> {
-    let session = connection.session()?;
-    let body = session.body.unwrap_or_default();
-    Ok(Subject {
-        name: body.name,
-        surface,
-        levels: body.levels as usize,
-        tools: session.tools,
-        force_limit: session.limits.unwrap_or_default().force as f32,
-        made_by: format!("session {} at {}", connection.endpoints().session, connection.endpoints().surface),
-    })
 }

@@ -8,7 +8,7 @@ pub use live::{Link, Live, LiveView};
 pub use recording::{Frame, Recording};
 
 use palpate_sdk::proto::ToolState;
-use palpate_sdk::{SdkError, Surface, ToolDescription};
+use palpate_sdk::{SdkError, Session, Surface, ToolDescription};
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -66,6 +66,21 @@ pub enum SourceError {
     /// The server, or what it sends.
     #[error(transparent)]
     Sdk(#[from] SdkError),
+}
+
+impl Subject {
+    /// What `session` describes, with its surface.
+    fn new(session: Session, surface: Arc<Surface>, made_by: String) -> Self {
+        let body = session.body.unwrap_or_default();
+        Self {
+            name: body.name,
+            surface,
+            levels: body.levels as usize,
+            tools: session.tools,
+            force_limit: session.limits.unwrap_or_default().force as f32,
+            made_by,
+        }
+    }
 }
 
 impl From<palpate_sdk::Moment> for Moment {

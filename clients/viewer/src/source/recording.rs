@@ -4,7 +4,7 @@ use super::{Moment, SourceError, Subject, forces};
 use mcap::records::Record;
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use palpate_sdk::proto::{Message, RecordingStart, SurfaceFrame, SurfaceTopology, keys::topics};
-use palpate_sdk::{Surface, SurfaceDecoder, ToolDescription};
+use palpate_sdk::{Surface, SurfaceDecoder};
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
@@ -77,7 +77,8 @@ impl Recording {
         if index.frames.is_empty() {
             return Err(content(format!("it has no surface frame{because}: record for longer than 32 ms")));
         }
-        let subject = subject(&start, surface).map_err(|e| content(format!("its scene is damaged: {e}")))?;
+        let made_by = format!("palpate {}", start.palpate_version);
+        let subject = Subject::new(start.session.unwrap_or_default(), surface.into(), made_by);
         Ok(Self {
             path: path.to_owned(),
             file,
@@ -346,32 +347,4 @@ fn for_each_message(
         }
     }
     Ok(())
-}
-
-/// What the recording's scene says about body and tools.
-fn subject(start: &RecordingStart, surface: palpate_sdk::Surface) -> Result<Subject, toml::de::Error> {
-    let scene: toml::Table = toml::from_str(&start.scene_toml)?;
-    let text = |table: &toml::Table, key: &str| table.get(key).and_then(|v| v.as_str()).unwrap_or_default().to_owned();
-    let number = |table: &toml::Table, key: &str| table.get(key).and_then(|v| v.as_float()).unwrap_or_default();
-    let table = |key: &str| scene.get(key).and_then(|v| v.as_table()).cloned().unwrap_or_default();
-    let listed = |table: &toml::Table, key: &str| table.get(key).and_then(|v| v.as_array()).map_or(0, Vec::len);
-    let tools = scene.get("tool").and_then(|v| v.as_array()).into_iter().flatten().filter_map(|v| v.as_table());
-    let tools = tools.zip(0..).map(|(keys, tool)| {
-        let (radius, length) = (number(keys, "radius"), number(keys, "length"));
-        let shape = match text(keys, "shape") {
-            shape if !shape.is_empty() => shape,
-            _ if length > 0.0 => "capsule".into(),
-            _ => "ball".into(),
-        };
-        ToolDescription { tool, name: text(keys, "name"), shape, radius, length, taken: false }
-    });
-    let body = table("body");
-    Ok(Subject {
-        name: text(&scene, "name"),
-        surface: Arc::new(surface),
-        levels: ["spacings", "cells", "files"].map(|key| listed(&body, key)).into_iter().max().unwrap_or(0),
-        tools: tools.collect(),
-        force_limit: number(&table("safety"), "force_limit") as f32,
-        made_by: format!("palpate {}", start.palpate_version),
-    })
 }

@@ -2,7 +2,10 @@
 
 use palpate_sdk::proto::keys::topics;
 use palpate_sdk::proto::surface::{KEY_INTERVAL, SurfaceCode};
-use palpate_sdk::proto::{Message, RecordingStart, SurfaceFrame, SurfaceTopology, ToolPhase, ToolState};
+use palpate_sdk::proto::{
+    BodyDescription, Limits, Message, RecordingStart, Session, SurfaceFrame, SurfaceTopology, ToolDescription,
+    ToolPart, ToolPhase, ToolState,
+};
 use std::collections::BTreeMap;
 use std::f32::consts::{PI, TAU};
 use std::fs::File;
@@ -16,8 +19,6 @@ pub const TICKS: u64 = 32;
 pub const SINK: f32 = 0.001;
 /// Of the grid that frames' vertices stand on [m].
 const STEP: f64 = 1e-6;
-const SCENE: &str = "name = 'ball'\n[body]\nspacings = [0.1, 0.05]\n[safety]\nforce_limit = 3.3\n\
-                     [[tool]]\nname = 'probe'\nradius = 0.01\nlength = 0.1\n";
 
 /// Rest positions, a pole first and last; `rings` of triangles from pole to pole, twice as many sectors around.
 fn rest(rings: u32) -> Vec<[f32; 3]> {
@@ -77,7 +78,22 @@ pub fn record_ball(path: &Path, rings: u32, frames: u64) {
         let header = mcap::records::MessageHeader { channel_id, sequence: 0, log_time: time, publish_time: time };
         writer.write_to_known_channel(&header, &bytes).unwrap();
     };
-    let start = RecordingStart { scene_toml: SCENE.into(), palpate_version: "7".into(), ..Default::default() };
+    let shaft = ToolPart { corners: vec![0.0, 0.0, 0.0, 0.0, 0.0, 0.1], rounding: 0.01, ..Default::default() };
+    let probe = ToolDescription {
+        name: "probe".into(),
+        shape: "capsule".into(),
+        radius: 0.01,
+        length: 0.1,
+        parts: vec![shaft],
+        ..Default::default()
+    };
+    let session = Session {
+        body: Some(BodyDescription { name: "ball".into(), levels: 2, ..Default::default() }),
+        tools: vec![probe],
+        limits: Some(Limits { force: 3.3, ..Default::default() }),
+        ..Default::default()
+    };
+    let start = RecordingStart { palpate_version: "7".into(), session: Some(session), ..Default::default() };
     say(topics::START, 0, start.encode_to_vec());
     let (rest, triangles) = (rest(rings), triangles(rings));
     let topology = SurfaceTopology {
