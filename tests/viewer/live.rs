@@ -1,11 +1,12 @@
 //! A running server, watched and poked.
 
 use crate::display::children;
-use crate::look::{all, is_force, is_tissue, part};
+use crate::look::{all, is_fine, is_force, is_tissue, part};
 use crate::screen::{Screen, button, readable, said};
 use palpate_sdk::Endpoints;
 use palpate_viewer::Scenes;
 use palpate_viewer::app::App;
+use palpate_viewer::colour::Colouring;
 use palpate_viewer::poke::Felt;
 use palpate_viewer::snapshot::Photographer;
 use palpate_viewer::three_d::egui::{PointerButton, Pos2, pos2};
@@ -108,6 +109,10 @@ fn a_press_of_the_mouse_is_felt_and_seen_and_all_that_is_said_can_be_read() {
     let picture = Photographer::new().unwrap().take(&mut app, 1280, 800).unwrap();
     let (arrow, tissue) = (part(all(&picture), is_force), part(all(&picture), is_tissue));
     assert!(arrow > 1e-3 && tissue > 0.05, "{arrow} {tissue}");
+    app.colouring = Colouring::Level;
+    let picture = Photographer::new().unwrap().take(&mut app, 1280, 800).unwrap();
+    let fine = part(picture.region(0.2, 0.2, 0.6, 0.8), is_fine);
+    assert!(fine > 5e-3, "the body is fine under the tool: {fine}");
     assert_eq!(app.orbit, orbit, "a press with a tool does not turn the body");
 
     screen.show(&mut app, button(top, PointerButton::Primary, false));

@@ -24,6 +24,16 @@ pub fn is_tissue([r, g, b]: [u8; 3]) -> bool {
     i32::from(r) > i32::from(g) + 40 && i32::from(r) > i32::from(b) + 40
 }
 
+/// The finest of three levels: yellow.
+pub fn is_fine([r, g, b]: [u8; 3]) -> bool {
+    i32::from(r) > i32::from(b) + 70 && i32::from(g) > i32::from(b) + 50
+}
+
+/// The coarsest level: blue.
+pub fn is_coarse([r, g, b]: [u8; 3]) -> bool {
+    i32::from(b) > i32::from(r) + 60 && i32::from(b) > i32::from(g) + 30
+}
+
 /// The force's arrow and its number.
 pub fn is_force([r, g, b]: [u8; 3]) -> bool {
     i32::from(b) > i32::from(r) + 60 && i32::from(b) > i32::from(g) + 30

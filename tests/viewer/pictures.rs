@@ -1,6 +1,6 @@
 //! Pictures of a recording, drawn without a display.
 
-use crate::look::{all, is_force, is_tissue, mean, part};
+use crate::look::{all, is_coarse, is_fine, is_force, is_tissue, mean, part};
 use assert_cmd::Command;
 use palpate_viewer::app::App;
 use palpate_viewer::colour::Colouring;
@@ -88,6 +88,23 @@ fn strain_and_displacement_colour_what_was_moved() {
         let more = warmth(&pressed) - warmth(&rest);
         assert!(more > 8.0, "{colouring:?}: {more}");
     }
+}
+
+#[test]
+fn levels_of_detail_are_blue_where_they_are_coarse_and_yellow_under_the_tool() {
+    let at = |time: f64| picture(time, |app| app.colouring = Colouring::Level);
+    let (rest, pressed) = (at(0.0), at(DEEPEST));
+    let of = |picture: &Snapshot, [left, top, right, bottom]: [f32; 4], holds: fn([u8; 3]) -> bool| {
+        part(picture.region(left, top, right, bottom), holds)
+    };
+    let (crown, foot) = ([0.35, 0.2, 0.65, 0.45], [0.27, 0.6, 0.76, 0.87]);
+    // The tool is near from the start: two levels of three.
+    assert!(of(&rest, crown, is_fine) < 1e-3 && of(&rest, foot, is_coarse) > 0.3, "{}", of(&rest, foot, is_coarse));
+    let (top, bottom) = (of(&pressed, crown, is_fine), of(&pressed, foot, is_coarse));
+    println!("fine: {top} of the top; coarse: {bottom} of the foot");
+    assert!(top > 0.1 && of(&pressed, foot, is_fine) < 0.01 && bottom > 0.02);
+    // The legend has both.
+    assert!(part(pressed.region(0.8, 0.9, 1.0, 1.0), is_fine) > 0.01);
 }
 
 /// Pixels in which two pictures differ, column by column.
