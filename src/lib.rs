@@ -17,7 +17,7 @@
 //! | [`contact`] | tools, where they touch, the wrench, the limits of what a hand feels | how constraints are solved |
 //! | [`simulation`] | `advance(&Inputs) -> &Outputs`: the core ends here | clocks, files, networks, threads, logs |
 //! | [`feedback`] | how the force will change where the tool goes next, for hands that are far away | ticks: it looks at a copy |
-//! | [`prepare`] | shapes to a body | scenes |
+//! | [`prepare`] | shapes to a body, its file, and what it is like | scenes |
 //! | [`scene`] | scene text to checked parameters, a body and settings | networks |
 //! | [`offline`] | a simulation under a trajectory, as fast as it goes | networks, clocks |
 //! | [`wire`] | messages to core types and back; what is refused and why | zenoh, threads |

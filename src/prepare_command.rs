@@ -4,17 +4,23 @@ use crate::progress::Progress;
 use anyhow::{Context, bail};
 use clap::Args;
 use palpate::geometry::mesh_io::LengthUnit;
+use palpate::hierarchy::Level;
+use palpate::math::Vec3;
+use palpate::model::Body;
 use palpate::prepare::body_check::check;
 use palpate::prepare::body_file::{BodyFile, InputFile, Provenance};
 use palpate::prepare::forecast::{LevelForecast, forecast, unit_time};
 use palpate::prepare::input::{Fineness, Input, shape};
+use palpate::prepare::region::{Reach, keep_finest_within};
 use palpate::prepare::report::{LevelReport, report};
+use palpate::prepare::section::Plane;
 use palpate::prepare::thin_walls::{Thin, ThinPlaces, thin_places};
 use palpate::prepare::{Shape, prepare};
 use palpate::realtime::governor::WORK_TIME;
 use palpate::scene::LoadedScene;
 use palpate::scene::prepared::body_keys;
-use std::path::PathBuf;
+use palpate::study::plot::{self, Section};
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// Arguments of `prepare`.
@@ -38,6 +44,10 @@ pub struct PrepareArgs {
     /// Lattice constant of the finest level, as in 3mm; coarser ones follow
     #[arg(long)]
     finest: Option<Length>,
+    /// The finest level covers only this region, in the files' own coordinates: a box x0,y0,z0,x1,y1,z1 or a ball
+    /// x,y,z,radius
+    #[arg(long, value_delimiter = ',', allow_hyphen_values = true, value_name = "NUMBERS")]
+    finest_in: Vec<f64>,
     /// About how many vertices viewers get
     #[arg(long, default_value_t = 2500)]
     display_vertices: usize,
@@ -53,6 +63,9 @@ pub struct PrepareArgs {
     /// Take a body of any size as it is
     #[arg(long)]
     any_size: bool,
+    /// Draw a cut through each level into this file
+    #[arg(long, value_name = "FILE.png")]
+    picture: Option<PathBuf>,
     /// Write nothing, only look
     #[arg(long)]
     check: bool,
@@ -103,7 +116,11 @@ pub fn run(args: &PrepareArgs) -> anyhow::Result<ExitCode> {
     loaded.scene.name = args.inputs[0].file_stem().unwrap_or_default().to_string_lossy().chars().take(64).collect();
     loaded.scene.body = body_keys();
     let recipe = loaded.recipe(shape);
-    let body = prepare(&recipe, &mut |what, done, of| progress.show(what, done, of))?;
+    let mut body = prepare(&recipe, &mut |what, done, of| progress.show(what, done, of))?;
+    if let Some(reach) = args.reach()? {
+        progress.show("keeping the finest level in its region", 1, 1);
+        body = keep_finest_within(body, &reach)?;
+    }
     let provenance = Provenance {
         palpate: env!("CARGO_PKG_VERSION").into(),
         inputs: files,
@@ -120,13 +137,25 @@ pub fn run(args: &PrepareArgs) -> anyhow::Result<ExitCode> {
         Shape::Meshes(_) => vec![ThinPlaces::default(); body.levels().len()],
     };
     let forecast = forecast(body, unit_time(body), WORK_TIME * 1e-9);
-    progress.finish(&format!("{}: {:.4} L, {:.4} kg", body.name(), 1e3 * moments.volume, body.mass()));
+    progress.finish("looked at the levels");
+    let size = body.surface().bounds().1 - body.surface().bounds().0;
+    println!(
+        "{}: {:.4} × {:.4} × {:.4} m, {:.4} L, {:.4} kg, slowest mode {:.2} Hz, held at {} points",
+        body.name(),
+        size.x,
+        size.y,
+        size.z,
+        1e3 * moments.volume,
+        body.mass(),
+        body.slowest_mode() / std::f64::consts::TAU,
+        body.holds().len() + body.level(body.finest()).fixed.len()
+    );
     print!("{report}");
-    println!("slowest mode {:.2} Hz, held at {} points", body.slowest_mode() / std::f64::consts::TAU, held(&file));
     for (r, (level, forecast)) in report.levels.iter().zip(&forecast).enumerate() {
         println!("level {r}: {}", in_words(level, forecast));
         for (what, thin) in [("walls thinner than an element", thin[r].walls), ("gaps that it bridges", thin[r].gaps)] {
-            if let Some(Thin { part, thickness, at }) = thin {
+            // Sharp rims are thin for any element.
+            if let Some(Thin { part, thickness, at }) = thin.filter(|thin| thin.part > 1e-3) {
                 println!(
                     "level {r}: {what}: {:.1} % of the surface, the thinnest {:.2} mm at ({:.4}, {:.4}, {:.4}) m",
                     100.0 * part,
@@ -137,6 +166,9 @@ pub fn run(args: &PrepareArgs) -> anyhow::Result<ExitCode> {
                 );
             }
         }
+    }
+    if let Some(file) = &args.picture {
+        picture(file, body, &recipe.shape).with_context(|| file.display().to_string())?;
     }
     if !report.levels[0].can_be_stepped() {
         bail!("not even the coarsest level can be used: see the warnings");
@@ -149,10 +181,27 @@ pub fn run(args: &PrepareArgs) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Points that do not move freely on the finest level.
-fn held(file: &BodyFile) -> usize {
-    let body = &file.body;
-    body.holds().len() + body.level(body.finest()).fixed.len()
+/// Draws a cut through each level of `body`, which was made of `shape`: elements the paler, the less of them lies inside.
+fn picture(file: &Path, body: &Body, shape: &Shape) -> anyhow::Result<()> {
+    let name = file.file_stem().context("the picture needs a file name")?.to_string_lossy();
+    if file.extension().is_none_or(|e| e != "png") {
+        bail!("pictures are PNG: name it {name}.png");
+    }
+    let surface = match shape {
+        Shape::Closed { surface, .. } => surface,
+        Shape::Meshes(_) => body.surface(),
+    };
+    let (low, high) = surface.bounds();
+    let plane = Plane::through(low, high);
+    let section = |(r, level): (usize, &Level)| Section {
+        title: format!("level {r}: {:.2} mm, {} elements", 1e3 * level.spacing, level.mesh.elements.len()),
+        polygons: plane.cut(&level.mesh).into_iter().map(|(e, polygon)| (polygon, level.fraction[e])).collect(),
+        outline: plane.outline(surface),
+    };
+    let sections: Vec<Section> = body.levels().iter().enumerate().map(section).collect();
+    let title = format!("{}, cut at its middle, {:.0} mm wide", body.name(), 1e3 * (high - low).dot(&plane.right));
+    plot::sections(file.parent().unwrap_or(Path::new("")), &name, &title, &sections)?;
+    Ok(())
 }
 
 /// What of a level runs in real time on this machine.
@@ -182,6 +231,18 @@ impl PrepareArgs {
         })
     }
 
+    /// Where the finest level is to be [m].
+    fn reach(&self) -> anyhow::Result<Option<Reach>> {
+        let numbers: Vec<f64> = self.finest_in.iter().map(|x| x * self.unit.metres() * self.scale).collect();
+        let point = |at: usize| Vec3::from_row_slice(&numbers[at..at + 3]);
+        Ok(match numbers.len() {
+            0 => None,
+            4 => Some(Reach::Ball(point(0), numbers[3])),
+            6 => Some(Reach::Box(point(0).inf(&point(3)), point(0).sup(&point(3)))),
+            n => bail!("--finest-in: {n} numbers; a box has 6 (x0,y0,z0,x1,y1,z1), a ball 4 (x,y,z,radius)"),
+        })
+    }
+
     /// What decides the body beside files and scene, as on the command line.
     fn options(&self) -> String {
         let mut options = format!("--unit {} --display-vertices {}", self.unit, self.display_vertices);
@@ -194,6 +255,10 @@ impl PrepareArgs {
         }
         if let Some(finest) = &self.finest {
             options += &format!(" --finest {}", finest.text);
+        }
+        if !self.finest_in.is_empty() {
+            let numbers: Vec<String> = self.finest_in.iter().map(f64::to_string).collect();
+            options += &format!(" --finest-in {}", numbers.join(","));
         }
         options
     }

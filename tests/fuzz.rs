@@ -169,7 +169,7 @@ fn msh(mesh: &TetMesh) -> Vec<u8> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 256, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
     fn a_prepared_file_of_which_any_byte_changed_is_refused(at in 0.0..1.0f64, to in 1..=255u8) {

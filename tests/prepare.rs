@@ -1,10 +1,15 @@
 //! `palpate prepare`: a body in one file is the body that its scene builds, and files that are none are refused.
 
 use palpate::geometry::Surface;
+use palpate::geometry::mesh_io::LengthUnit;
 use palpate::geometry::primitives::{liver_surface, toy_surface};
 use palpate::math::{Real, Vec3};
 use palpate::model::{Body, Material};
+use palpate::prepare::body_check::check;
 use palpate::prepare::body_file::{BodyFile, Provenance};
+use palpate::prepare::input::{Fineness, Input, Solid, shape};
+use palpate::prepare::report::report;
+use palpate::prepare::spacings;
 use palpate::prepare::{Recipe, Region, Shape, prepare, refit};
 use palpate::scene::LoadedScene;
 use std::fmt::Write as _;
@@ -156,8 +161,8 @@ fn files_that_are_no_prepared_bodies_are_refused_with_what_to_do() {
         (bytes[..10].to_vec(), "cut off"),
         (bytes[..bytes.len() - 1].to_vec(), "cut off"),
         ([bytes.clone(), vec![0]].concat(), "added to"),
-        (changed(8, 9), "format 9, this palpate reads format 1: update palpate"),
-        (changed(8, 0), "format 0, this palpate reads format 1: prepare it again"),
+        (changed(8, 9), "format 9, this palpate reads format 2: update palpate"),
+        (changed(8, 0), "format 0, this palpate reads format 2: prepare it again"),
         (changed(bytes.len() / 2, bytes[bytes.len() / 2] ^ 1), "checksum"),
     ] {
         let e = refused(&bytes);
@@ -167,4 +172,106 @@ fn files_that_are_no_prepared_bodies_are_refused_with_what_to_do() {
     LoadedScene::load(&path, &[]).unwrap();
     let lost = stderr(&palpate(&["serve", "--scene", "lost.palpate"]).failure());
     assert!(lost.contains("lost.palpate"), "{lost}");
+}
+
+#[test]
+fn prepare_refuses_with_a_remedy_and_draws_what_it_makes() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let (mesh, out, picture) = (path("toy.obj"), path("toy.palpate"), path("toy.png"));
+    fs::write(&mesh, obj(&toy_surface(0.006))).unwrap();
+    let run = |more: &[&str]| palpate(&[&["prepare", &mesh, "-o", &out], more].concat());
+    for (given, remedy) in [
+        (&[][..], "--unit"),
+        (&["--unit", "m"], "--unit mm"),
+        (&["--unit", "ft"], "write m, cm, mm or in"),
+        (&["--unit", "mm", "--finest", "3"], "write it as in 3mm"),
+        (&["--unit", "mm", "--levels", "10mm,9mm"], "at most 0.8 of the one before it"),
+        (&["--unit", "mm", "--finest-in", "1,2,3"], "a box has 6"),
+        (&["--unit", "mm", "--levels", "30mm,18mm", "--finest-in", "900,0,0,9"], "give a larger one"),
+        (&["--unit", "mm", "--levels", "30mm,18mm", "--picture", "toy.jpg"], "toy.png"),
+    ] {
+        let e = stderr(&run(given).failure());
+        assert!(e.contains(remedy), "{given:?}: {e}");
+        assert!(!Path::new(&out).exists());
+    }
+    let unwritten = stderr(&palpate(&["prepare", &mesh, "--unit", "mm"]).failure());
+    assert!(unwritten.contains("--out"), "{unwritten}");
+    let region = ["--unit", "mm", "--levels", "30mm,18mm,10mm", "--finest-in", "0,0,140,45", "--picture", &picture];
+    let said = stdout(&run(&region).success());
+    assert!(said.contains("region") && said.contains(&out), "{said}");
+    assert!(fs::read(&picture).unwrap().starts_with(b"\x89PNG"));
+    let body = load(Path::new(&out), &[]).build(&mut silent).unwrap();
+    assert!(body.level(1).is_whole() && !body.level(2).is_whole());
+    // Held elsewhere, the levels that cover the body still agree, with the region's as they did.
+    let before = body.level(1).stiffness_factor.clone();
+    let held = load(Path::new(&out), &["hold.0.max=[1.0, 1.0, 0.4]"]).build(&mut silent).unwrap();
+    assert!(held.holds().len() > body.holds().len() && held.level(1).stiffness_factor == before);
+    assert!(held.level(0).stiffness_factor != body.level(0).stiffness_factor);
+}
+
+/// What comes of the file at `path`: the body's levels in words, or why it is refused.
+fn verdict(path: &Path, unit: LengthUnit, scale: Real) -> Result<String, String> {
+    let input = Input::read(path, unit, scale).map_err(|e| e.to_string())?;
+    let solids = vec![input.solid];
+    check(&solids, unit, scale, false, false).map_err(|e| e.to_string())?;
+    let fineness = match &solids[0] {
+        Solid::Surface(surface) => Fineness::Levels(spacings::automatic(surface.volume())[..2].to_vec()),
+        Solid::Volume(_) => Fineness::Automatic,
+    };
+    let (shape, moments) = shape(solids, &fineness, 2500)?;
+    let name = path.file_stem().unwrap().to_string_lossy().into_owned();
+    let material = Material::from_young(5e3, 0.45, 1050.0);
+    let body = prepare(&Recipe { name, shape, material, holds: vec![], damping_ratio: 0.15 }, &mut silent)
+        .map_err(|e| e.to_string())?;
+    let report = report(&body, &moments);
+    let levels = report.levels.iter().map(|level| {
+        assert!(level.can_be_stepped() && level.volume.abs() < 0.05 && level.centre < 0.02, "{level:?}");
+        format!("{} nodes, volume {:+.2} %, step {:.3} ms", level.nodes, 100.0 * level.volume, 1e3 * level.step)
+    });
+    Ok(levels.collect::<Vec<_>>().join("; "))
+}
+
+#[test]
+fn every_mesh_at_hand_makes_a_body_or_is_refused_with_the_reason() {
+    let meshes = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/meshes");
+    if !meshes.is_dir() {
+        eprintln!("no meshes here: not tested");
+        return;
+    }
+    let (m, mm) = (LengthUnit::Metre, LengthUnit::Millimetre);
+    let mut wrong = Vec::new();
+    for (file, unit, scale, refused) in [
+        ("Liver.stl", mm, 1.0, None),
+        ("Spleen.stl", mm, 1.0, None),
+        ("Kidney_left.stl", mm, 1.0, None),
+        ("gallbladder_collision.stl", mm, 1.0, None),
+        ("instrument_shaft.stl", mm, 1.0, None),
+        ("torus.obj", m, 0.02, None),
+        ("truthcylinder1.obj", LengthUnit::Centimetre, 1.0, None),
+        ("truthcylinder1.msh", LengthUnit::Centimetre, 1.0, None),
+        ("raptor_8kp.obj", m, 0.02, Some("crosses itself")),
+        ("liver.msh", m, 0.0308519, None),
+        ("liver-smooth.obj", m, 0.0308519, Some("crosses itself")),
+        ("cube_22_ascii_vol_gmshApp.msh", m, 0.1, None),
+        ("single_tetra.msh", m, 0.1, None),
+        ("6_tetra_bad.msh", m, 0.1, Some("inside out")),
+        ("bunny.obj", m, 1.0, Some("not closed")),
+        ("dragon.stl", m, 1.0, Some("more than two triangles")),
+        ("Liver.stl", m, 1.0, Some("--unit mm")),
+        ("Kidney_left.stl", mm, 0.01, Some("--unit m,")),
+    ] {
+        let began = std::time::Instant::now();
+        let found = verdict(&meshes.join(file), unit, scale);
+        println!("{file}, {:.1} s: {}", began.elapsed().as_secs_f64(), found.as_ref().unwrap_or_else(|e| e));
+        let as_expected = match (refused, &found) {
+            (None, Ok(_)) => true,
+            (Some(why), Err(e)) => e.contains(why),
+            _ => false,
+        };
+        if !as_expected {
+            wrong.push(format!("{file}: {found:?}"));
+        }
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }

@@ -260,11 +260,16 @@ impl Look<'_> {
         if distance < reach { TOUCHED + (1.0 - distance / reach).min(2.0) } else { 0.0 }
     }
 
+    /// False where there is nothing finer that may be used.
+    fn may_split(&self, n: u32, finest: usize) -> bool {
+        self.body.level_of(n) < finest && !self.body.children(n).is_empty()
+    }
+
     /// Nodes worth splitting, of the slices of this tick.
     fn wanted_nodes(&self, mesh: &ActiveMesh, ticks: u64, finest: usize, wanted: &mut Vec<(Real, u32)>) {
         for slot in slice(mesh.active(), ticks % INDICATOR_TICKS, INDICATOR_TICKS) {
             let n = mesh.node(*slot);
-            if self.body.level_of(n) < finest {
+            if self.may_split(n, finest) {
                 let value = indicator::strain_jump(self.body, mesh, n) / self.adaptivity.split;
                 if value > 1.0 {
                     keep(wanted, value.min(TOUCHED), n);
@@ -276,10 +281,9 @@ impl Look<'_> {
         }
         for slot in slice(mesh.active(), ticks % FOCUS_TICKS, FOCUS_TICKS) {
             let n = mesh.node(*slot);
-            let level = self.body.level_of(n);
-            if level < finest {
+            if self.may_split(n, finest) {
                 let x = mesh.position(*slot);
-                let value = self.worth(self.distance(x), self.body.level(level).spacing, 1.0);
+                let value = self.worth(self.distance(x), self.body.level(self.body.level_of(n)).spacing, 1.0);
                 if value > 0.0 {
                     keep(wanted, value, n);
                 }

@@ -38,7 +38,13 @@ pub struct Level {
     pub embedding: Vec<Host>,
     /// Nodes that do not move at all, ascending; only on meshes that conform to the body.
     pub fixed: Vec<u32>,
+    /// Nodes that are never active, ascending: on the rim of a level that covers only a region of the body, where some
+    /// of their elements are left out. Rows on such a level are on element [`NOWHERE`] where it does not reach.
+    pub rim: Vec<u32>,
 }
+
+/// Stands for the element of a place that a level does not reach.
+pub const NOWHERE: u32 = u32::MAX;
 
 impl Level {
     /// A level of `mesh` without ties yet. `density` [kg/m³]; `mass` [kg] is what the node masses are scaled to sum to.
@@ -80,7 +86,13 @@ impl Level {
             finer_host: Vec::new(),
             embedding: Vec::new(),
             fixed: Vec::new(),
+            rim: Vec::new(),
         }
+    }
+
+    /// True for a level of the whole body, false for one of a region.
+    pub fn is_whole(&self) -> bool {
+        self.rim.is_empty()
     }
 
     /// True for a mesh whose elements fill the body, false for a cover that reaches beyond it.

@@ -33,8 +33,9 @@ pub struct ActiveSet {
 }
 
 impl ActiveSet {
-    /// Every node of level `level`.
+    /// Every node of level `level`, which covers the whole body.
     pub fn uniform(body: &Body, level: usize) -> Self {
+        debug_assert!(body.level(level).is_whole());
         let mut set = Self { status: Vec::with_capacity(body.node_count()), count: vec![0; body.levels().len()] };
         for r in 0..body.levels().len() {
             let status = match r.cmp(&level) {
@@ -60,7 +61,7 @@ impl ActiveSet {
         self.status.fill(Status::Coarser);
         self.count.fill(0);
         for &n in nodes {
-            if n as usize >= self.status.len() || self.status[n as usize] != Status::Coarser {
+            if n as usize >= self.status.len() || self.status[n as usize] != Status::Coarser || body.is_on_rim(n) {
                 return false;
             }
             self.status[n as usize] = Status::Active;

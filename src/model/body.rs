@@ -7,11 +7,12 @@ use super::material::Material;
 use crate::geometry::Surface;
 use crate::geometry::locate::Host;
 use crate::hierarchy::Level;
+use crate::hierarchy::level::NOWHERE;
 use crate::math::{Real, Vec3};
 use serde::{Deserialize, Serialize};
 
 /// First bytes of a body file: name and format version.
-const MAGIC: &[u8; 12] = b"palpate-bdy\x04";
+const MAGIC: &[u8; 12] = b"palpate-bdy\x05";
 
 /// Stands for "no node", "no element".
 pub const NONE: u32 = u32::MAX;
@@ -70,6 +71,7 @@ pub struct Body {
     children: Csr,
     hosted: Csr,
     fixed: Vec<bool>,
+    rim: Vec<bool>,
     mass: Real,
     centre: Vec3,
     vertex_area: Vec<Real>,
@@ -127,20 +129,23 @@ impl Body {
             .flat_map(|(r, l)| l.mesh.elements.iter().map(move |e| (r, e)))
             .map(|(r, e)| e.map(|n| n + first_node[r]))
             .collect();
-        let mut fixed = vec![false; nodes];
+        let (mut fixed, mut rim) = (vec![false; nodes], vec![false; nodes]);
         let mut parents = Vec::with_capacity(nodes);
         for (r, level) in levels() {
             level.fixed.iter().for_each(|n| fixed[(first_node[r] + n) as usize] = true);
-            let own = first_node[r]..;
-            parents.extend(level.parent.iter().zip(own).map(|(p, n)| (first_node[r.max(1) - 1] + p, n)));
+            level.rim.iter().for_each(|n| rim[(first_node[r] + n) as usize] = true);
+            let own = (first_node[r]..).zip(&level.parent).map(|(n, p)| (first_node[r.max(1) - 1] + p, n));
+            // A node on the rim is nobody's child: it never stands for anything.
+            parents.extend(own.filter(|(_, n)| !rim[*n as usize]));
         }
         let hosts: Vec<(u32, u32)> = levels()
             .flat_map(|(r, l)| l.embedding.iter().enumerate().map(move |(v, h)| (r, v as u32, h.element)))
+            .filter(|(_, _, e)| *e != NOWHERE)
             .map(|(r, v, e)| (first_element[r] + e, v))
             .collect();
         let corners = elements.iter().enumerate().flat_map(|(e, nodes)| nodes.map(|n| (n, e as u32)));
         let triangles = parts.surface.triangles.iter().enumerate();
-        let finest = &parts.levels[parts.levels.len() - 1];
+        let finest = finest_whole(&parts.levels);
         Body {
             level_of_node: levels().flat_map(|(r, l)| vec![r as u8; l.mesh.nodes.len()]).collect(),
             rest: levels().flat_map(|(_, l)| l.mesh.nodes.iter().copied()).collect(),
@@ -148,6 +153,7 @@ impl Body {
             children: Csr::new(nodes, parents.iter().copied()),
             hosted: Csr::new(elements.len(), hosts.iter().copied()),
             fixed,
+            rim,
             mass: finest.node_mass.iter().sum(),
             centre: finest.centre_of_mass(),
             vertex_area: parts.surface.vertex_areas(),
@@ -278,7 +284,7 @@ impl Body {
         self.around.of(n)
     }
 
-    /// Nodes of the next finer level that stand for node `n` together.
+    /// Nodes of the next finer level that stand for node `n` together; none where that does not reach.
     pub fn children(&self, n: u32) -> &[u32] {
         self.children.of(n)
     }
@@ -297,21 +303,21 @@ impl Body {
         self.host_on(r, self.level(r + 1).coarser_host[(n - self.first_node[r + 1]) as usize])
     }
 
-    /// Where node `n` lies in the next finer level; `element` is numbered through. `None` on the finest.
+    /// Where node `n` lies in the next finer level; `element` is numbered through. `None` on the finest, and where the
+    /// next finer one does not reach.
     pub fn finer_host(&self, n: u32) -> Option<Host> {
         let r = self.level_of(n);
         let host = self.level(r).finer_host.get((n - self.first_node[r]) as usize)?;
         self.host_on(r + 1, *host)
     }
 
-    /// Where display vertex `v` lies on level `r`; `element` is numbered through.
-    pub fn embedding(&self, r: usize, v: u32) -> Host {
-        let host = self.level(r).embedding[v as usize];
-        Host { element: host.element + self.first_element[r], ..host }
+    /// Where display vertex `v` lies on level `r`; `element` is numbered through. `None` where the level does not reach.
+    pub fn embedding(&self, r: usize, v: u32) -> Option<Host> {
+        self.host_on(r, self.level(r).embedding[v as usize])
     }
 
     fn host_on(&self, r: usize, host: Host) -> Option<Host> {
-        Some(Host { element: host.element + self.first_element[r], ..host })
+        (host.element != NOWHERE).then(|| Host { element: host.element + self.first_element[r], ..host })
     }
 
     /// Display vertices that lie in element `e` on its level.
@@ -345,6 +351,19 @@ impl Body {
     pub fn stiffness_factor(&self, e: u32) -> Real {
         let r = self.level_of_element(e);
         self.parts.levels[r].stiffness_factor[(e - self.first_element[r]) as usize]
+    }
+
+    /// True for nodes that are never active, on the rim of a level that covers only a region.
+    pub fn is_on_rim(&self, n: u32) -> bool {
+        self.rim[n as usize]
+    }
+
+    /// The nodes that cover the body together at level `r`, ascending: those of the level, and where it does not reach,
+    /// those of the next coarser one.
+    pub fn covering(&self, r: usize) -> Vec<u32> {
+        let childless = |n: &u32| self.children(*n).is_empty();
+        let coarser = if self.level(r).is_whole() { 0..0 } else { self.nodes_of(r - 1) };
+        coarser.filter(childless).chain(self.nodes_of(r).filter(|n| !self.is_on_rim(*n))).collect()
     }
 
     /// True for nodes that do not move at all.
@@ -427,8 +446,8 @@ fn check(parts: &BodyParts) -> Result<(), String> {
             && level.stiffness_factor.len() == elements
             && level.node_mass.len() == nodes
             && level.embedding.len() == vertices
-            && level.embedding.iter().all(|h| lies_in(h, elements))
-            && level.fixed.iter().all(in_range)
+            && level.embedding.iter().all(|h| lies_in(h, elements) || !level.is_whole() && h.element == NOWHERE)
+            && level.fixed.iter().chain(&level.rim).all(in_range)
             && (parts.material_of[i].is_empty() || parts.material_of[i].len() == elements)
             && parts.material_of[i].iter().all(|m| (*m as usize) < parts.materials.len());
         if !whole {
@@ -446,15 +465,37 @@ fn check(parts: &BodyParts) -> Result<(), String> {
         }
     }
     let (first, last) = (&parts.levels[0], &parts.levels[parts.levels.len() - 1]);
+    if parts.levels[..parts.levels.len() - 1].iter().chain([first]).any(|level| !level.is_whole()) {
+        return Err("a level covers only a region, but is not the finest of several".into());
+    }
+    let body_mass: Real = finest_whole(&parts.levels).node_mass.iter().sum();
+    for (i, level) in parts.levels.iter().enumerate().filter(|(_, level)| level.is_whole()) {
+        let of_elements = level.density * level.volume();
+        let of_nodes: Real = level.node_mass.iter().sum();
+        if [of_elements, of_nodes].iter().any(|mass| !(0.5..2.0).contains(&(mass / body_mass))) {
+            return Err(format!(
+                "level {i} weighs {of_nodes:.3e} kg, its elements {of_elements:.3e} kg, the finest level {body_mass:.3e} kg: \
+                 they are not of one body"
+            ));
+        }
+    }
     if !(first.parent.is_empty() && first.coarser_host.is_empty() && last.finer_host.is_empty()) {
         return Err("the coarsest or the finest level is tied to one that is not there".into());
     }
     for i in 1..parts.levels.len() {
         let (coarse, fine) = (&parts.levels[i - 1], &parts.levels[i]);
         let coarse_nodes = coarse.mesh.nodes.len();
-        let mut childless = vec![true; coarse_nodes];
-        let known = fine.parent.iter().all(|p| childless.get_mut(*p as usize).map(|none| *none = false).is_some());
-        if fine.parent.len() != fine.mesh.nodes.len() || !known || childless.contains(&true) {
+        if fine.parent.len() != fine.mesh.nodes.len() || fine.parent.iter().any(|p| *p as usize >= coarse_nodes) {
+            return Err(format!("level {i}: a node has no parent"));
+        }
+        let mut on_rim = vec![false; fine.parent.len()];
+        fine.rim.iter().for_each(|n| on_rim[*n as usize] = true);
+        let (mut childless, mut unreached) = (vec![true; coarse_nodes], vec![false; coarse_nodes]);
+        for (p, on_rim) in fine.parent.iter().zip(on_rim) {
+            let mark = if on_rim { &mut unreached } else { &mut childless };
+            mark[*p as usize] = on_rim;
+        }
+        if fine.is_whole() && childless.contains(&true) {
             return Err(format!(
                 "levels {} and {i}: every coarse node needs a finer child; order the levels from coarse to fine \
                  (now {coarse_nodes} and {} nodes)",
@@ -462,10 +503,18 @@ fn check(parts: &BodyParts) -> Result<(), String> {
                 fine.mesh.nodes.len()
             ));
         }
+        // A family is in the region as a whole or not at all.
+        if childless.iter().zip(&unreached).any(|(childless, unreached)| *unreached && !childless)
+            || !childless.contains(&false)
+        {
+            return Err(format!("level {i} covers only a region, whose rim runs through a family"));
+        }
+        let hosts_above =
+            |(h, childless): (&Host, &bool)| lies_in(h, fine.mesh.elements.len()) || *childless && h.element == NOWHERE;
         let hosted = fine.coarser_host.len() == fine.mesh.nodes.len()
             && coarse.finer_host.len() == coarse_nodes
             && fine.coarser_host.iter().all(|h| lies_in(h, coarse.mesh.elements.len()))
-            && coarse.finer_host.iter().all(|h| lies_in(h, fine.mesh.elements.len()));
+            && coarse.finer_host.iter().zip(&childless).all(hosts_above);
         if !hosted {
             return Err(format!("levels {} and {i}: a node lies in no element of the other level", i - 1));
         }
@@ -473,8 +522,14 @@ fn check(parts: &BodyParts) -> Result<(), String> {
     Ok(())
 }
 
+/// The finest level that covers the body as a whole: what the body weighs, and where its centre is.
+fn finest_whole(levels: &[Level]) -> &Level {
+    levels.iter().rfind(|level| level.is_whole()).unwrap_or(&levels[0])
+}
+
+/// False for what is no number or so far away [m] that it can only be damage: its products would not be finite.
 fn finite(p: &Vec3) -> bool {
-    p.iter().all(|c| c.is_finite())
+    p.iter().all(|c| c.abs() <= 1e6)
 }
 
 /// True for a row on one of `elements` elements whose weights sum to one.

@@ -33,9 +33,10 @@ pub struct State {
 }
 
 impl State {
-    /// At rest in the rest shape, every node of level `level` active.
+    /// At rest in the rest shape, every node of level `level` active; where it does not reach, those of the next coarser
+    /// one.
     pub fn at_rest(body: &Body, level: usize) -> Self {
-        let nodes: Vec<u32> = body.nodes_of(level).collect();
+        let nodes = body.covering(level);
         let positions = nodes.iter().map(|n| body.rest(*n)).collect();
         Self::resting(body, nodes, positions)
     }

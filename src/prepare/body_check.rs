@@ -89,7 +89,9 @@ fn doubt(extent: Real, unit: LengthUnit, scale: Real) -> String {
     let as_in = |other: LengthUnit| extent / unit.metres() * other.metres();
     let unlikely = |other: &LengthUnit| {
         let ratio = as_in(*other) / LIKELY;
-        if ratio < 1.0 { 1.0 / ratio } else { ratio }
+        // Few scan in inches.
+        let rare = if *other == LengthUnit::Inch { 10.0 } else { 1.0 };
+        rare * if ratio < 1.0 { 1.0 / ratio } else { ratio }
     };
     let other = units.into_iter().min_by(|a, b| unlikely(a).total_cmp(&unlikely(b))).unwrap_or(unit);
     let asked = if EXTENTS.contains(&as_in(other)) {

@@ -6,7 +6,9 @@ pub mod calibration;
 pub mod forecast;
 mod holds;
 pub mod input;
+pub mod region;
 pub mod report;
+pub mod section;
 pub mod spacings;
 pub mod thin_walls;
 
@@ -124,6 +126,9 @@ pub enum PrepareError {
         "hold {0} is exact, which only boxes and given meshes can be: leave `exact` out to hold the region by springs"
     )]
     ExactOnCover(usize),
+    /// A finest level that would cover nothing.
+    #[error("no node of the level before the finest lies in the region that the finest is to cover: give a larger one")]
+    EmptyReach,
     /// A level that no load can be put on.
     #[error(transparent)]
     Calibration(#[from] CalibrationError),
@@ -208,7 +213,18 @@ fn calibrated(
     parts.levels.iter_mut().zip(held.fixed).for_each(|(level, fixed)| level.fixed = fixed);
     let springs: Vec<(u32, Real)> = parts.holds.iter().map(|h| (h.vertex, h.stiffness)).collect();
     let material = parts.materials[0];
-    let calibration = calibrate(&parts.levels, |_, _| material, &springs)?;
+    // A level of a region alone can bear no load that moves the body: the finest whole one, as soft as it was made to
+    // agree with that, is what the others are to agree with.
+    let whole = parts.levels.iter().take_while(|level| level.is_whole()).count();
+    let agreed = (whole < parts.levels.len()).then(|| parts.levels[whole - 1].stiffness_factor.clone());
+    let material_of = |level: usize, element: usize| match &agreed {
+        Some(factors) if level + 1 == whole => calibration::scaled(material, factors[element]),
+        _ => material,
+    };
+    let mut calibration = calibrate(&parts.levels[..whole], material_of, &springs)?;
+    if let Some(agreed) = agreed {
+        calibration.factors[whole - 1] = agreed;
+    }
     parts.levels.iter_mut().zip(calibration.factors).for_each(|(level, factors)| level.stiffness_factor = factors);
     parts.maxwell = maxwell_branches(damping_ratio, calibration.slowest_mode);
     parts.slowest_mode = calibration.slowest_mode;

@@ -3,6 +3,7 @@
 use crate::geometry::Moments;
 use crate::geometry::tet_mesh::FACES;
 use crate::hierarchy::Level;
+use crate::hierarchy::level::NOWHERE;
 use crate::math::{Real, Vec3};
 use crate::model::Body;
 use crate::model::element_pool::CLASSES;
@@ -21,6 +22,8 @@ pub struct LevelReport {
     pub nodes: usize,
     /// Number of elements.
     pub elements: usize,
+    /// False for a level of a region, whose volume, mass, centre and inertia say nothing of the body's.
+    pub whole: bool,
     /// Volume of the elements inside the body over the shape's, less one.
     pub volume: Real,
     /// Mass [kg].
@@ -67,7 +70,7 @@ pub fn report(body: &Body, moments: &Moments) -> Report {
     let mut warnings = Vec::new();
     for (r, level) in levels.iter().enumerate() {
         for (what, error) in [("volume", level.volume), ("centre of mass", level.centre), ("inertia", level.inertia)] {
-            if error.abs() > TOLERANCE {
+            if level.whole && error.abs() > TOLERANCE {
                 warnings.push(format!("level {r}: its {what} is {:+.1} % off the shape's", 100.0 * error));
             }
         }
@@ -103,6 +106,7 @@ fn level_report(body: &Body, r: usize, shape: &Moments) -> LevelReport {
         spacing: level.spacing,
         nodes: level.mesh.nodes.len(),
         elements,
+        whole: level.is_whole(),
         volume: level.volume() / shape.volume - 1.0,
         mass: masses.volume,
         centre: (masses.centre - shape.centre).norm() / shape.radius(),
@@ -145,7 +149,7 @@ fn worst_row(body: &Body, r: usize) -> Real {
     let coarser = r.checked_sub(1).map_or(&[][..], |c| &body.level(c).finer_host);
     let finer = body.levels().get(r + 1).map_or(&[][..], |f| &f.coarser_host);
     let rows = body.level(r).embedding.iter().chain(coarser).chain(finer);
-    rows.map(|host| host.extrapolation()).fold(0.0, Real::min)
+    rows.filter(|host| host.element != NOWHERE).map(|host| host.extrapolation()).fold(0.0, Real::min)
 }
 
 /// What a body keeps of a level [bytes]: the level itself, and what follows from it for stepping.
@@ -153,7 +157,7 @@ fn memory(level: &Level) -> usize {
     let nodes = level.mesh.nodes.len() * (24 + 8 + 4 + 2 * 40 + 24 + 1 + 4 + 4 + 1);
     // Two lists of corners, fraction, factor, volume, and the elements around each node.
     let elements = level.mesh.elements.len() * (2 * 16 + 3 * 8 + 16 + 4);
-    nodes + elements + level.embedding.len() * (40 + 4) + level.fixed.len() * 4
+    nodes + elements + level.embedding.len() * (40 + 4) + (level.fixed.len() + level.rim.len()) * 4
 }
 
 impl fmt::Display for Report {
@@ -176,15 +180,16 @@ impl fmt::Display for Report {
         ];
         let mut rows = vec![header.map(String::from)];
         for (r, level) in self.levels.iter().enumerate() {
+            let of_whole = |cell: String| if level.whole { cell } else { "region".into() };
             rows.push([
                 r.to_string(),
                 format!("{:.2} mm", 1e3 * level.spacing),
                 level.nodes.to_string(),
                 level.elements.to_string(),
-                format!("{:+.2} %", 100.0 * level.volume),
-                format!("{:.2} %", 100.0 * level.centre),
-                format!("{:+.2} %", 100.0 * level.inertia),
-                format!("{:.4} kg", level.mass),
+                of_whole(format!("{:+.2} %", 100.0 * level.volume)),
+                of_whole(format!("{:.2} %", 100.0 * level.centre)),
+                of_whole(format!("{:+.2} %", 100.0 * level.inertia)),
+                of_whole(format!("{:.4} kg", level.mass)),
                 format!("{:.0} to {:.0}°", level.dihedral.0, level.dihedral.1),
                 format!("{:.2} ({:.2}) mm", 1e3 * level.altitude.0, 1e3 * level.altitude.1),
                 format!("{:.3} ms", 1e3 * level.step),

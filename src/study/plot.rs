@@ -107,6 +107,47 @@ pub fn coloured(out: &Path, name: &str, title: &str, shapes: &[(Shape, Vec<usize
     panels(out, name, title, (560, 400), columns, shapes, draw_coloured)
 }
 
+/// A cut through a level for [`sections`].
+#[derive(Clone, Debug)]
+pub struct Section {
+    /// Words below it.
+    pub title: String,
+    /// Cut elements [m], and how full of colour each is, 0..=1.
+    pub polygons: Vec<(Vec<(Real, Real)>, Real)>,
+    /// Lines of the surface [m].
+    pub outline: Vec<[(Real, Real); 2]>,
+}
+
+/// Writes `name.png` with the `sections` side by side, all to the same scale, each in the colour of its level.
+pub fn sections(out: &Path, name: &str, title: &str, sections: &[Section]) -> Result<()> {
+    let all = || sections.iter().flat_map(|s| s.polygons.iter().flat_map(|p| &p.0).chain(s.outline.iter().flatten()));
+    let reach = |pick: fn(&(Real, Real)) -> Real| all().map(pick).map(Real::abs).fold(1e-9, Real::max);
+    let (width, height) = (reach(|p| p.0), reach(|p| p.1));
+    // As many beside each other as are legible, and as high as the cut is.
+    let columns = if sections.len() == 4 { 2 } else { sections.len().clamp(1, 3) };
+    let extent = (780, ((780.0 * height / width) as u32).clamp(240, 900) + 40);
+    let numbered: Vec<(usize, &Section)> = sections.iter().enumerate().collect();
+    panels(out, name, title, extent, columns, &numbered, |area, (level, section)| {
+        let (w, h) = area.dim_in_pixel();
+        let scale = (0.47 * Real::from(w) / width).min(0.47 * Real::from(h - size(40)) / height);
+        let middle = (w as i32 / 2, (h - size(40)) as i32 / 2);
+        let place = |p: &(Real, Real)| (middle.0 + (p.0 * scale) as i32, middle.1 - (p.1 * scale) as i32);
+        for (polygon, full) in &section.polygons {
+            let colour = LEVELS[(*level).min(LEVELS.len() - 1)].mix(0.2 + 0.6 * full.clamp(0.0, 1.0));
+            let mut corners: Vec<(i32, i32)> = polygon.iter().map(place).collect();
+            area.draw(&Polygon::new(corners.clone(), colour.filled()))?;
+            corners.extend(corners.first().copied());
+            area.draw(&PathElement::new(corners, RGBColor(70, 74, 84).stroke_width(1)))?;
+        }
+        for line in &section.outline {
+            area.draw(&PathElement::new(line.each_ref().map(place), INK.stroke_width(size(2))))?;
+        }
+        let style = font(19).pos(Pos::new(HPos::Center, VPos::Bottom));
+        area.draw_text(&section.title, &style, (w as i32 / 2, h as i32 - size(8) as i32))?;
+        Ok(())
+    })
+}
+
 /// Writes `name.csv` into `out` and gives the same table back with aligned columns, to be printed.
 pub fn table(out: &Path, name: &str, header: &[&str], rows: &[Vec<String>]) -> Result<String> {
     let mut csv = header.join(",") + "\n";

@@ -4,19 +4,19 @@ use super::*;
 use palpate::model::energy::energy;
 
 /// What an undamped run kept.
-struct Kept {
+pub(super) struct Kept {
     /// Largest change of the total energy over the largest that was exchanged.
-    energy: Real,
-    linear: Real,
-    angular: Real,
-    elements: usize,
+    pub(super) energy: Real,
+    pub(super) linear: Real,
+    pub(super) angular: Real,
+    pub(super) elements: usize,
 }
 
 /// `seconds` of the cube with the set `nodes`, from rest shape and a smooth motion.
 ///
 /// The body is so soft that the fastest modes turn by a fraction of a radian in a tick: what is left of the step's own
 /// error (proportional to its square, and bounded) is then below what is asked.
-fn run(body: &Arc<Body>, nodes: Vec<u32>, held: bool, seconds: Real) -> Kept {
+pub(super) fn run(body: &Arc<Body>, nodes: Vec<u32>, held: bool, seconds: Real) -> Kept {
     let mut free = simulation(body, &settings(None), nodes);
     let centre = body.centre_of_mass();
     free.mesh_mut().change_motion(|n, _, v| {

@@ -26,6 +26,7 @@ mod determinism;
 mod levels;
 mod modes;
 mod reference;
+mod region;
 mod release;
 mod resolution;
 mod wild;

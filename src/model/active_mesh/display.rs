@@ -93,7 +93,7 @@ impl ActiveMesh {
     pub(super) fn attach(&mut self, body: &Body, v: u32) {
         let (mut most, mut host) = (0, None);
         for r in (0..body.levels().len()).rev() {
-            let candidate = body.embedding(r, v);
+            let Some(candidate) = body.embedding(r, v) else { continue };
             let active = self.active_vertices[candidate.element as usize];
             if active > most {
                 (most, host) = (active, Some(candidate));
@@ -113,7 +113,7 @@ impl ActiveMesh {
     /// stands for their nodes is extrapolated.
     fn near_element(&self, body: &Body, v: u32) -> Host {
         let p = body.surface().vertices[v as usize];
-        let mut n = body.element(body.embedding(0, v).element)[0];
+        let mut n = body.element(body.level(0).embedding[v as usize].element)[0];
         while self.set.status(n) == Status::Refined {
             let distance = |c: &u32| (body.rest(*c) - p).norm_squared();
             n = body.children(n).iter().copied().min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap_or(n);

@@ -168,7 +168,7 @@ fn mean_modulus(levels: &[Level], l: usize, material: &impl Fn(usize, usize) -> 
 }
 
 /// `material`, stiffer by `factor`.
-fn scaled(material: Material, factor: Real) -> Material {
+pub(super) fn scaled(material: Material, factor: Real) -> Material {
     Material { lambda: factor * material.lambda, mu: factor * material.mu, ..material }
 }
 
