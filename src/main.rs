@@ -55,7 +55,7 @@ struct StudyArgs {
     /// Folder for tables and pictures
     #[arg(long, default_value = "study")]
     out: PathBuf,
-    /// Closed OBJ or STL file of an organ to run the study `speed` on instead
+    /// File of an organ's closed surface to run the study `speed` on instead
     #[arg(long)]
     surface: Option<PathBuf>,
     /// Its unit of length: m, cm, mm or in

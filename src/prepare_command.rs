@@ -4,6 +4,7 @@ use crate::progress::Progress;
 use anyhow::{Context, bail};
 use clap::Args;
 use palpate::geometry::mesh_io::LengthUnit;
+use palpate::geometry::repair::Repairs;
 use palpate::hierarchy::Level;
 use palpate::math::Vec3;
 use palpate::model::Body;
@@ -26,7 +27,8 @@ use std::process::ExitCode;
 /// Arguments of `prepare`.
 #[derive(Args)]
 pub struct PrepareArgs {
-    /// A closed surface (OBJ, STL), or tetrahedral meshes (MSH): several are the levels of one body
+    /// A closed surface (OBJ, STL, PLY, glTF, VTK, Medit), or tetrahedral meshes (MSH, VTK, VTU, TetGen, Medit): several are
+    /// the levels of one body
     #[arg(required = true)]
     inputs: Vec<PathBuf>,
     /// File to write
@@ -57,6 +59,9 @@ pub struct PrepareArgs {
     /// Override a key of that scene, as in material.youngs_modulus=8000
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
+    /// Close holes of the surface that are at most this wide, as in 5mm
+    #[arg(long, value_name = "WIDTH")]
+    fill_holes: Option<Length>,
     /// Take a surface that crosses itself as it is
     #[arg(long)]
     allow_crossings: bool,
@@ -106,9 +111,14 @@ pub fn run(args: &PrepareArgs) -> anyhow::Result<ExitCode> {
     let mut inputs = Vec::new();
     for (i, path) in args.inputs.iter().enumerate() {
         progress.show(&format!("reading {}", path.display()), i, args.inputs.len());
-        inputs.push(Input::read(path, args.unit, args.scale).with_context(|| path.display().to_string())?);
+        let holes = args.fill_holes.as_ref().map_or(0.0, |width| width.metres);
+        inputs.push(Input::read(path, args.unit, args.scale, holes).with_context(|| path.display().to_string())?);
     }
-    let (files, solids): (Vec<InputFile>, Vec<_>) = inputs.into_iter().map(|input| (input.file, input.solid)).unzip();
+    let repaired: Vec<String> = (inputs.iter().filter(|input| input.repairs != Repairs::default()))
+        .map(|input| format!("{}: repaired: {}", input.files[0].name, input.repairs))
+        .collect();
+    let (files, solids): (Vec<Vec<InputFile>>, Vec<_>) =
+        inputs.into_iter().map(|input| (input.files, input.solid)).unzip();
     progress.show("checking shapes", 1, 1);
     check(&solids, args.unit, args.scale, args.any_size, args.allow_crossings)?;
     let (shape, moments) = shape(solids, &args.fineness()?, args.display_vertices).map_err(anyhow::Error::msg)?;
@@ -123,7 +133,7 @@ pub fn run(args: &PrepareArgs) -> anyhow::Result<ExitCode> {
     }
     let provenance = Provenance {
         palpate: env!("CARGO_PKG_VERSION").into(),
-        inputs: files,
+        inputs: files.concat(),
         options: args.options(),
         scene: loaded.scene.to_toml(),
     };
@@ -150,6 +160,7 @@ pub fn run(args: &PrepareArgs) -> anyhow::Result<ExitCode> {
         body.slowest_mode() / std::f64::consts::TAU,
         body.holds().len() + body.level(body.finest()).fixed.len()
     );
+    repaired.iter().for_each(|line| println!("{line}"));
     print!("{report}");
     for (r, (level, forecast)) in report.levels.iter().zip(&forecast).enumerate() {
         println!("level {r}: {}", in_words(level, forecast));
@@ -255,6 +266,9 @@ impl PrepareArgs {
         }
         if let Some(finest) = &self.finest {
             options += &format!(" --finest {}", finest.text);
+        }
+        if let Some(width) = &self.fill_holes {
+            options += &format!(" --fill-holes {}", width.text);
         }
         if !self.finest_in.is_empty() {
             let numbers: Vec<String> = self.finest_in.iter().map(f64::to_string).collect();

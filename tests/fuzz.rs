@@ -1,19 +1,20 @@
 //! Files that someone else wrote: whatever their bytes, the answer is a shape or a body that holds together, or an error,
 //! in memory proportional to the bytes there are.
 
-use palpate::geometry::mesh_io::LengthUnit;
+use palpate::geometry::mesh_io::{LengthUnit, Solid};
 use palpate::geometry::primitives::{box_surface, toy_surface};
 use palpate::geometry::{Surface, TetMesh};
 use palpate::math::{Real, Vec3};
 use palpate::model::{Body, Material};
 use palpate::prepare::body_file::{BodyFile, Provenance};
-use palpate::prepare::input::{Input, Solid};
+use palpate::prepare::input::Input;
 use palpate::prepare::{Recipe, Region, Shape, prepare};
 use palpate::simulation::Snapshot;
 use proptest::prelude::*;
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 use std::fmt::Write as _;
+use std::io::Write as _;
 use std::path::Path;
 use std::sync::LazyLock;
 use xxhash_rust::xxh3::xxh3_64;
@@ -126,7 +127,22 @@ fn damaged(bytes: &[u8], from: usize, damage: &[(Real, Vec<u8>)]) -> Vec<u8> {
 static FILES: LazyLock<Vec<(&str, Vec<u8>)>> = LazyLock::new(|| {
     let surface = box_surface(Vec3::repeat(0.1), [2; 3]);
     let mesh = palpate::geometry::primitives::box_mesh(Vec3::repeat(0.1), [2; 3]);
-    vec![("obj", obj(&surface)), ("stl", stl(&surface)), ("stl", text_stl(&surface)), ("msh", msh(&mesh))]
+    vec![
+        ("obj", obj(&surface)),
+        ("stl", stl(&surface)),
+        ("stl", text_stl(&surface)),
+        ("ply", ply(&surface)),
+        ("ply", binary_ply(&surface)),
+        ("glb", glb(&surface)),
+        ("vtk", vtk(&mesh)),
+        ("vtk", binary_vtk(&mesh)),
+        ("vtu", vtu(&mesh, false)),
+        ("vtu", vtu(&mesh, true)),
+        ("mesh", medit(&mesh)),
+        ("msh", msh(&mesh)),
+        ("node", tetgen(&mesh).0),
+        ("ele", tetgen(&mesh).1),
+    ]
 });
 
 fn obj(surface: &Surface) -> Vec<u8> {
@@ -155,6 +171,142 @@ fn text_stl(surface: &Surface) -> Vec<u8> {
         text += "endloop\nendfacet\n";
     }
     (text + "endsolid a\n").into()
+}
+
+fn ply_header(encoding: &str, surface: &Surface) -> String {
+    format!(
+        "ply\nformat {encoding} 1.0\nelement vertex {}\nproperty double x\nproperty double y\nproperty double z\n\
+         element face {}\nproperty list uchar int vertex_indices\nend_header\n",
+        surface.vertices.len(),
+        surface.triangles.len()
+    )
+}
+
+fn ply(surface: &Surface) -> Vec<u8> {
+    let mut text = ply_header("ascii", surface);
+    surface.vertices.iter().for_each(|v| writeln!(text, "{} {} {}", v.x, v.y, v.z).unwrap());
+    surface.triangles.iter().for_each(|[a, b, c]| writeln!(text, "3 {a} {b} {c}").unwrap());
+    text.into()
+}
+
+fn binary_ply(surface: &Surface) -> Vec<u8> {
+    let mut bytes = ply_header("binary_little_endian", surface).into_bytes();
+    bytes.extend(surface.vertices.iter().flatten().flat_map(|c| c.to_le_bytes()));
+    for t in &surface.triangles {
+        bytes.push(3);
+        bytes.extend(t.iter().flat_map(|v| v.to_le_bytes()));
+    }
+    bytes
+}
+
+fn glb(surface: &Surface) -> Vec<u8> {
+    let (points, corners) = (surface.vertices.len(), 3 * surface.triangles.len());
+    let mut json = format!(
+        r#"{{"asset": {{"version": "2.0"}}, "scenes": [{{"nodes": [0]}}], "nodes": [{{"mesh": 0}}],
+"meshes": [{{"primitives": [{{"attributes": {{"POSITION": 0}}, "indices": 1}}]}}],
+"accessors": [{{"bufferView": 0, "componentType": 5126, "count": {points}, "type": "VEC3"}},
+{{"bufferView": 1, "componentType": 5125, "count": {corners}, "type": "SCALAR"}}],
+"bufferViews": [{{"buffer": 0, "byteLength": {at}}}, {{"buffer": 0, "byteOffset": {at}, "byteLength": {}}}],
+"buffers": [{{"byteLength": {}}}]}}"#,
+        4 * corners,
+        12 * points + 4 * corners,
+        at = 12 * points
+    );
+    while json.len() % 4 != 0 {
+        json.push(' ');
+    }
+    let positions = surface.vertices.iter().flatten().flat_map(|c| (*c as f32).to_le_bytes());
+    let binary: Vec<u8> = positions.chain(surface.triangles.iter().flatten().flat_map(|v| v.to_le_bytes())).collect();
+    let number = |n: usize| (n as u32).to_le_bytes();
+    let parts: [&[u8]; 7] = [
+        &[b"glTF".as_slice(), &number(2), &number(28 + json.len() + binary.len())].concat(),
+        &number(json.len()),
+        b"JSON",
+        json.as_bytes(),
+        &number(binary.len()),
+        b"BIN\0",
+        &binary,
+    ];
+    parts.concat()
+}
+
+fn vtk(mesh: &TetMesh) -> Vec<u8> {
+    let mut text = "# vtk DataFile Version 3.0\na\nASCII\nDATASET UNSTRUCTURED_GRID\n".to_owned();
+    writeln!(text, "POINTS {} float", mesh.nodes.len()).unwrap();
+    mesh.nodes.iter().for_each(|u| writeln!(text, "{} {} {}", u.x, u.y, u.z).unwrap());
+    writeln!(text, "CELLS {} {}", mesh.elements.len(), 5 * mesh.elements.len()).unwrap();
+    mesh.elements.iter().for_each(|[a, b, c, d]| writeln!(text, "4 {a} {b} {c} {d}").unwrap());
+    writeln!(text, "CELL_TYPES {}", mesh.elements.len()).unwrap();
+    mesh.elements.iter().for_each(|_| writeln!(text, "10").unwrap());
+    text.into()
+}
+
+fn binary_vtk(mesh: &TetMesh) -> Vec<u8> {
+    let mut bytes = b"# vtk DataFile Version 5.1\na\nBINARY\nDATASET UNSTRUCTURED_GRID\n".to_vec();
+    let line = |bytes: &mut Vec<u8>, text: String| bytes.extend((text + "\n").bytes());
+    line(&mut bytes, format!("POINTS {} double", mesh.nodes.len()));
+    bytes.extend(mesh.nodes.iter().flatten().flat_map(|c| c.to_be_bytes()));
+    line(&mut bytes, format!("\nCELLS {} {}\nOFFSETS vtktypeint64", mesh.elements.len() + 1, 4 * mesh.elements.len()));
+    bytes.extend((0..=mesh.elements.len()).flat_map(|e| (4 * e as i64).to_be_bytes()));
+    line(&mut bytes, "\nCONNECTIVITY vtktypeint64".into());
+    bytes.extend(mesh.elements.iter().flatten().flat_map(|n| i64::from(*n).to_be_bytes()));
+    line(&mut bytes, format!("\nCELL_TYPES {}", mesh.elements.len()));
+    bytes.extend(mesh.elements.iter().flat_map(|_| 10i32.to_be_bytes()));
+    bytes
+}
+
+/// With arrays in base64, compressed and behind the text, or as text.
+fn vtu(mesh: &TetMesh, packed: bool) -> Vec<u8> {
+    let mut appended = Vec::new();
+    let mut array = |name: &str, numbers: Vec<Real>| {
+        let tag = format!("<DataArray type=\"Float64\" Name=\"{name}\"");
+        if !packed {
+            let text: Vec<String> = numbers.iter().map(Real::to_string).collect();
+            return format!("{tag} format=\"ascii\">{}</DataArray>\n", text.join(" "));
+        }
+        let bytes: Vec<u8> = numbers.iter().flat_map(|x| x.to_le_bytes()).collect();
+        let mut encoder = flate2::write::ZlibEncoder::new(Vec::new(), flate2::Compression::fast());
+        encoder.write_all(&bytes).unwrap();
+        let block = encoder.finish().unwrap();
+        let offset = appended.len();
+        appended.extend([1, bytes.len(), 0, block.len()].iter().flat_map(|n| (*n as u32).to_le_bytes()));
+        appended.extend(block);
+        format!("{tag} format=\"appended\" offset=\"{offset}\"/>\n")
+    };
+    let points = array("Points", mesh.nodes.iter().flatten().copied().collect());
+    let connectivity = array("connectivity", mesh.elements.iter().flatten().map(|n| (*n).into()).collect());
+    let offsets = array("offsets", (1..=mesh.elements.len()).map(|e| 4.0 * e as Real).collect());
+    let types = array("types", vec![10.0; mesh.elements.len()]);
+    let text = format!(
+        "<VTKFile type=\"UnstructuredGrid\" byte_order=\"LittleEndian\"{}>\n<UnstructuredGrid>\n<Piece>\n<Points>{points}\
+         </Points>\n<Cells>{connectivity}{offsets}{types}</Cells>\n</Piece>\n</UnstructuredGrid>\n",
+        if packed { " compressor=\"vtkZLibDataCompressor\"" } else { "" }
+    );
+    match packed {
+        false => (text + "</VTKFile>\n").into(),
+        true => {
+            [text.as_bytes(), b"<AppendedData encoding=\"raw\">_", &appended, b"</AppendedData></VTKFile>"].concat()
+        }
+    }
+}
+
+fn medit(mesh: &TetMesh) -> Vec<u8> {
+    let mut text = format!("MeshVersionFormatted 2\nDimension 3\nVertices {}\n", mesh.nodes.len());
+    mesh.nodes.iter().for_each(|u| writeln!(text, "{} {} {} 0", u.x, u.y, u.z).unwrap());
+    writeln!(text, "Edges 1\n1 2 0\nTetrahedra {}", mesh.elements.len()).unwrap();
+    for e in &mesh.elements {
+        let [a, b, c, d] = e.map(|n| n + 1);
+        writeln!(text, "{a} {b} {c} {d} 7").unwrap();
+    }
+    (text + "End\n").into()
+}
+
+fn tetgen(mesh: &TetMesh) -> (Vec<u8>, Vec<u8>) {
+    let mut node = format!("{} 3 1 0 # nodes\n", mesh.nodes.len());
+    mesh.nodes.iter().enumerate().for_each(|(i, u)| writeln!(node, "{i} {} {} {} 0", u.x, u.y, u.z).unwrap());
+    let mut ele = format!("{} 4 0\n", mesh.elements.len());
+    mesh.elements.iter().enumerate().for_each(|(i, [a, b, c, d])| writeln!(ele, "{i} {a} {b} {c} {d}").unwrap());
+    (node.into(), ele.into())
 }
 
 fn msh(mesh: &TetMesh) -> Vec<u8> {
@@ -200,11 +352,12 @@ proptest! {
 
     #[test]
     fn a_damaged_mesh_under_any_name_is_refused_or_a_shape_that_holds_together(
-        file in 0..4usize,
-        name in prop::sample::select(vec!["obj", "stl", "msh", "palpate", ""]),
+        file in 0..FILES.len(),
+        name in prop::sample::select(vec!["obj", "stl", "ply", "glb", "gltf", "vtk", "vtu", "vtp", "mesh", "msh", "node", "palpate", ""]),
         own_name in any::<bool>(),
         cut in prop::option::of(0.0..1.0f64),
         damage in damage(),
+        holes in prop::sample::select(vec![0.0, 0.2]),
     ) {
         let (own, bytes) = &FILES[file];
         let mut bytes = damaged(bytes, 0, &damage);
@@ -213,7 +366,14 @@ proptest! {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join(&name);
         std::fs::write(&path, &bytes).unwrap();
-        match within_memory(bytes.len(), || Input::read(Path::new(&path), LengthUnit::Metre, 1.0)) {
+        // Of TetGen's two files the other one is as it should be.
+        for (kind, other) in [("ele", "node"), ("node", "ele")] {
+            if name.ends_with(kind) {
+                let (_, bytes) = FILES.iter().find(|(own, _)| *own == other).unwrap();
+                std::fs::write(path.with_extension(other), bytes).unwrap();
+            }
+        }
+        match within_memory(bytes.len() + 10_000, || Input::read(Path::new(&path), LengthUnit::Metre, 1.0, holes)) {
             Err(e) => prop_assert!(!e.to_string().is_empty()),
             Ok(Input { solid: Solid::Surface(surface), .. }) => prop_assert!(surface.volume() > 0.0),
             Ok(Input { solid: Solid::Volume(mesh), .. }) => {

@@ -9,8 +9,12 @@ use std::path::PathBuf;
 pub enum MeshError {
     #[error("cannot read {}: {reason}", path.display())]
     Io { path: PathBuf, reason: std::io::Error },
-    #[error("{}: this kind of file is not read here; {reads}", path.display())]
-    UnknownFormat { path: PathBuf, reads: &'static str },
+    #[error(
+        "{}: this kind of file is not read here; surfaces come as .obj, .stl, .ply, .glb, .gltf, .vtk, .vtp or .mesh, \
+         tetrahedra as .msh, .vtk, .vtu, .mesh or .ele with .node",
+        path.display()
+    )]
+    UnknownFormat { path: PathBuf },
     #[error("'{given}' is no unit of length: write m, cm, mm or in")]
     UnknownUnit { given: String },
     #[error("the file holds more than {limit} {what}: decimate the mesh before loading it")]
@@ -29,7 +33,7 @@ pub enum MeshError {
     BadIndex { cell: &'static str, number: i64, index: i64 },
     #[error(
         "the surface is not closed: {border_edges} edges have a triangle on one side only, the first from {} to {}; \
-         close its holes, in Blender with Mesh > Clean Up > Fill Holes",
+         close its holes, with --fill-holes of `palpate prepare`, or in Blender with Mesh > Clean Up > Fill Holes",
         metres(from),
         metres(to)
     )]

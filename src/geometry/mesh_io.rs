@@ -2,24 +2,42 @@
 //!
 //! | file | holds | read |
 //! |---|---|---|
-//! | `.obj` | surface | positions and faces; polygons become fans of triangles; all objects make one surface |
+//! | `.obj` | surface | positions and faces; all objects make one surface |
 //! | `.stl` | surface | binary or text; all solids make one surface |
+//! | `.ply` | surface | text or binary of both byte orders |
+//! | `.gltf`, `.glb` | surface | glTF 2.0 with its buffers inside; the meshes of the scene where its nodes put them |
+//! | `.vtp` | surface | VTK's XML poly data |
+//! | `.vtk` | either | VTK's legacy files up to version 5.1, text or binary: poly data and unstructured grids |
+//! | `.vtu` | either | VTK's XML unstructured grids: text, base64 or raw, plain or compressed by zlib |
+//! | `.mesh` | either | Medit's text files |
 //! | `.msh` | tetrahedra | Gmsh 4.1 and 2.x, binary or text; Gmsh 1 (`$NOD`, `$ELM`) |
+//! | `.ele`, `.node` | tetrahedra | TetGen's two files, by the name of either |
+//!
+//! Polygons become fans of triangles; a file that holds tetrahedra is a volume, and its triangles are left out.
 //!
 //! Bytes are not trusted: whatever they say, a reader answers with a shape or a [`MeshError`], in memory proportional
-//! to the bytes there are. Nothing here touches the file system except the two functions whose names begin with
-//! `read_`. Numbers of vertices, triangles and elements in errors count from 1, as people do.
+//! to the bytes there are. Nothing here touches the file system except the functions whose names begin with
+//! `read_`. Numbers of vertices, triangles and elements in errors count from 1, as people do, except where they are the
+//! file's own.
 
+use super::cells::Cells;
+use super::gltf::parse_gltf;
+use super::medit::parse_medit;
 use super::mesh_error::MeshError;
 use super::msh::parse_msh;
-use super::soundness::{check_closed, check_finite, keep_referenced, orient, weld};
+use super::ply::parse_ply;
+use super::repair::{Repairs, repair};
+use super::soundness::{check_closed, check_finite, keep_referenced, orient};
 use super::surface_file::{parse_obj, parse_stl};
+use super::tetgen::parse_tetgen;
+use super::vtk::parse_vtk;
+use super::vtk_xml::parse_vtk_xml;
 use super::{Surface, TetMesh};
 use crate::math::{Real, Vec3};
 use serde::{Deserialize, Serialize};
 use std::collections::HashSet;
 use std::io::Read;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Longest file read [bytes]; a surface that moves in real time needs a hundredth of it.
 pub const MAX_FILE: usize = 128 << 20;
@@ -78,94 +96,145 @@ impl std::str::FromStr for LengthUnit {
     }
 }
 
-/// The closed surface in the `.obj` or `.stl` file at `path`, lengths in `unit`; see [`parse_surface`].
+/// A shape as a file holds it, in metres.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Solid {
+    /// The closed surface around it.
+    Surface(Surface),
+    /// Tetrahedra that fill it.
+    Volume(TetMesh),
+}
+
+/// The closed surface in the file at `path`, lengths in `unit`; see [`parse`].
 pub fn read_surface(path: &Path, unit: LengthUnit) -> Result<Surface, MeshError> {
-    parse_surface(path, &read_bytes(path)?, unit)
+    surface_of(parse(&read_files(path)?, unit, 0.0)?.0)
 }
 
-/// The tetrahedra in the `.msh` file at `path`, lengths in `unit`; see [`parse_tet_mesh`].
+/// The tetrahedra in the file at `path`, lengths in `unit`; see [`parse`].
 pub fn read_tet_mesh(path: &Path, unit: LengthUnit) -> Result<TetMesh, MeshError> {
-    parse_tet_mesh(path, &read_bytes(path)?, unit)
+    tet_mesh_of(parse(&read_files(path)?, unit, 0.0)?.0)
 }
 
-/// The bytes of the file at `path`, and one too many of a file that is too long.
+/// The names and bytes of the mesh that the file at `path` holds: one file, or TetGen's nodes and elements, whichever of
+/// them `path` is. Of a file that is too long there is one byte too many.
 ///
 /// # Errors
 /// Those of the file system.
-pub fn read_bytes(path: &Path) -> Result<Vec<u8>, MeshError> {
-    let failed = |reason| MeshError::Io { path: path.to_owned(), reason };
-    let mut bytes = Vec::new();
-    let file = std::fs::File::open(path).map_err(failed)?;
-    // One byte past the limit is enough for the parser to refuse the rest.
-    file.take(MAX_FILE as u64 + 1).read_to_end(&mut bytes).map_err(failed)?;
-    Ok(bytes)
-}
-
-/// The closed surface in `bytes`, lengths in `unit`; the extension of `name` tells the format.
-///
-/// Vertices at one place become one; triangles with two corners at one place and vertices in no triangle are dropped.
-/// The result has passed [`check_closed`], so it faces outward.
-pub fn parse_surface(name: &Path, bytes: &[u8], unit: LengthUnit) -> Result<Surface, MeshError> {
-    let soup = match extension(name, bytes)?.as_str() {
-        "obj" => parse_obj(bytes)?,
-        "stl" => parse_stl(bytes)?,
-        _ => return Err(MeshError::UnknownFormat { path: name.to_owned(), reads: "surfaces come as .obj or .stl" }),
+pub fn read_files(path: &Path) -> Result<Vec<(PathBuf, Vec<u8>)>, MeshError> {
+    let read = |path: PathBuf| {
+        let failed = |reason| MeshError::Io { path: path.clone(), reason };
+        let mut bytes = Vec::new();
+        let file = std::fs::File::open(&path).map_err(failed)?;
+        // One byte past the limit is enough for the parser to refuse the rest.
+        file.take(MAX_FILE as u64 + 1).read_to_end(&mut bytes).map_err(failed)?;
+        Ok((path, bytes))
     };
-    let mut surface = weld(&in_metres(soup.vertices.into_iter(), unit)?, &soup.triangles);
-    check_closed(&mut surface)?;
-    Ok(surface)
+    match extension(path).as_str() {
+        "ele" | "node" => [path.with_extension("node"), path.with_extension("ele")].into_iter().map(read).collect(),
+        _ => Ok(vec![read(path.to_owned())?]),
+    }
 }
 
-/// The tetrahedra in `bytes`, lengths in `unit`; the extension of `name` tells the format.
+/// The solid that `files` hold, as [`read_files`] gives them, lengths in `unit`, and what of it was repaired.
 ///
-/// Points, lines, triangles and quadrangles among the elements are ignored, tetrahedra listed twice count once, nodes
-/// in no tetrahedron are dropped. A file whose tetrahedra are *all* inside out, be it a single one, merely numbers
-/// nodes the other way round and is turned; when only some are, that is an error.
-pub fn parse_tet_mesh(name: &Path, bytes: &[u8], unit: LengthUnit) -> Result<TetMesh, MeshError> {
-    if extension(name, bytes)? != "msh" {
-        return Err(MeshError::UnknownFormat { path: name.to_owned(), reads: "tetrahedra come as .msh" });
+/// Of a surface, vertices at one place become one, vertices in no triangle, degenerate triangles and those listed twice
+/// are dropped, triangles that face another way than most of their neighbours are turned, and holes at most `holes` wide
+/// [m] are closed. The result has passed [`check_closed`], so it faces outward.
+///
+/// Of tetrahedra, those listed twice count once, nodes in no tetrahedron are dropped. A file whose tetrahedra are *all*
+/// inside out, be it a single one, merely numbers nodes the other way round and is turned; when only some are, that is an
+/// error.
+pub fn parse(files: &[(PathBuf, Vec<u8>)], unit: LengthUnit, holes: Real) -> Result<(Solid, Repairs), MeshError> {
+    if files.iter().any(|(_, bytes)| bytes.len() > MAX_FILE) {
+        return Err(MeshError::TooBig { limit: MAX_FILE, what: "bytes" });
     }
-    let file = parse_msh(bytes)?;
-    let mut mesh = TetMesh { nodes: in_metres(file.positions.into_iter(), unit)?, elements: Vec::new() };
-    let mut numbers = Vec::new();
-    let mut seen = HashSet::new();
-    for (number, tags) in file.tetrahedra {
-        let mut element = [0; 4];
-        for (node, tag) in element.iter_mut().zip(tags) {
-            let missing = MeshError::BadIndex { cell: "element", number, index: tag };
-            *node = *file.node_of_tag.get(&tag).ok_or(missing)?;
+    let cells = match files {
+        [(_, node), (_, ele)] => parse_tetgen(node, ele)?,
+        [(name, bytes), ..] => match extension(name).as_str() {
+            "obj" => parse_obj(bytes)?,
+            "stl" => parse_stl(bytes)?,
+            "ply" => parse_ply(bytes)?,
+            "gltf" | "glb" => parse_gltf(bytes)?,
+            "vtk" => parse_vtk(bytes)?,
+            "vtu" | "vtp" => parse_vtk_xml(bytes)?,
+            "mesh" => parse_medit(bytes)?,
+            "msh" => parse_msh(bytes)?,
+            _ => return Err(MeshError::UnknownFormat { path: name.clone() }),
+        },
+        [] => Cells::default(),
+    };
+    let points: Vec<Vec3> = cells.points.iter().map(|p| Vec3::from(*p) * unit.metres()).collect();
+    check_finite(&points)?;
+    if cells.tetrahedra.is_empty() {
+        let (mut surface, mut repairs) = repair(&points, &cells.triangles, holes);
+        if !cells.indexed {
+            repairs.merged = 0;
         }
+        if surface.volume() < 0.0 {
+            repairs.turned = surface.triangles.len() - repairs.turned;
+        }
+        check_closed(&mut surface)?;
+        return Ok((Solid::Surface(surface), repairs));
+    }
+    let mut repairs = Repairs::default();
+    let (mut mesh, mut numbers, mut seen) = (TetMesh::default(), Vec::new(), HashSet::new());
+    for (number, element) in cells.tetrahedra {
         let mut key = element;
         key.sort_unstable();
         if seen.insert(key) {
             numbers.push(number);
             mesh.elements.push(element);
+        } else {
+            repairs.dropped += 1;
         }
     }
-    mesh.nodes = keep_referenced(&mesh.nodes, &mut mesh.elements);
-    orient(&mut mesh, &numbers)?;
-    Ok(mesh)
+    mesh.nodes = keep_referenced(&points, &mut mesh.elements);
+    repairs.turned = orient(&mut mesh, &numbers)?;
+    Ok((Solid::Volume(mesh), repairs))
 }
 
-/// Lower-case extension of `name`, once `bytes` are known not to be too many.
-fn extension(name: &Path, bytes: &[u8]) -> Result<String, MeshError> {
-    if bytes.len() > MAX_FILE {
-        return Err(MeshError::TooBig { limit: MAX_FILE, what: "bytes" });
+/// The closed surface in `bytes`, lengths in `unit`; the extension of `name` tells the format; see [`parse`].
+pub fn parse_surface(name: &Path, bytes: &[u8], unit: LengthUnit) -> Result<Surface, MeshError> {
+    surface_of(parse(&[(name.to_owned(), bytes.to_owned())], unit, 0.0)?.0)
+}
+
+/// The tetrahedra in `bytes`, lengths in `unit`; the extension of `name` tells the format; see [`parse`].
+pub fn parse_tet_mesh(name: &Path, bytes: &[u8], unit: LengthUnit) -> Result<TetMesh, MeshError> {
+    tet_mesh_of(parse(&[(name.to_owned(), bytes.to_owned())], unit, 0.0)?.0)
+}
+
+fn surface_of(solid: Solid) -> Result<Surface, MeshError> {
+    match solid {
+        Solid::Surface(surface) => Ok(surface),
+        Solid::Volume(_) => Err(MeshError::Unsupported {
+            what: "a file of tetrahedra, where a surface is wanted,".into(),
+            remedy: "take it as a volume, or export its surface",
+        }),
     }
-    Ok(name.extension().map_or(String::new(), |e| e.to_string_lossy().to_lowercase()))
 }
 
-/// Positions as written, now in metres.
-fn in_metres(positions: impl Iterator<Item = [Real; 3]>, unit: LengthUnit) -> Result<Vec<Vec3>, MeshError> {
-    let scaled: Vec<Vec3> = positions.map(|p| Vec3::from(p) * unit.metres()).collect();
-    check_finite(&scaled)?;
-    Ok(scaled)
+fn tet_mesh_of(solid: Solid) -> Result<TetMesh, MeshError> {
+    match solid {
+        Solid::Volume(mesh) => Ok(mesh),
+        Solid::Surface(_) => Err(MeshError::Empty { what: "tetrahedra" }),
+    }
+}
+
+/// Lower-case extension of `name`.
+fn extension(name: &Path) -> String {
+    name.extension().map_or(String::new(), |e| e.to_string_lossy().to_lowercase())
 }
 
 #[cfg(test)]
 pub(super) mod tests {
+    use super::super::gltf::tests::{embedded, glb};
+    use super::super::medit::tests::medit;
     use super::super::msh::tests::every_msh;
+    use super::super::ply::tests::every_ply;
     use super::super::surface_file::tests::{CUBE_OBJ, binary_stl, cube, text_stl};
+    use super::super::tetgen::tests::tetgen;
+    use super::super::vtk::tests::every_vtk;
+    use super::super::vtk_xml::tests::{every_vtp, every_vtu};
     use super::*;
     use crate::geometry::primitives::box_mesh;
     use std::path::PathBuf;
@@ -180,8 +249,8 @@ pub(super) mod tests {
 
     #[test]
     fn a_file_that_is_not_there_or_of_another_kind_is_named() {
-        let unknown = parse_surface(Path::new("organ.ply"), b"", LengthUnit::Metre).unwrap_err().to_string();
-        assert!(unknown.contains("organ.ply") && unknown.contains(".stl"));
+        let unknown = parse_surface(Path::new("organ.dae"), b"", LengthUnit::Metre).unwrap_err().to_string();
+        assert!(unknown.contains("organ.dae") && unknown.contains(".stl"));
         let absent = read_surface(Path::new("absent/organ.stl"), LengthUnit::Metre).unwrap_err().to_string();
         assert!(absent.contains("organ.stl"));
     }
@@ -194,6 +263,16 @@ pub(super) mod tests {
         files.push(("a.obj", CUBE_OBJ.into()));
         files.push(("a.stl", text_stl(&cube(), "").into()));
         files.push(("a.stl", binary_stl(&cube(), b"")));
+        files.extend(every_ply(&cube()).into_iter().map(|file| ("a.ply", file)));
+        files.extend(every_vtk(&mesh, &cube()).into_iter().map(|file| ("a.vtk", file)));
+        files.extend(every_vtu(&mesh).into_iter().map(|file| ("a.vtu", file)));
+        files.extend(every_vtp(&cube()).into_iter().map(|file| ("a.vtp", file)));
+        files.push(("a.glb", glb(&cube(), "")));
+        files.push(("a.gltf", embedded(&cube())));
+        files.push(("a.mesh", medit(&mesh.nodes, "Tetrahedra", &mesh.elements).into()));
+        files.push(("a.mesh", medit(&cube().vertices, "Triangles", &cube().triangles).into()));
+        let (node, ele) = tetgen(&mesh, 1);
+        files.extend([("a.node", node.clone().into()), ("a.ele", ele.clone().into())]);
         let mut seed: u64 = 1;
         let mut random = |below: usize| {
             seed = seed.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
@@ -219,10 +298,12 @@ pub(super) mod tests {
                         _ => replace(&mut bytes, random(40), b" -1 "),
                     }
                 }
-                match *name {
-                    "a.msh" => drop(parse_tet_mesh(Path::new(name), &bytes, LengthUnit::Millimetre)),
-                    _ => drop(parse_surface(Path::new(name), &bytes, LengthUnit::Millimetre)),
-                }
+                let files: Vec<(PathBuf, Vec<u8>)> = match *name {
+                    "a.node" => vec![("a.node".into(), bytes), ("a.ele".into(), ele.clone().into())],
+                    "a.ele" => vec![("a.node".into(), node.clone().into()), ("a.ele".into(), bytes)],
+                    _ => vec![(name.into(), bytes)],
+                };
+                drop(parse(&files, LengthUnit::Millimetre, 1.0));
             }
         }
     }
@@ -256,10 +337,13 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn a_real_open_and_a_real_self_touching_surface_are_refused() {
+    fn a_real_open_surface_is_refused_or_closed_on_request_and_one_that_meets_itself_is_refused() {
         let (Some(bunny), Some(dragon)) = (shared("bunny.obj"), shared("dragon.stl")) else { return };
         assert!(matches!(read_surface(&bunny, LengthUnit::Metre), Err(MeshError::NotClosed { border_edges: 42, .. })));
         assert!(matches!(read_surface(&dragon, LengthUnit::Metre), Err(MeshError::NonManifold { .. })));
+        let (solid, repairs) = parse(&read_files(&bunny).unwrap(), LengthUnit::Metre, 1.0).unwrap();
+        println!("{repairs}");
+        assert!(repairs.closed > 0 && matches!(solid, Solid::Surface(surface) if surface.volume() > 0.0));
     }
 
     #[test]
@@ -269,6 +353,7 @@ pub(super) mod tests {
             ("liver.msh", 181, 596),
             ("truthcylinder1.msh", 642, 2_524),
             ("single_tetra.msh", 4, 1),
+            ("armadillo_4k.ele", 1_180, 3_717),
         ] {
             let Some(path) = shared(name) else { return };
             let mesh = read_tet_mesh(&path, LengthUnit::Metre).unwrap_or_else(|e| panic!("{name}: {e}"));

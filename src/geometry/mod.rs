@@ -2,18 +2,27 @@
 //!
 //! Knows nothing of materials, levels or time.
 
+mod cells;
 pub mod crossings;
 pub mod decimate;
+mod gltf;
 pub mod locate;
+mod medit;
 pub mod mesh_error;
 pub mod mesh_io;
 pub mod moments;
 mod msh;
+mod ply;
 pub mod primitives;
+mod reader;
+pub mod repair;
 pub mod soundness;
 pub mod surface;
 mod surface_file;
 pub mod tet_mesh;
+mod tetgen;
+mod vtk;
+mod vtk_xml;
 
 pub use mesh_error::MeshError;
 pub use moments::Moments;

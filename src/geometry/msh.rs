@@ -1,22 +1,14 @@
 //! Gmsh's MSH files: 4.1 and 2.x, binary or text; 1 (`$NOD`, `$ELM`).
 
+use super::cells::Cells;
 use super::mesh_error::{MeshError, shown};
+use super::reader::{Encoding, Reader};
 use crate::math::Real;
 use std::collections::HashMap;
 
-/// What a MSH file holds, not yet put together.
-pub(super) struct MshMesh {
-    /// In the file's unit, (n_nodes).
-    pub positions: Vec<[Real; 3]>,
-    /// The node that bears a tag.
-    pub node_of_tag: HashMap<i64, u32>,
-    /// Number and node tags, (n_tetrahedra).
-    pub tetrahedra: Vec<(i64, [i64; 4])>,
-}
-
 /// Nodes and tetrahedra of a MSH file; points, lines, triangles and quadrangles in it are ignored.
-pub(super) fn parse_msh(bytes: &[u8]) -> Result<MshMesh, MeshError> {
-    let mut file = MshReader { bytes, at: 0, encoding: Encoding::Text };
+pub(super) fn parse_msh(bytes: &[u8]) -> Result<Cells, MeshError> {
+    let mut file = Reader::text("MSH", bytes, None);
     let (nodes, tetrahedra) = file.mesh()?;
     let mut node_of_tag = HashMap::new();
     for (node, (tag, _)) in nodes.iter().enumerate() {
@@ -24,28 +16,21 @@ pub(super) fn parse_msh(bytes: &[u8]) -> Result<MshMesh, MeshError> {
             return Err(file.wrong(format!("node {tag} is defined twice")));
         }
     }
-    let positions = nodes.into_iter().map(|(_, position)| position).collect();
-    Ok(MshMesh { positions, node_of_tag, tetrahedra })
+    let mut cells = Cells { indexed: true, ..Cells::default() };
+    cells.points = nodes.into_iter().map(|(_, position)| position).collect();
+    for (number, tags) in tetrahedra {
+        let mut element = [0; 4];
+        for (node, tag) in element.iter_mut().zip(tags) {
+            let missing = MeshError::BadIndex { cell: "element", number, index: tag };
+            *node = *node_of_tag.get(&tag).ok_or(missing)?;
+        }
+        cells.tetrahedra.push((number, element));
+    }
+    if cells.tetrahedra.is_empty() { Err(MeshError::Empty { what: "tetrahedra" }) } else { Ok(cells) }
 }
 
 /// Nodes (tag, position in the file's unit) and tetrahedra (number, node tags) of a MSH file.
 type Sections = (Vec<(i64, [Real; 3])>, Vec<(i64, [i64; 4])>);
-
-/// How numbers are written in a MSH file.
-#[derive(Clone, Copy, PartialEq)]
-pub(super) enum Encoding {
-    Text,
-    LittleEndian,
-    BigEndian,
-}
-
-/// Walks through a MSH file. Counts in the file only bound loops that consume bytes: one that lies costs nothing.
-struct MshReader<'a> {
-    bytes: &'a [u8],
-    /// First byte not yet read.
-    at: usize,
-    encoding: Encoding,
-}
 
 /// Nodes of a Gmsh element of type 1, 2, 3, ...
 const NODES_OF_TYPE: [u8; 31] =
@@ -55,51 +40,7 @@ const TETRAHEDRON: i64 = 4;
 /// Gmsh types of hexahedra, prisms, pyramids and tetrahedra of higher order: leaving them out would leave holes.
 const OTHER_SOLIDS: [i64; 13] = [5, 6, 7, 11, 12, 13, 14, 17, 18, 19, 29, 30, 31];
 
-impl<'a> MshReader<'a> {
-    fn wrong(&self, what: impl Into<String>) -> MeshError {
-        let before = self.bytes.get(..self.at).unwrap_or_default();
-        let line = (self.encoding == Encoding::Text).then(|| 1 + before.iter().filter(|&&b| b == b'\n').count());
-        MeshError::Syntax { format: "MSH", line, what: what.into() }
-    }
-
-    /// The rest of the file.
-    fn rest(&self) -> &'a [u8] {
-        self.bytes.get(self.at..).unwrap_or_default()
-    }
-
-    fn skip_space(&mut self) {
-        self.at += self.rest().len() - self.rest().trim_ascii_start().len();
-    }
-
-    /// Up to the end of the line, without space around it; steps over the line break.
-    fn line(&mut self) -> &'a [u8] {
-        let rest = self.rest();
-        let length = rest.iter().position(|&b| b == b'\n').unwrap_or(rest.len());
-        self.at += (length + 1).min(rest.len());
-        rest[..length].trim_ascii()
-    }
-
-    /// The next number of a text file, or a word of a header.
-    fn word<T: std::str::FromStr>(&mut self) -> Result<T, MeshError> {
-        self.skip_space();
-        let rest = self.rest();
-        let word = &rest[..rest.iter().position(|b| b.is_ascii_whitespace()).unwrap_or(rest.len())];
-        let value = std::str::from_utf8(word).ok().and_then(|w| w.parse().ok());
-        let value = value.ok_or_else(|| self.wrong(format!("'{}' is no number", shown(word))))?;
-        self.at += word.len();
-        Ok(value)
-    }
-
-    /// The next `N` bytes of a binary file, least significant first.
-    fn raw<const N: usize>(&mut self) -> Result<[u8; N], MeshError> {
-        let mut bytes = *self.rest().first_chunk::<N>().ok_or_else(|| self.wrong("the file was cut off"))?;
-        self.at += N;
-        if self.encoding == Encoding::BigEndian {
-            bytes.reverse();
-        }
-        Ok(bytes)
-    }
-
+impl Reader<'_> {
     /// An `int`.
     fn int(&mut self) -> Result<i64, MeshError> {
         if self.encoding == Encoding::Text { self.word() } else { Ok(i32::from_le_bytes(self.raw()?).into()) }
@@ -203,7 +144,7 @@ impl<'a> MshReader<'a> {
     fn elements_1(&mut self, elements: &mut Vec<(i64, [i64; 4])>) -> Result<(), MeshError> {
         for _ in 0..self.count_line()? {
             let [number, kind, _, _, _] = [self.int()?, self.int()?, self.int()?, self.int()?, self.int()?];
-            elements.extend(self.tetrahedron(kind, MshReader::int)?.map(|nodes| (number, nodes)));
+            elements.extend(self.tetrahedron(kind, Reader::int)?.map(|nodes| (number, nodes)));
         }
         Ok(())
     }
@@ -224,7 +165,7 @@ impl<'a> MshReader<'a> {
                 for _ in 0..n_tags {
                     self.int()?;
                 }
-                elements.extend(self.tetrahedron(kind, MshReader::int)?.map(|nodes| (number, nodes)));
+                elements.extend(self.tetrahedron(kind, Reader::int)?.map(|nodes| (number, nodes)));
             }
             left -= group;
         }
@@ -257,7 +198,7 @@ impl<'a> MshReader<'a> {
             let [_, _, kind] = [self.int()?, self.int()?, self.int()?];
             for _ in 0..self.size()? {
                 let number = self.size()?;
-                elements.extend(self.tetrahedron(kind, MshReader::size)?.map(|nodes| (number, nodes)));
+                elements.extend(self.tetrahedron(kind, Reader::size)?.map(|nodes| (number, nodes)));
             }
         }
         Ok(())

@@ -114,9 +114,9 @@ pub fn check_closed(surface: &mut Surface) -> Result<(), MeshError> {
     Ok(())
 }
 
-/// Makes all tetrahedra positive when all are negative; names the flat and the inverted ones otherwise by their
+/// Makes all tetrahedra positive when all are negative, and says how many it turned; names the flat and the inverted ones otherwise by their
 /// `numbers` in the file, (n_elements).
-pub(super) fn orient(mesh: &mut TetMesh, numbers: &[i64]) -> Result<(), MeshError> {
+pub(super) fn orient(mesh: &mut TetMesh, numbers: &[i64]) -> Result<usize, MeshError> {
     if mesh.elements.is_empty() {
         return Err(MeshError::Empty { what: "tetrahedra" });
     }
@@ -138,18 +138,17 @@ pub(super) fn orient(mesh: &mut TetMesh, numbers: &[i64]) -> Result<(), MeshErro
     let count = inverted.len();
     match inverted.first() {
         Some(&(element, volume, at)) if count < total => Err(MeshError::Inverted { element, volume, at, count, total }),
-        Some(_) => {
-            mesh.elements.iter_mut().for_each(|element| element.swap(2, 3));
-            Ok(())
+        _ => {
+            mesh.elements.iter_mut().take(count).for_each(|element| element.swap(2, 3));
+            Ok(count)
         }
-        None => Ok(()),
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::msh::Encoding;
     use super::super::msh::tests::{msh, msh_1, msh_2};
+    use super::super::reader::Encoding;
     use super::super::surface_file::tests::{CUBE_OBJ, cube, obj, stl, text_stl};
     use super::*;
     use crate::geometry::primitives::box_mesh;
@@ -180,21 +179,26 @@ mod tests {
     }
 
     #[test]
-    fn an_inner_wall_a_turned_face_and_a_sheet_are_refused() {
-        assert!(matches!(obj(&format!("{CUBE_OBJ}f 1 2 6\n")), Err(MeshError::NonManifold { edges: 3, .. })));
+    fn an_inner_wall_and_a_sheet_are_refused_and_a_turned_face_is_turned_back() {
+        assert!(matches!(obj(&format!("{CUBE_OBJ}f 1 2 7\n")), Err(MeshError::NonManifold { edges: 2, .. })));
+        assert!((obj(&format!("{CUBE_OBJ}f 1 2 6\n")).unwrap().volume() - 1.0).abs() < 1e-15, "listed twice");
         let turned = CUBE_OBJ.replace("f 2 3 7 6", "f 6 7 3 2");
-        assert!(matches!(obj(&turned), Err(MeshError::InconsistentOrientation { edges: 4, .. })));
+        assert!((obj(&turned).unwrap().volume() - 1.0).abs() < 1e-15, "turned back");
         let sheet = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 3 2 1\n";
         assert!(matches!(obj(sheet), Err(MeshError::NoVolume { .. })));
         assert!(matches!(obj("v 0 0 0\n"), Err(MeshError::Empty { what: "triangles" })));
     }
 
     #[test]
-    fn indices_out_of_range_are_refused_before_they_are_used() {
+    fn indices_out_of_range_and_a_turned_triangle_are_refused_where_nothing_is_repaired() {
         let mut surface = cube();
         surface.triangles[3][1] = 8;
         let expected = MeshError::BadIndex { cell: "triangle", number: 4, index: 9 };
         assert_eq!(check_closed(&mut surface).unwrap_err().to_string(), expected.to_string());
+        let mut surface = cube();
+        surface.triangles[3].swap(1, 2);
+        let found = check_closed(&mut surface);
+        assert!(matches!(found, Err(MeshError::InconsistentOrientation { edges: 3, .. })), "{found:?}");
     }
 
     #[test]

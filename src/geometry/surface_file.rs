@@ -1,19 +1,8 @@
 //! Surface files: the triangles in OBJ and STL files, as listed there.
 
+use super::cells::Cells;
 use super::mesh_error::{MeshError, shown};
 use crate::math::Real;
-
-/// Most triangles read; only the polygons of an OBJ file can make so many from so few bytes.
-const MAX_TRIANGLES: usize = 8_000_000;
-
-/// Triangles as a file lists them, not yet connected.
-#[derive(Default)]
-pub(super) struct Soup {
-    /// In the file's unit, (n_vertices).
-    pub vertices: Vec<[Real; 3]>,
-    /// Valid indices into `vertices`, (n_triangles).
-    pub triangles: Vec<[u32; 3]>,
-}
 
 /// Lines of a text file, numbered from 1, cut into words.
 fn lines(text: &str) -> impl Iterator<Item = (usize, std::str::SplitWhitespace<'_>)> {
@@ -27,13 +16,13 @@ fn coordinates<'a>(words: &mut impl Iterator<Item = &'a str>) -> Option<[Real; 3
 }
 
 /// Positions and faces of an OBJ file; everything else in it is about looks.
-pub(super) fn parse_obj(bytes: &[u8]) -> Result<Soup, MeshError> {
+pub(super) fn parse_obj(bytes: &[u8]) -> Result<Cells, MeshError> {
     let wrong = |line, what: String| MeshError::Syntax { format: "OBJ", line: Some(line), what };
     let text = String::from_utf8_lossy(bytes);
-    let mut soup = Soup::default();
+    let mut cells = Cells { indexed: true, ..Cells::default() };
     for (line, mut words) in lines(&text).filter(|(_, words)| words.clone().next() == Some("v")) {
         let position = coordinates(&mut words.by_ref().skip(1));
-        soup.vertices.push(position.ok_or_else(|| wrong(line, "a vertex needs three numbers".into()))?);
+        cells.points.push(position.ok_or_else(|| wrong(line, "a vertex needs three numbers".into()))?);
     }
     let mut vertices_so_far = 0;
     let mut corners = Vec::new();
@@ -48,34 +37,31 @@ pub(super) fn parse_obj(bytes: &[u8]) -> Result<Soup, MeshError> {
                     let number = number
                         .ok_or_else(|| wrong(line, format!("'{}' is no corner of a face", shown(word.as_bytes()))))?;
                     let index = if number < 0 { number.saturating_add(vertices_so_far) } else { number - 1 };
-                    if index < 0 || index >= soup.vertices.len() as i64 {
-                        let count = soup.vertices.len();
+                    if index < 0 || index >= cells.points.len() as i64 {
+                        let count = cells.points.len();
                         return Err(wrong(line, format!("the face refers to vertex {number}, the file has {count}")));
                     }
                     corners.push(index as u32);
                 }
-                let [first, rest @ ..] = corners.as_slice() else {
+                if corners.is_empty() {
                     return Err(wrong(line, "a face without corners".into()));
-                };
-                if soup.triangles.len() + rest.len() > MAX_TRIANGLES {
-                    return Err(MeshError::TooBig { limit: MAX_TRIANGLES, what: "triangles" });
                 }
-                soup.triangles.extend(rest.windows(2).map(|pair| [*first, pair[0], pair[1]]));
+                cells.polygon(&corners)?;
             }
             _ => {}
         }
     }
-    Ok(soup)
+    Ok(cells)
 }
 
 /// The triangles of an STL file, three vertices each.
 ///
 /// The length tells binary from text, because binary headers, too, may begin with "solid". A text file never passes
 /// for binary: four printable characters, read as a count, announce more triangles than fit in [`MAX_FILE`](super::mesh_io::MAX_FILE).
-pub(super) fn parse_stl(bytes: &[u8]) -> Result<Soup, MeshError> {
+pub(super) fn parse_stl(bytes: &[u8]) -> Result<Cells, MeshError> {
     let announced = bytes.get(80..84).and_then(|b| b.first_chunk()).map(|b| u32::from_le_bytes(*b) as usize);
     let (records, _) = bytes.get(84..).unwrap_or_default().as_chunks::<50>();
-    let vertices = match announced.and_then(|n| records.get(..n)) {
+    let points: Vec<_> = match announced.and_then(|n| records.get(..n)) {
         Some(records) => records.iter().flat_map(binary_stl_triangle).collect(),
         None if bytes.trim_ascii_start().get(..5).is_some_and(|word| word.eq_ignore_ascii_case(b"solid")) => {
             text_stl_vertices(bytes)?
@@ -88,8 +74,8 @@ pub(super) fn parse_stl(bytes: &[u8]) -> Result<Soup, MeshError> {
             return Err(MeshError::Syntax { format: "STL", line: None, what });
         }
     };
-    let triangles = (0..vertices.len() as u32 / 3).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();
-    Ok(Soup { vertices, triangles })
+    let triangles = (0..points.len() as u32 / 3).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();
+    Ok(Cells { points, triangles, ..Cells::default() })
 }
 
 /// Three corners from a record: normal, corners (each three f32, little-endian), two bytes of attributes.

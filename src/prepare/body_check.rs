@@ -1,8 +1,7 @@
 //! What makes shapes unfit to be a body, beside what readers find: several bodies, crossings, odd sizes, odd levels.
 
-use super::input::Solid;
 use crate::geometry::crossings::crossings;
-use crate::geometry::mesh_io::LengthUnit;
+use crate::geometry::mesh_io::{LengthUnit, Solid};
 use crate::geometry::{Moments, Surface, TetMesh};
 use crate::math::{Real, Vec3, to_parry};
 use parry3d_f64::query::PointQuery;

@@ -3,48 +3,40 @@
 use super::body_file::InputFile;
 use super::{Shape, boundary_surface, spacings};
 use crate::geometry::decimate::decimate;
-use crate::geometry::mesh_io::{self, LengthUnit};
-use crate::geometry::{MeshError, Moments, Surface, TetMesh};
+use crate::geometry::mesh_io::{self, LengthUnit, Solid};
+use crate::geometry::repair::Repairs;
+use crate::geometry::{MeshError, Moments};
 use crate::math::Real;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use xxhash_rust::xxh3::xxh3_64;
 
-/// A shape as a file holds it.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Solid {
-    /// The closed surface around it.
-    Surface(Surface),
-    /// Tetrahedra that fill it.
-    Volume(TetMesh),
-}
-
-/// A file that has been read.
+/// A mesh that has been read.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Input {
-    /// Its name and checksum.
-    pub file: InputFile,
-    /// What it holds, in metres.
+    /// Names and checksums of its files.
+    pub files: Vec<InputFile>,
+    /// What they hold, in metres.
     pub solid: Solid,
+    /// What was repaired of it.
+    pub repairs: Repairs,
 }
 
 impl Input {
-    /// The solid in the file at `path`, lengths in `unit`, times `scale`.
+    /// The solid in the file at `path`, lengths in `unit`, times `scale`; holes at most `holes` wide [m] are closed.
     ///
     /// # Errors
     /// When it cannot be read or is no solid.
-    pub fn read(path: &Path, unit: LengthUnit, scale: Real) -> Result<Self, MeshError> {
-        let bytes = mesh_io::read_bytes(path)?;
-        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        let mut solid = match path.extension().and_then(|e| e.to_str()).map(str::to_lowercase).as_deref() {
-            Some("msh") => Solid::Volume(mesh_io::parse_tet_mesh(path, &bytes, unit)?),
-            _ => Solid::Surface(mesh_io::parse_surface(path, &bytes, unit)?),
-        };
+    pub fn read(path: &Path, unit: LengthUnit, scale: Real, holes: Real) -> Result<Self, MeshError> {
+        let files = mesh_io::read_files(path)?;
+        let (mut solid, repairs) = mesh_io::parse(&files, unit, holes / scale)?;
         let points = match &mut solid {
             Solid::Surface(surface) => &mut surface.vertices,
             Solid::Volume(mesh) => &mut mesh.nodes,
         };
         points.iter_mut().for_each(|p| *p *= scale);
-        Ok(Self { file: InputFile { name, checksum: xxh3_64(&bytes) }, solid })
+        let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let named = |(path, bytes): &(PathBuf, Vec<u8>)| InputFile { name: name(path), checksum: xxh3_64(bytes) };
+        Ok(Self { files: files.iter().map(named).collect(), solid, repairs })
     }
 }
 

@@ -127,8 +127,15 @@ pub enum PrepareError {
     )]
     ExactOnCover(usize),
     /// A finest level that would cover nothing.
-    #[error("no node of the level before the finest lies in the region that the finest is to cover: give a larger one")]
-    EmptyReach,
+    #[error(
+        "no node of the level before the finest lies in the region that the finest is to cover: give a larger one; the body \
+         reaches from ({:.4}, {:.4}, {:.4}) to ({:.4}, {:.4}, {:.4}) m",
+        body.0.x, body.0.y, body.0.z, body.1.x, body.1.y, body.1.z
+    )]
+    EmptyReach {
+        /// The body's box [m].
+        body: (Vec3, Vec3),
+    },
     /// A level that no load can be put on.
     #[error(transparent)]
     Calibration(#[from] CalibrationError),

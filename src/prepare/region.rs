@@ -32,13 +32,14 @@ impl Reach {
 /// # Errors
 /// When the body has one level only, or `reach` contains no node of the next coarser one.
 pub fn keep_finest_within(body: Body, reach: &Reach) -> Result<Body, PrepareError> {
+    let empty = PrepareError::EmptyReach { body: body.surface().bounds() };
     let mut parts = body.into_parts();
     let BodyParts { levels, material_of, .. } = &mut parts;
-    let (Some(fine), Some(materials)) = (levels.pop(), material_of.pop()) else { return Err(PrepareError::EmptyReach) };
-    let coarse = levels.last_mut().ok_or(PrepareError::EmptyReach)?;
+    let (Some(fine), Some(materials)) = (levels.pop(), material_of.pop()) else { return Err(empty) };
+    let Some(coarse) = levels.last_mut() else { return Err(empty) };
     let refined: Vec<bool> = coarse.mesh.nodes.iter().map(|u| reach.contains(u)).collect();
     if !refined.contains(&true) {
-        return Err(PrepareError::EmptyReach);
+        return Err(empty);
     }
     let stands = |n: u32| refined[fine.parent[n as usize] as usize];
     let kept: Vec<usize> =

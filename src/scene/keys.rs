@@ -83,10 +83,10 @@ pub enum Source {
 pub struct BodyKeys {
     /// Where the shape comes from.
     pub source: Source,
-    /// `surface`: OBJ or STL file; `prepared`: `.palpate` file; relative to the scene's.
+    /// `surface`: mesh file; `prepared`: `.palpate` file; relative to the scene's.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub file: Option<PathBuf>,
-    /// `volumes`: MSH files, coarse to fine, relative to the scene's.
+    /// `volumes`: mesh files, coarse to fine, relative to the scene's.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub files: Vec<PathBuf>,
     /// Unit of the files' coordinates.
@@ -374,13 +374,14 @@ impl Scene {
         (low.add_scalar(-self.safety.workspace_margin), high.add_scalar(self.safety.workspace_margin))
     }
 
-    /// Where each probe lies on each level, coarsest first; elements are numbered through.
+    /// Where each probe lies on each level that reaches there, coarsest first; elements are numbered through.
     pub fn probes(&self, body: &Body) -> Vec<Vec<Host>> {
         let on = |r: usize, p: &ProbeKeys| {
             let host = Locator::new(&body.level(r).mesh, body.level(r).spacing).host(Vec3::from(p.position));
-            Host { element: host.element + body.elements_of(r).start, ..host }
+            let reaches = body.level(r).is_whole() || host.extrapolation() > -0.5;
+            reaches.then(|| Host { element: host.element + body.elements_of(r).start, ..host })
         };
-        self.probe.iter().map(|p| (0..body.levels().len()).map(|r| on(r, p)).collect()).collect()
+        self.probe.iter().map(|p| (0..body.levels().len()).filter_map(|r| on(r, p)).collect()).collect()
     }
 
     /// The body at rest, as it starts before it settles.

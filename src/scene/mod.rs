@@ -234,14 +234,14 @@ impl LoadedScene {
                 prepare::Shape::Meshes(keys.cells.iter().map(|c| primitives::box_mesh(size, *c)).collect())
             }
             Source::Surface => {
-                let file = keys.file.as_ref().ok_or_else(|| missing("surface", "body.file, an OBJ or STL file"))?;
+                let file = keys.file.as_ref().ok_or_else(|| missing("surface", "body.file, as in \"organ.stl\""))?;
                 let unit = unit("surface")?;
                 let surface = mesh_io::read_surface(&at(file), unit).map_err(|e| failed(at(file), e))?;
                 closed(surface)
             }
             Source::Volumes => {
                 if keys.files.is_empty() {
-                    return Err(missing("volumes", "body.files, a list of MSH files from coarse to fine"));
+                    return Err(missing("volumes", "body.files, a list of mesh files from coarse to fine"));
                 }
                 let unit = unit("volumes")?;
                 let read = |file: &PathBuf| {

@@ -64,7 +64,7 @@ pub struct ToolKeys {
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     #[garde(length(max = 1_000), inner(inner(range(min = -1.0, max = 1.0))))]
     pub points: Vec<[Real; 3]>,
-    /// `convex`: OBJ or STL file whose hull it is, relative to the scene's.
+    /// `convex`: surface file whose hull it is, relative to the scene's.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub file: Option<PathBuf>,
     /// Unit of the file's coordinates.
