@@ -39,6 +39,7 @@ fn sagging_corner(size: Vec3, cells: [u32; 3], material: Material, gravity: Real
         name: "box".into(),
         shape: Shape::Meshes(vec![box_mesh(size, cells)]),
         material,
+        inclusions: vec![],
         holds: vec![clamp],
         damping_ratio: 0.0,
     };
@@ -117,6 +118,7 @@ fn a_ball_is_felt_as_the_continuum_says() {
             name: "block".into(),
             shape: Shape::closed(box_surface(Vec3::repeat(side), [60; 3]), spacings.to_vec()),
             material: Material::from_young(1e4, 0.35, 1000.0),
+            inclusions: vec![],
             holds: vec![Region { ..bottom.clone() }],
             damping_ratio: 0.3,
         };

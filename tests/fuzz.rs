@@ -64,6 +64,7 @@ static PREPARED: LazyLock<Vec<u8>> = LazyLock::new(|| {
         name: "toy".into(),
         shape: Shape::closed(toy_surface(0.006), vec![0.025, 0.016]),
         material: Material::from_young(5e3, 0.45, 1050.0),
+        inclusions: vec![],
         holds: vec![Region { bounds: (Vec3::repeat(-1.0), Vec3::new(1.0, 1.0, 0.03)), stiffness: None, exact: false }],
         damping_ratio: 0.15,
     };

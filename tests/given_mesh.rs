@@ -33,8 +33,14 @@ fn liver(case: &Value, file: &Path, fixed: Vec<u32>) -> Arc<Body> {
     mesh.nodes.iter_mut().for_each(|u| *u = (*u - centre) * scale);
     let number = |key: &str| case[key].as_f64().unwrap();
     let material = Material::from_young(number("E"), number("nu"), number("rho"));
-    let recipe =
-        Recipe { name: "R7".into(), shape: Shape::Meshes(vec![mesh]), material, holds: vec![], damping_ratio: 0.0 };
+    let recipe = Recipe {
+        name: "R7".into(),
+        shape: Shape::Meshes(vec![mesh]),
+        material,
+        inclusions: vec![],
+        holds: vec![],
+        damping_ratio: 0.0,
+    };
     let mut parts = prepare(&recipe, &mut |_, _, _| {}).unwrap().into_parts();
     parts.levels[0].fixed = fixed;
     Arc::new(Body::new(parts).unwrap())

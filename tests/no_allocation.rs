@@ -200,6 +200,7 @@ fn cube(finest: Real) -> Body {
         name: "cube".into(),
         shape: Shape::closed(box_surface(side, [cells; 3]), vec![3.24 * finest, 1.8 * finest, finest]),
         material: Material::from_young(1e4, 0.45, 1000.0),
+        inclusions: vec![],
         holds: vec![face],
         damping_ratio: 0.15,
     };

@@ -26,6 +26,7 @@ fn cube_of(cells: &[u32], material: Material, clamped: bool) -> Body {
         name: "cube".into(),
         shape: Shape::Meshes(cells.iter().map(|n| box_mesh(Vec3::repeat(SIDE), [*n; 3])).collect()),
         material,
+        inclusions: vec![],
         holds: if clamped { vec![clamp] } else { vec![] },
         damping_ratio: 0.0,
     };

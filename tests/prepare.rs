@@ -7,7 +7,9 @@ use palpate::math::{Real, Vec3};
 use palpate::model::{Body, Material};
 use palpate::prepare::body_check::check;
 use palpate::prepare::body_file::{BodyFile, Provenance};
+use palpate::prepare::inclusions::Inclusion;
 use palpate::prepare::input::{Fineness, Input, shape};
+use palpate::prepare::region::Reach;
 use palpate::prepare::report::report;
 use palpate::prepare::spacings;
 use palpate::prepare::{Recipe, Region, Shape, prepare, refit};
@@ -44,13 +46,17 @@ fn load(scene: &Path, given: &[&str]) -> LoadedScene {
     LoadedScene::load(scene, &given.iter().map(|s| (*s).to_owned()).collect::<Vec<_>>()).unwrap()
 }
 
+/// A stiff place in the middle of the toy.
+const NODULE: &str = "material.region=[{ centre = [0.0, 0.0, 0.13], radius = 0.015, youngs_modulus = 30000.0 }]";
+
 #[test]
 fn a_prepared_file_is_the_body_that_its_scene_builds_whoever_makes_it() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name).display().to_string();
     fs::write(path("toy.obj"), obj(&toy_surface(0.005))).unwrap();
     let made = |out: &str| {
-        let levels = ["--levels", "22mm,13mm", "--display-vertices", "900", "--set", "material.density=1010"];
+        let levels =
+            ["--levels", "22mm,13mm", "--display-vertices", "900", "--set", "material.density=1010", "--set", NODULE];
         let (mesh, out_path) = (path("toy.obj"), path(out));
         let arguments = [&["prepare", &mesh, "--unit", "mm", "-o", &out_path], &levels[..]].concat();
         let said = stdout(&palpate(&arguments).success());
@@ -72,11 +78,12 @@ fn a_prepared_file_is_the_body_that_its_scene_builds_whoever_makes_it() {
 
     // The file as a scene, a scene that names it, and the scene that makes the same body from the mesh.
     let name = format!("body.file={:?}", path("toy.obj"));
-    let keys = ["body.unit=mm", "body.display_vertices=900", "body.spacings=[0.022, 0.013]", "material.density=1010"];
+    let keys =
+        ["body.unit=mm", "body.display_vertices=900", "body.spacings=[0.022, 0.013]", "material.density=1010", NODULE];
     let from_mesh = load(Path::new("organ"), &[&[name.as_str(), "name=toy"], &keys[..]].concat());
     let from_mesh = from_mesh.build(&mut silent).unwrap();
     let itself = load(Path::new(&path("one.palpate")), &[]);
-    assert_eq!(itself.scene.material.density, 1010.0);
+    assert_eq!((itself.scene.material.density, itself.scene.material.region.len()), (1010.0, 1));
     let itself_built = itself.build(&mut silent).unwrap();
     assert_eq!(itself_built.checksum(), from_mesh.checksum());
     fs::write(path("s.toml"), "name = \"toy\"\n[body]\nsource = \"prepared\"\nfile = \"one.palpate\"\n").unwrap();
@@ -93,9 +100,17 @@ fn a_prepared_file_is_the_body_that_its_scene_builds_whoever_makes_it() {
     assert!(e.contains("a prepared body is as it was prepared"), "{e}");
 }
 
-fn recipe(material: Material, holds: Vec<Region>, damping_ratio: Real) -> Recipe {
+fn recipe(material: Material, contrast: Real, holds: Vec<Region>, damping_ratio: Real) -> Recipe {
     let shape = Shape::closed(liver_surface(0.008), vec![0.03, 0.019]);
-    Recipe { name: "liver".into(), shape, material, holds, damping_ratio }
+    Recipe { name: "liver".into(), inclusions: nodule(material, contrast), shape, material, holds, damping_ratio }
+}
+
+/// A place in the middle of the liver that is stiffer by `contrast`.
+fn nodule(rest: Material, contrast: Real) -> Vec<Inclusion> {
+    let (low, high) = liver_surface(0.008).bounds();
+    let place = Reach::Ball((low + high) / 2.0, 0.02);
+    let (youngs_modulus, poisson_ratio) = (contrast * rest.youngs_modulus(), rest.poisson_ratio());
+    vec![Inclusion { place, youngs_modulus, poisson_ratio }]
 }
 
 /// The lowest part of the liver, up to `height` [m].
@@ -113,20 +128,23 @@ fn difference(a: &Body, b: &Body) -> Real {
 #[test]
 fn a_body_held_and_made_otherwise_than_prepared_is_the_body_prepared_so() {
     let soft = Material::from_young(4e3, 0.45, 1000.0);
-    let prepared = || prepare(&recipe(soft, below(0.04), 0.15), &mut silent).unwrap();
+    let prepared = || prepare(&recipe(soft, 5.0, below(0.04), 0.15), &mut silent).unwrap();
     let bytes = prepared().bytes().to_vec();
-    for (what, material, height, damping, anew) in [
-        ("as it was", soft, 0.04, 0.15, false),
-        ("damped otherwise", soft, 0.04, 0.3, false),
-        ("stiffer", Material::from_young(2e4, 0.45, 1000.0), 0.04, 0.15, false),
-        ("denser", Material::from_young(4e3, 0.45, 1200.0), 0.04, 0.15, false),
-        ("of another Poisson's ratio", Material::from_young(4e3, 0.3, 1000.0), 0.04, 0.15, true),
-        ("held elsewhere", soft, 0.06, 0.15, true),
+    for (what, material, contrast, height, damping, anew) in [
+        ("as it was", soft, 5.0, 0.04, 0.15, false),
+        ("damped otherwise", soft, 5.0, 0.04, 0.3, false),
+        ("stiffer", Material::from_young(2e4, 0.45, 1000.0), 5.0, 0.04, 0.15, false),
+        ("denser", Material::from_young(4e3, 0.45, 1200.0), 5.0, 0.04, 0.15, false),
+        ("of another Poisson's ratio", Material::from_young(4e3, 0.3, 1000.0), 5.0, 0.04, 0.15, true),
+        ("held elsewhere", soft, 5.0, 0.06, 0.15, true),
+        ("stiffer in one place", soft, 8.0, 0.04, 0.15, true),
     ] {
         let mut said = false;
         let mut progress = |what: &str, _: usize, _: usize| said |= what.contains("calibrating anew");
-        let refitted = refit(prepared(), "liver", material, &below(height), damping, &mut progress).unwrap();
-        let fresh = prepare(&recipe(material, below(height), damping), &mut silent).unwrap();
+        let refitted =
+            refit(prepared(), "liver", material, &nodule(material, contrast), &below(height), damping, &mut progress);
+        let refitted = refitted.unwrap();
+        let fresh = prepare(&recipe(material, contrast, below(height), damping), &mut silent).unwrap();
         let (off, mode) = (difference(&refitted, &fresh), refitted.slowest_mode() / fresh.slowest_mode() - 1.0);
         println!("{what}: factors off by {off:.1e}, slowest mode by {mode:.1e}");
         // Factors are found to a thousandth.
@@ -144,7 +162,7 @@ fn a_body_held_and_made_otherwise_than_prepared_is_the_body_prepared_so() {
 fn files_that_are_no_prepared_bodies_are_refused_with_what_to_do() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("x.palpate");
-    let body = prepare(&recipe(Material::from_young(4e3, 0.45, 1000.0), vec![], 0.0), &mut silent).unwrap();
+    let body = prepare(&recipe(Material::from_young(4e3, 0.45, 1000.0), 1.0, vec![], 0.0), &mut silent).unwrap();
     let scene = load(Path::new("organ"), &[]).scene.to_toml();
     let bytes = BodyFile { provenance: Provenance { scene, ..Provenance::default() }, body }.bytes();
     let refused = |bytes: &[u8]| {
@@ -162,8 +180,8 @@ fn files_that_are_no_prepared_bodies_are_refused_with_what_to_do() {
         (bytes[..10].to_vec(), "cut off"),
         (bytes[..bytes.len() - 1].to_vec(), "cut off"),
         ([bytes.clone(), vec![0]].concat(), "added to"),
-        (changed(8, 9), "format 9, this palpate reads format 2: update palpate"),
-        (changed(8, 0), "format 0, this palpate reads format 2: prepare it again"),
+        (changed(8, 9), "format 9, this palpate reads format 3: update palpate"),
+        (changed(8, 0), "format 0, this palpate reads format 3: prepare it again"),
         (changed(bytes.len() / 2, bytes[bytes.len() / 2] ^ 1), "checksum"),
     ] {
         let e = refused(&bytes);
@@ -230,8 +248,9 @@ fn verdict(paths: &[PathBuf], unit: LengthUnit, scale: Real, holes: Real) -> Res
     let (shape, moments) = shape(solids, &fineness, 2500)?;
     let name = paths[0].file_stem().unwrap().to_string_lossy().into_owned();
     let material = Material::from_young(5e3, 0.45, 1050.0);
-    let body = prepare(&Recipe { name, shape, material, holds: vec![], damping_ratio: 0.15 }, &mut silent)
-        .map_err(|e| e.to_string())?;
+    let body =
+        prepare(&Recipe { name, shape, material, inclusions: vec![], holds: vec![], damping_ratio: 0.15 }, &mut silent)
+            .map_err(|e| e.to_string())?;
     let report = report(&body, &moments);
     if !report.levels[0].can_be_stepped() {
         return Err(report.warnings.join("; "));

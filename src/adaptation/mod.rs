@@ -22,7 +22,7 @@ pub struct Adaptivity {
     pub split: Real,
     /// Families whose children are all below this part of `split` are merged.
     pub merge: Real,
-    /// Nodes closer to a tool than this many spacings of their level are split.
+    /// Nodes closer to a tool than this many spacings of their level are split, and from farther where the material is uneven.
     pub reach: Real,
     /// Finest level that is used.
     pub finest: usize,
@@ -63,6 +63,9 @@ const INDICATOR_TICKS: u64 = 32;
 const FOCUS_TICKS: u64 = 4;
 /// A family near a tool stays refined up to this much farther away than it was refined at.
 const STAY: Real = 1.3;
+/// Where the material is uneven, nodes are split from this much farther away: large elements show too little of what is
+/// smaller than they are, and what they show is felt from afar.
+const UNEVEN: Real = 2.0;
 /// Values from here on are those of nodes that a tool is close to.
 const TOUCHED: Real = 2.0;
 /// Part of the budget that changes of resolution may take in one tick, one in this many, where that pays for a change.
@@ -260,6 +263,11 @@ impl Look<'_> {
         if distance < reach { TOUCHED + (1.0 - distance / reach).min(2.0) } else { 0.0 }
     }
 
+    /// How much farther than elsewhere a tool is felt around node `n`.
+    fn farther(&self, n: u32) -> Real {
+        if self.body.is_uneven(n) { UNEVEN } else { 1.0 }
+    }
+
     /// False where there is nothing finer that may be used.
     fn may_split(&self, n: u32, finest: usize) -> bool {
         self.body.level_of(n) < finest && !self.body.children(n).is_empty()
@@ -283,7 +291,8 @@ impl Look<'_> {
             let n = mesh.node(*slot);
             if self.may_split(n, finest) {
                 let x = mesh.position(*slot);
-                let value = self.worth(self.distance(x), self.body.level(self.body.level_of(n)).spacing, 1.0);
+                let spacing = self.body.level(self.body.level_of(n)).spacing;
+                let value = self.worth(self.distance(x), spacing, self.farther(n));
                 if value > 0.0 {
                     keep(wanted, value, n);
                 }
@@ -312,7 +321,7 @@ impl Look<'_> {
                     distance = distance.min(mesh.position_of(c).map_or(Real::INFINITY, |x| self.distance(x)));
                 }
             }
-            let value = value.min(TOUCHED).max(self.worth(distance, spacing, STAY));
+            let value = value.min(TOUCHED).max(self.worth(distance, spacing, STAY * self.farther(parent)));
             if value < limit && spare.len() < spare.capacity() {
                 spare.push((value, parent));
             }

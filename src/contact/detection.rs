@@ -10,7 +10,7 @@ use super::tool::{MOST_POINTS, Tool, ToolState};
 use super::wrench::middle_pose;
 use crate::math::{Real, Vec3};
 use crate::model::constraint::{Constraint, Coupling, PointMemory, dent};
-use crate::model::{ActiveMesh, Body, Friction, skin};
+use crate::model::{ActiveMesh, Body, Friction, Material, skin};
 
 /// Points this far from the tool [m] become constraints, so that contact begins with an open gap, and no tool passes
 /// between two ticks what it did not push: more where a tick's motion is more.
@@ -35,6 +35,10 @@ struct Load {
     radius: Real,
     /// Spacing of the level that carries it [m].
     spacing: Real,
+    /// What a half-space of the material under it gives way by, per newton and per distance [m²/N].
+    half_space: Real,
+    /// Poisson's ratio of that material.
+    nu: Real,
     /// Last multiplier [N].
     multiplier: Real,
 }
@@ -153,8 +157,7 @@ pub fn detect(
     work.memory.clear();
     work.loads.clear();
     work.loads.extend(candidates.iter().map(|c| Load::new(on, c, memory)));
-    let (first, half_space) = (constraints.len() as u32, if work.dents { half_space(on.body) } else { 0.0 });
-    let nu = on.body.material().poisson_ratio();
+    let first = constraints.len() as u32;
     // The pose is where the coupling's spring is as long as the last force made it.
     let coupling = Coupling { compliance: tool.coupling, allowed_for: -tool.physical_force };
     for (i, candidate) in candidates.iter().enumerate() {
@@ -169,7 +172,10 @@ pub fn detect(
         let share = known.map_or(share, |m| m.share + work.followed * (share - m.share));
         let mut compliance = [0.0; MOST_POINTS];
         for (j, (g, other)) in compliance.iter_mut().zip(&work.loads).enumerate() {
-            *g = half_space * if i == j { other.own(share) } else { work.loads[i].from(other) };
+            let load = &work.loads[i];
+            // Between two materials it is neither's.
+            let half_space = if work.dents { 0.5 * (load.half_space + other.half_space) } else { 0.0 };
+            *g = half_space * if i == j { other.own(share) } else { load.from(other) };
         }
         let moved = n.dot(&(end - start));
         // Overlap at the start of the tick that neither the last multiplier nor the last slack explains: a tool that
@@ -208,7 +214,7 @@ pub fn detect(
             mean_multiplier: 0.0,
             friction: Friction {
                 coefficient: of.friction,
-                compliance: (2.0 - nu) / (2.0 * (1.0 - nu)),
+                compliance: (2.0 - work.loads[i].nu) / (2.0 * (1.0 - work.loads[i].nu)),
                 anchor: anchored.0 - fade,
                 rate: (anchored.1 - anchored.0) / on.tick,
                 multiplier: tangential,
@@ -299,8 +305,7 @@ const UNNOTICED: Real = 5e-5;
 const MOST_DENT: Real = 0.3;
 
 /// `(1−ν²)/(πE)` [m²/N]: an elastic half-space gives way by this much per newton and per distance from the load.
-fn half_space(body: &Body) -> Real {
-    let material = body.material();
+fn half_space(material: &Material) -> Real {
     let nu = material.poisson_ratio();
     (1.0 - nu * nu) / (std::f64::consts::PI * material.youngs_modulus())
 }
@@ -311,11 +316,16 @@ impl Load {
     fn new(on: &Touchable, candidate: &Candidate, memory: &[PointMemory]) -> Self {
         // Each vertex hangs on a level of its own; after a change of resolution its spacing, too, fades over.
         let spacing = |v: u32| on.mesh.attachment(v).spacing + on.mesh.fade[v as usize][3];
+        let stencil = candidate.stencil();
+        let nearest = stencil.iter().max_by(|a, b| a.1.total_cmp(&b.1)).map_or(stencil[0].0, |(v, _)| *v);
+        let material = on.body.material_at(nearest);
         Self {
             place: candidate.place,
             normal: candidate.normal,
+            half_space: half_space(material),
+            nu: material.poisson_ratio(),
             radius: (candidate.area / std::f64::consts::PI).sqrt(),
-            spacing: candidate.stencil().iter().map(|(v, w)| w * spacing(*v)).sum(),
+            spacing: stencil.iter().map(|(v, w)| w * spacing(*v)).sum(),
             multiplier: candidate.known.map_or(0.0, |k| memory[k as usize].multiplier),
         }
     }

@@ -19,10 +19,10 @@ const BELOW: Real = 4e-3;
 pub(super) fn ahead(body: &Body, vertices: &[Vec3], shape: &Shape, tool: &ToolState) -> Option<Stiffness> {
     let (all, parts) = posed(&tool.pose, shape);
     let nearest = all[..parts].iter().filter_map(|part| nearest(body, vertices, part));
-    let (gap, away, radius) = nearest.min_by(|a, b| a.0.total_cmp(&b.0))?;
+    let (gap, away, radius, vertex) = nearest.min_by(|a, b| a.0.total_cmp(&b.0))?;
     let normal = -away;
     // Hertz: dF/dd = 2 E* a, with a² = R d.
-    let material = body.material();
+    let material = body.material_at(vertex);
     let plane_strain = material.youngs_modulus() / (1.0 - material.poisson_ratio() * material.poisson_ratio());
     let contact = 2.0 * plane_strain * (radius * DEPTH).sqrt();
     let along = 1.0 / (1.0 / contact + tool.coupling);
@@ -36,11 +36,12 @@ pub(super) fn ahead(body: &Body, vertices: &[Vec3], shape: &Shape, tool: &ToolSt
     })
 }
 
-/// Gap [m] between a part of a tool and the surface, unit direction towards it, and about the part's radius [m].
-fn nearest(body: &Body, vertices: &[Vec3], at: &Posed) -> Option<(Real, Vec3, Real)> {
+/// Gap [m] between a part of a tool and the surface, unit direction towards it, about the part's radius [m], and a display
+/// vertex there.
+fn nearest(body: &Body, vertices: &[Vec3], at: &Posed) -> Option<(Real, Vec3, Real, u32)> {
     let radius = at.part.radius();
     let (low, high) = at.window(radius + REACH);
-    let mut best: Option<(Real, Vec3)> = None;
+    let mut best: Option<(Real, Vec3, u32)> = None;
     for triangle in &body.surface().triangles {
         let corners = triangle.map(|v| vertices[v as usize]);
         let (least, most) = corners.iter().fold((corners[0], corners[0]), |(l, m), p| (l.inf(p), m.sup(p)));
@@ -53,8 +54,8 @@ fn nearest(body: &Body, vertices: &[Vec3], at: &Posed) -> Option<(Real, Vec3, Re
         let distance = away.norm();
         if distance > radius && best.is_none_or(|b| distance - radius < b.0) {
             // A place on an edge is met from outside whichever way its triangle faces.
-            best = Some((distance - radius, away / distance));
+            best = Some((distance - radius, away / distance, triangle[0]));
         }
     }
-    best.filter(|b| b.0 < REACH).map(|(gap, away)| (gap, away, at.part.outline().2))
+    best.filter(|b| b.0 < REACH).map(|(gap, away, vertex)| (gap, away, at.part.outline().2, vertex))
 }

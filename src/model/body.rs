@@ -12,10 +12,13 @@ use crate::math::{Real, Vec3};
 use serde::{Deserialize, Serialize};
 
 /// First bytes of a body file: name and format version.
-const MAGIC: &[u8; 12] = b"palpate-bdy\x05";
+const MAGIC: &[u8; 12] = b"palpate-bdy\x06";
 
 /// Stands for "no node", "no element".
 pub const NONE: u32 = u32::MAX;
+
+/// How much stiffer one element around a node is than another where the material counts as uneven.
+const CONTRAST: Real = 1.25;
 
 /// A display vertex held in space by a spring.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -47,7 +50,7 @@ pub struct BodyParts {
     /// Materials that elements refer to.
     pub materials: Vec<Material>,
     /// Material of each element, per level (n_elements); an empty list stands for material 0 everywhere.
-    pub material_of: Vec<Vec<u8>>,
+    pub material_of: Vec<Vec<u16>>,
     /// Springs that hold regions in space, the same on every level.
     pub holds: Vec<Hold>,
     /// Maxwell branches of every material, at most two.
@@ -72,6 +75,7 @@ pub struct Body {
     hosted: Csr,
     fixed: Vec<bool>,
     rim: Vec<bool>,
+    uneven: Vec<bool>,
     mass: Real,
     centre: Vec3,
     vertex_area: Vec<Real>,
@@ -144,16 +148,27 @@ impl Body {
             .map(|(r, v, e)| (first_element[r] + e, v))
             .collect();
         let corners = elements.iter().enumerate().flat_map(|(e, nodes)| nodes.map(|n| (n, e as u32)));
+        let around = Csr::new(nodes, corners);
+        let shear = |e: &u32| {
+            let level = first_element.partition_point(|first| first <= e) - 1;
+            material_in(&parts.materials, &parts.material_of[level], (e - first_element[level]) as usize).mu
+        };
+        let is_uneven = |n: u32| {
+            let moduli = || around.of(n).iter().map(shear);
+            moduli().fold(0.0, Real::max) > CONTRAST * moduli().fold(Real::INFINITY, Real::min)
+        };
+        let uneven = (0..nodes as u32).map(|n| parts.materials.len() > 1 && is_uneven(n)).collect();
         let triangles = parts.surface.triangles.iter().enumerate();
         let finest = finest_whole(&parts.levels);
         Body {
             level_of_node: levels().flat_map(|(r, l)| vec![r as u8; l.mesh.nodes.len()]).collect(),
             rest: levels().flat_map(|(_, l)| l.mesh.nodes.iter().copied()).collect(),
-            around: Csr::new(nodes, corners),
+            around,
             children: Csr::new(nodes, parents.iter().copied()),
             hosted: Csr::new(elements.len(), hosts.iter().copied()),
             fixed,
             rim,
+            uneven,
             mass: finest.node_mass.iter().sum(),
             centre: finest.centre_of_mass(),
             vertex_area: parts.surface.vertex_areas(),
@@ -192,6 +207,11 @@ impl Body {
     /// The body's file: magic, xxh3-64 of the rest, the parts (postcard).
     pub fn bytes(&self) -> &[u8] {
         &self.bytes
+    }
+
+    /// What it was made of.
+    pub fn parts(&self) -> &BodyParts {
+        &self.parts
     }
 
     /// What it was made of.
@@ -338,8 +358,13 @@ impl Body {
     /// Material of element `e`.
     pub fn material_of(&self, e: u32) -> &Material {
         let r = self.level_of_element(e);
-        let index = self.parts.material_of[r].get((e - self.first_element[r]) as usize).copied().unwrap_or_default();
-        &self.parts.materials[usize::from(index)]
+        material_in(&self.parts.materials, &self.parts.material_of[r], (e - self.first_element[r]) as usize)
+    }
+
+    /// Material under display vertex `v`, on the finest level that reaches there.
+    pub fn material_at(&self, v: u32) -> &Material {
+        let host = (0..self.levels().len()).rev().find_map(|r| self.embedding(r, v));
+        host.map_or(self.material(), |host| self.material_of(host.element))
     }
 
     /// Volume of element `e` inside the body [m³].
@@ -356,6 +381,11 @@ impl Body {
     /// True for nodes that are never active, on the rim of a level that covers only a region.
     pub fn is_on_rim(&self, n: u32) -> bool {
         self.rim[n as usize]
+    }
+
+    /// True for nodes around which one element is much stiffer than another.
+    pub fn is_uneven(&self, n: u32) -> bool {
+        self.uneven[n as usize]
     }
 
     /// The nodes that cover the body together at level `r`, ascending: those of the level, and where it does not reach,
@@ -405,6 +435,11 @@ impl Body {
     pub fn damping_time(&self) -> Real {
         self.parts.materials.iter().map(Material::damping_time).fold(0.0, Real::max)
     }
+}
+
+/// What element `e` of a level is made of, from the body's `materials` and the level's list of [`BodyParts::material_of`].
+pub fn material_in<'a>(materials: &'a [Material], of: &[u16], e: usize) -> &'a Material {
+    &materials[usize::from(of.get(e).copied().unwrap_or_default())]
 }
 
 fn check(parts: &BodyParts) -> Result<(), String> {

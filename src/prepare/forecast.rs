@@ -93,6 +93,7 @@ mod tests {
             name: "ball".into(),
             shape: Shape::closed(sphere_surface(0.05, 0.004), vec![0.02, 0.012, 0.006]),
             material: Material::from_young(5e3, 0.45, 1000.0),
+            inclusions: vec![],
             holds: vec![],
             damping_ratio: 0.15,
         };

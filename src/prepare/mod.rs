@@ -5,6 +5,7 @@ pub mod body_file;
 pub mod calibration;
 pub mod forecast;
 mod holds;
+pub mod inclusions;
 pub mod input;
 pub mod region;
 pub mod report;
@@ -17,10 +18,11 @@ use crate::hierarchy::cover::{CoverError, cover};
 use crate::hierarchy::level::{Level, mean_edge};
 use crate::hierarchy::{embedding, parentage};
 use crate::math::{Real, Vec3};
-use crate::model::body::{Body, BodyError, BodyParts, MaxwellBranch};
+use crate::model::body::{Body, BodyError, BodyParts, MaxwellBranch, material_in};
 use crate::model::material::Material;
 use calibration::{CalibrationError, calibrate};
 use holds::{Held, hold_regions};
+use inclusions::{Inclusion, materials};
 
 /// Where the levels come from.
 #[derive(Clone, Debug)]
@@ -85,8 +87,10 @@ pub struct Recipe {
     pub name: String,
     /// Its shape.
     pub shape: Shape,
-    /// Its material, the same everywhere.
+    /// Its material, ...
     pub material: Material,
+    /// ... but for these places, of which later ones cover earlier ones.
+    pub inclusions: Vec<Inclusion>,
     /// Regions held in space.
     pub holds: Vec<Region>,
     /// Damping ratio ζ of the slowest mode that Maxwell branches give the body; 0 gives it none.
@@ -136,6 +140,14 @@ pub enum PrepareError {
         /// The body's box [m].
         body: (Vec3, Vec3),
     },
+    /// A place of another material that is not in the body.
+    #[error(
+        "region {0} of the material lies outside the body: check its coordinates, which are those of the body at rest"
+    )]
+    EmptyInclusion(usize),
+    /// Regions that overlap in too many ways.
+    #[error("the regions of the material meet in more than 65,535 ways: give fewer")]
+    TooManyMixtures,
     /// A level that no load can be put on.
     #[error(transparent)]
     Calibration(#[from] CalibrationError),
@@ -153,12 +165,13 @@ pub fn prepare(recipe: &Recipe, progress: &mut dyn FnMut(&str, usize, usize)) ->
     let steps = levels.len() + 4;
     progress("holding regions", steps - 2, steps);
     let held = hold_regions(&recipe.holds, &recipe.material, &surface, &levels)?;
+    let (materials, material_of) = materials(recipe.material, &recipe.inclusions, &levels)?;
     let parts = BodyParts {
         name: recipe.name.clone(),
         surface,
-        material_of: vec![Vec::new(); levels.len()],
+        material_of,
         levels,
-        materials: vec![recipe.material],
+        materials,
         holds: Vec::new(),
         maxwell: Vec::new(),
         slowest_mode: 0.0,
@@ -219,14 +232,14 @@ fn calibrated(
     parts.holds = held.springs;
     parts.levels.iter_mut().zip(held.fixed).for_each(|(level, fixed)| level.fixed = fixed);
     let springs: Vec<(u32, Real)> = parts.holds.iter().map(|h| (h.vertex, h.stiffness)).collect();
-    let material = parts.materials[0];
+    let material = |level: usize, element: usize| *material_in(&parts.materials, &parts.material_of[level], element);
     // A level of a region alone can bear no load that moves the body: the finest whole one, as soft as it was made to
     // agree with that, is what the others are to agree with.
     let whole = parts.levels.iter().take_while(|level| level.is_whole()).count();
     let agreed = (whole < parts.levels.len()).then(|| parts.levels[whole - 1].stiffness_factor.clone());
     let material_of = |level: usize, element: usize| match &agreed {
-        Some(factors) if level + 1 == whole => calibration::scaled(material, factors[element]),
-        _ => material,
+        Some(factors) if level + 1 == whole => calibration::scaled(material(level, element), factors[element]),
+        _ => material(level, element),
     };
     let mut calibration = calibrate(&parts.levels[..whole], material_of, &springs)?;
     if let Some(agreed) = agreed {
@@ -238,18 +251,20 @@ fn calibrated(
     Ok(Body::new(parts)?)
 }
 
-/// `body` under another `name`, of another `material`, held by other regions, damped otherwise.
+/// `body` under another `name`, of another `material` but for `inclusions`, held by other regions, damped otherwise.
 ///
-/// Softness from place to place depends on where the body is held, on how stiff the holds are for its material, and on
-/// Poisson's ratio: where one of these differs, the levels are calibrated anew, which takes most of the time that
-/// preparing a body does; `progress` hears of it. Otherwise it takes none.
+/// Softness from place to place depends on where the body is held, on how stiff the holds are for its material, on how
+/// much stiffer it is in one place than in another, and on Poisson's ratio: where one of these differs, the levels are
+/// calibrated anew, which takes most of the time that preparing a body does; `progress` hears of it. Otherwise it takes
+/// none.
 ///
 /// # Errors
-/// When a hold holds nothing, or a level has no elastic solution.
+/// When a hold holds nothing, an inclusion lies outside, or a level has no elastic solution.
 pub fn refit(
     body: Body,
     name: &str,
     material: Material,
+    inclusions: &[Inclusion],
     holds: &[Region],
     damping_ratio: Real,
     progress: &mut dyn FnMut(&str, usize, usize),
@@ -262,11 +277,19 @@ pub fn refit(
         && held.fixed.iter().zip(body.levels()).all(|(fixed, level)| *fixed == level.fixed)
         && (held.springs.iter().zip(body.holds()))
             .all(|(a, b)| a.vertex == b.vertex && alike(a.stiffness, b.stiffness * stiffer));
-    let same_softness = same_holds && alike(material.lambda, before.lambda * stiffer);
+    let parts = body.parts();
+    let (materials, material_of) = materials(material, inclusions, body.levels())?;
+    let same_in = |(level, (now, then)): (&Level, (&Vec<u16>, &Vec<u16>))| {
+        (0..level.mesh.elements.len()).all(|e| {
+            let (now, then) = (material_in(&materials, now, e), material_in(&parts.materials, then, e));
+            alike(now.lambda, then.lambda * stiffer) && alike(now.mu, then.mu * stiffer)
+        })
+    };
+    let same_softness = same_holds && body.levels().iter().zip(material_of.iter().zip(&parts.material_of)).all(same_in);
     let slowest_mode = body.slowest_mode() * (stiffer / denser).sqrt();
     let maxwell = maxwell_branches(damping_ratio, slowest_mode);
     if same_softness
-        && material == before
+        && (&materials, &material_of) == (&parts.materials, &parts.material_of)
         && held.springs == body.holds()
         && maxwell == body.maxwell()
         && name == body.name()
@@ -275,14 +298,14 @@ pub fn refit(
     }
     let mut parts = body.into_parts();
     parts.name = name.to_owned();
-    parts.materials = vec![material];
+    (parts.materials, parts.material_of) = (materials, material_of);
     for level in &mut parts.levels {
         level.node_mass.iter_mut().for_each(|m| *m *= denser);
         level.least_mass *= denser;
         level.density *= denser;
     }
     if !same_softness {
-        progress("calibrating anew: held elsewhere, or of another Poisson's ratio, than as prepared", 0, 1);
+        progress("calibrating anew: held elsewhere, or of materials in another proportion, than as prepared", 0, 1);
         return calibrated(parts, held, damping_ratio, &mut |_, _, _| {});
     }
     (parts.holds, parts.maxwell, parts.slowest_mode) = (held.springs, maxwell, slowest_mode);

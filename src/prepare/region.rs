@@ -7,7 +7,7 @@ use crate::hierarchy::level::NOWHERE;
 use crate::math::{Real, Vec3};
 use crate::model::body::{Body, BodyParts};
 
-/// Where a level is to reach.
+/// A part of space: where a level is to reach, or where a material is another.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Reach {
     /// A box between these corners [m].
@@ -17,6 +17,25 @@ pub enum Reach {
 }
 
 impl Reach {
+    /// Signed distance of `p` from its border [m], negative inside.
+    pub fn distance(&self, p: &Vec3) -> Real {
+        match self {
+            Reach::Box(low, high) => {
+                let beyond = (low - p).sup(&(p - high));
+                beyond.sup(&Vec3::zeros()).norm() + beyond.max().min(0.0)
+            }
+            Reach::Ball(centre, radius) => (p - centre).norm() - radius,
+        }
+    }
+
+    /// How far it reaches across, where that is least [m].
+    pub fn width(&self) -> Real {
+        match self {
+            Reach::Box(low, high) => (high - low).min(),
+            Reach::Ball(_, radius) => 2.0 * radius,
+        }
+    }
+
     /// True for points inside.
     pub fn contains(&self, p: &Vec3) -> bool {
         match self {

@@ -11,6 +11,8 @@ use crate::model::element_pool::CLASSES;
 use crate::model::step_class::step_of;
 use crate::model::{Body, Material};
 use crate::prepare::Region;
+use crate::prepare::inclusions::Inclusion;
+use crate::prepare::region::Reach;
 use crate::simulation::{Inputs, Settings, Simulation, Snapshot, TICK};
 use garde::Validate;
 use serde::{Deserialize, Serialize};
@@ -174,6 +176,62 @@ pub struct MaterialKeys {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[garde(inner(range(min = 0.0, max = 1e9)))]
     pub psi: Option<Real>,
+    /// Places where stiffness is another; later ones cover earlier ones.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    #[garde(dive, length(max = 16))]
+    pub region: Vec<RegionKeys>,
+}
+
+/// `[[material.region]]`: a ball or a box.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Validate)]
+#[serde(deny_unknown_fields)]
+#[garde(allow_unvalidated)]
+pub struct RegionKeys {
+    /// Centre of a ball at rest [m].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[garde(inner(inner(range(min = -1e3, max = 1e3))))]
+    pub centre: Option<[Real; 3]>,
+    /// Its radius [m].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[garde(inner(range(min = 5e-4, max = 1e3)))]
+    pub radius: Option<Real>,
+    /// Least corner of a box at rest [m].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[garde(inner(inner(range(min = -1e3, max = 1e3))))]
+    pub min: Option<[Real; 3]>,
+    /// Its greatest corner [m].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[garde(inner(inner(range(min = -1e3, max = 1e3))))]
+    pub max: Option<[Real; 3]>,
+    /// Young's modulus [Pa].
+    #[garde(range(min = 10.0, max = 1e9))]
+    pub youngs_modulus: Real,
+    /// Poisson's ratio; left out: that of the rest.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[garde(inner(range(min = 0.0, max = 0.49)))]
+    pub poisson_ratio: Option<Real>,
+}
+
+impl RegionKeys {
+    /// The ball or the box; `None` where the keys are those of neither or of both, or of an empty box.
+    fn place(&self) -> Option<Reach> {
+        match (self.centre, self.radius, self.min, self.max) {
+            (Some(centre), Some(radius), None, None) => Some(Reach::Ball(Vec3::from(centre), radius)),
+            (None, None, Some(min), Some(max)) if (0..3).all(|c| min[c] < max[c]) => {
+                Some(Reach::Box(Vec3::from(min), Vec3::from(max)))
+            }
+            _ => None,
+        }
+    }
+
+    /// Adds what is wrong with the keys together, under `path`.
+    pub(super) fn faults(&self, path: &str, out: &mut Vec<(String, String)>) {
+        if self.place().is_none() {
+            let fault =
+                "give a ball, centre = [x, y, z] and radius, or a box, min = [x, y, z] and max, greater in each";
+            out.push((path.to_owned(), fault.to_owned()));
+        }
+    }
 }
 
 impl Default for MaterialKeys {
@@ -186,6 +244,7 @@ impl Default for MaterialKeys {
             damping_time: 1e-3,
             phi: None,
             psi: None,
+            region: vec![],
         }
     }
 }
@@ -327,6 +386,18 @@ impl Scene {
             psi: keys.psi.unwrap_or(elastic.mu * keys.damping_time),
             ..elastic
         }
+    }
+
+    /// Where the material is stiffer or softer.
+    pub fn inclusions(&self) -> Vec<Inclusion> {
+        let inclusion = |region: &RegionKeys| {
+            Some(Inclusion {
+                place: region.place()?,
+                youngs_modulus: region.youngs_modulus,
+                poisson_ratio: region.poisson_ratio.unwrap_or(self.material.poisson_ratio),
+            })
+        };
+        self.material.region.iter().filter_map(inclusion).collect()
     }
 
     /// The simulation's settings.

@@ -203,6 +203,7 @@ impl LoadedScene {
             name: self.scene.name.clone(),
             shape,
             material: self.scene.material(),
+            inclusions: self.scene.inclusions(),
             holds: self.scene.hold.iter().map(|h| h.region(bounds)).collect(),
             damping_ratio: self.scene.material.damping_ratio,
         }
@@ -272,6 +273,8 @@ pub fn parse(text: &str, origin: &str) -> Result<Scene, SceneError> {
     };
     // What belongs together is looked at once each value is in its range.
     if faults.is_empty() {
+        let regions = scene.material.region.iter().enumerate();
+        regions.for_each(|(i, region)| region.faults(&format!("material.region[{i}]"), &mut faults));
         scene.tool.iter().enumerate().for_each(|(i, tool)| tool.faults(&format!("tool[{i}]"), &mut faults));
     }
     let told = |(path, fault): &(String, String)| match line_of(text, path) {
@@ -379,6 +382,7 @@ fn override_keys(text: &str, origin: &str, overrides: &[String]) -> Result<Strin
 mod tests {
     use super::keys::{BodyKeys, MaterialKeys, ResolutionKeys};
     use super::*;
+    use crate::prepare::region::Reach;
 
     #[test]
     fn every_bundled_scene_is_valid() {
@@ -396,7 +400,7 @@ mod tests {
         let optional = Scene {
             hold: vec![],
             probe: vec![],
-            material: MaterialKeys { phi: None, psi: None, ..scene.material.clone() },
+            material: MaterialKeys { phi: None, psi: None, region: vec![], ..scene.material.clone() },
             resolution: ResolutionKeys { finest_level: None, ..scene.resolution.clone() },
             body: BodyKeys { file: None, files: vec![], unit: None, active_level: None, ..scene.body.clone() },
             tool: vec![scene.tool[0].clone()],
@@ -430,6 +434,27 @@ mod tests {
             assert!(e.contains(part), "{e}");
         }
         assert!(e.contains("line 4: body.spacings") && e.contains("0.8 of the one before"), "{e}");
+    }
+
+    #[test]
+    fn a_region_of_the_material_is_a_ball_or_a_box() {
+        let regions = |text: &str| {
+            let head = "name = \"x\"\n[body]\nsource = \"liver\"\n[material]\npoisson_ratio = 0.4\n";
+            parse(&format!("{head}[[material.region]]\nyoungs_modulus = 5e4\n{text}"), "my.toml")
+        };
+        let found = regions("centre = [0.1, 0.0, 0.2]\nradius = 0.004\n").unwrap().inclusions();
+        assert_eq!(found[0].place, Reach::Ball(Vec3::new(0.1, 0.0, 0.2), 0.004));
+        assert_eq!((found[0].youngs_modulus, found[0].poisson_ratio), (5e4, 0.4));
+        regions("min = [0.0, 0.0, 0.0]\nmax = [0.1, 0.1, 0.1]\npoisson_ratio = 0.3\n").unwrap();
+        for text in [
+            "",
+            "centre = [0.1, 0.0, 0.2]\n",
+            "min = [0.0, 0.0, 0.0]\nmax = [0.1, 0.0, 0.1]\n",
+            "radius = 0.01\nmin = [0.0, 0.0, 0.0]\nmax = [0.1, 0.1, 0.1]\n",
+        ] {
+            let e = regions(text).unwrap_err().to_string();
+            assert!(e.contains("material.region[0]") && e.contains("give a ball"), "{e}");
+        }
     }
 
     fn tools(text: &str) -> Result<Scene, SceneError> {

@@ -67,8 +67,8 @@ impl LoadedScene {
         let file = BodyFile::read(&path).map_err(failed(&self.origin, &path))?;
         let bounds = prepare::bounds(&file.body);
         let holds: Vec<Region> = self.scene.hold.iter().map(|h| h.region(bounds)).collect();
-        let (scene, material) = (&self.scene, self.scene.material());
-        prepare::refit(file.body, &scene.name, material, &holds, scene.material.damping_ratio, progress)
+        let (scene, material, inclusions) = (&self.scene, self.scene.material(), self.scene.inclusions());
+        prepare::refit(file.body, &scene.name, material, &inclusions, &holds, scene.material.damping_ratio, progress)
             .map_err(|source| SceneError::Prepare { origin: self.origin.clone(), source: Box::new(source) })
     }
 }

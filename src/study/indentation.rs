@@ -40,6 +40,7 @@ fn block(finest: Real) -> Result<Arc<Body>> {
         name: "block".into(),
         shape: prepare::Shape::closed(box_surface(Vec3::repeat(SIDE), [80; 3]), spacings),
         material: material(),
+        inclusions: vec![],
         holds: vec![Region { bounds: (Vec3::zeros(), Vec3::new(SIDE, SIDE, 0.0)), stiffness: None, exact: false }],
         damping_ratio: 0.3,
     };

@@ -76,6 +76,7 @@ pub fn cube(stiffness: Real) -> Result<Arc<Body>> {
         name: "study".into(),
         shape: prepare::Shape::closed(surface, vec![0.034, 0.022]),
         material: Material::from_young(stiffness * MODULUS_FOR, 0.45, 1050.0),
+        inclusions: vec![],
         holds: vec![Region { bounds: (Vec3::zeros(), Vec3::new(SIDE, SIDE, 0.0)), stiffness: None, exact: false }],
         damping_ratio: 0.15,
     };

@@ -140,6 +140,7 @@ fn body(surface: Surface, spacings: &[Real], young: Real, holds: (Vec3, Vec3)) -
         name: "study".into(),
         shape: prepare::Shape::closed(surface, spacings.to_vec()),
         material: Material::from_young(young, 0.45, 1050.0),
+        inclusions: vec![],
         holds: vec![Region { bounds: holds, stiffness: None, exact: false }],
         damping_ratio: 0.15,
     };

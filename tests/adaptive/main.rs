@@ -25,6 +25,7 @@ mod damping;
 mod determinism;
 mod levels;
 mod modes;
+mod nodule;
 mod reference;
 mod region;
 mod release;
@@ -74,6 +75,7 @@ impl Cube {
             name: "cube".into(),
             shape: Shape::closed(box_surface(Vec3::repeat(SIDE), [12; 3]), self.spacings.clone()),
             material: self.material,
+            inclusions: vec![],
             holds: if self.held { vec![face] } else { vec![] },
             damping_ratio: self.damping_ratio,
         };
@@ -94,6 +96,7 @@ fn organ(surface: Surface, bed: Real, spacings: Vec<Real>, young: Real, damping_
         name: "liver".into(),
         shape: Shape::closed(surface, spacings),
         material: Material::from_young(young, 0.45, 1050.0),
+        inclusions: vec![],
         holds: vec![Region { bounds, stiffness: None, exact: false }],
         damping_ratio,
     };

@@ -20,6 +20,7 @@ fn reference_cube(cells: [u32; 3], psi: Real) -> Arc<Body> {
         name: "reference cube".into(),
         shape: Shape::Meshes(cells.map(|n| box_mesh(Vec3::repeat(SIDE), [n; 3])).into()),
         material: Material { psi, ..Material::from_young(5e4, 0.35, 1000.0) },
+        inclusions: vec![],
         holds: vec![clamp],
         damping_ratio: 0.0,
     };

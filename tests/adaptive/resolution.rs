@@ -31,6 +31,7 @@ fn toy() -> Arc<Body> {
         name: "toy".into(),
         shape: Shape::closed(toy_surface(0.005), vec![0.022, 0.014, 0.009]),
         material: Material::from_young(8e3, 0.4, 1000.0),
+        inclusions: vec![],
         holds: vec![],
         damping_ratio: 0.0,
     };

@@ -11,6 +11,7 @@ fn free_cube(shapes: &[ToolShape], friction: Real) -> Setup {
         name: "free".into(),
         shape: Shape::Meshes(vec![box_mesh(Vec3::repeat(SIDE), [4; 3])]),
         material: Material { phi: elastic.lambda * 1e-3, psi: elastic.mu * 1e-3, ..elastic },
+        inclusions: vec![],
         holds: vec![],
         damping_ratio: 0.0,
     };
