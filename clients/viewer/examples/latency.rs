@@ -54,7 +54,7 @@ fn main() -> anyhow::Result<()> {
     let mut parts =
         ["moment between two frames", "panels", "normals, colours, upload", "drawing"].map(|name| (name, histogram()));
     let (mut whole, mut pixels) = (histogram(), histogram());
-    let (began, mut pictures) = (Instant::now(), 0u32);
+    let (began, before, mut pictures) = (Instant::now(), processor_time(), 0u32);
     while began.elapsed() < MEASURED {
         let start = Instant::now();
         app.advance(0.0)?;
@@ -74,8 +74,20 @@ fn main() -> anyhow::Result<()> {
     parts.iter().for_each(|(name, part)| row(name, part));
     row("a picture, all of these", &whole);
     row("tick to pixels, 40 ms of delay in it", &pixels);
-    println!("{:.1} pictures a second of {} x {}", f64::from(pictures) / began.elapsed().as_secs_f64(), SIZE.0, SIZE.1);
+    let (seconds, worked) = (began.elapsed().as_secs_f64(), processor_time().zip(before));
+    println!("{:.1} pictures a second of {} x {}", f64::from(pictures) / seconds, SIZE.0, SIZE.1);
+    // What a machine that does nothing else has to do.
+    if let Some((after, before)) = worked {
+        println!("{:.1} ms of a processor for each", 1e3 * (after - before) / f64::from(pictures));
+    }
     Ok(())
+}
+
+/// Processor time [s] of all threads so far, where the system says (Linux, which counts in hundredths).
+fn processor_time() -> Option<f64> {
+    let stat = std::fs::read_to_string("/proc/self/stat").ok()?;
+    let numbers: Vec<&str> = stat.rsplit_once(')')?.1.split_whitespace().collect();
+    Some(numbers.get(11..13)?.iter().filter_map(|ticks| ticks.parse::<f64>().ok()).sum::<f64>() * 0.01)
 }
 
 /// When ticks are, on the clock of a connection.
