@@ -147,20 +147,39 @@ fn a_server_that_goes_and_comes_back_is_watched_again_and_until_then_the_picture
     assert!(part(all(&again), is_tissue) > 0.1);
 }
 
+/// Greatest distance along an axis of a vertex from where it is at rest [m].
+fn moved(app: &App) -> f32 {
+    let rest = &app.body().unwrap().subject.surface.rest_positions;
+    let pairs = app.moment().positions.iter().zip(rest);
+    pairs.flat_map(|(now, rest)| (0..3).map(move |c| (now[c] - rest[c]).abs())).fold(0.0, f32::max)
+}
+
 #[test]
 fn a_reset_puts_the_body_back() {
     let endpoints = endpoints();
-    let _server = Serving::start(&endpoints);
+    // Nothing holds it: what is pushed away stays away.
+    let _server = Serving::with(&endpoints, &["--set", "hold=[]"]);
     let mut app = App::live(&endpoints);
     watch_until(&mut app, "the first frame", |app| app.moment().tick > 100);
-    let before = app.moment().tick;
+    let connection = palpate_sdk::Connection::open(&endpoints).unwrap();
+    let mut tool = connection.attach(&palpate_sdk::Attachment { client: "hand".into(), ..Default::default() }).unwrap();
+    let mut height = 0.15;
+    watch_until(&mut app, "the body to be pushed away", |app| {
+        tool.send_pose(palpate_sdk::PoseSample {
+            position: [0.05, 0.05, height],
+            orientation: [0.0, 0.0, 0.0, 1.0],
+            linear_velocity: None,
+            angular_velocity: None,
+            buttons: 0,
+        })
+        .unwrap();
+        height = f64::max(height - 1e-3, 0.06);
+        moved(app) > 0.02
+    });
+    tool.detach().unwrap();
     app.reset();
-    watch_until(&mut app, "time to go on", |app| app.moment().tick > before + 500);
+    watch_until(&mut app, "the body to be back", |app| moved(app) < 1e-3);
     assert!(app.notice().is_none(), "{:?}", app.notice());
-    let rest = &app.body().unwrap().subject.surface.rest_positions;
-    let moved =
-        app.moment().positions.iter().zip(rest).map(|(a, b)| (0..3).map(|i| (a[i] - b[i]).abs()).fold(0.0, f32::max));
-    assert!(moved.fold(0.0, f32::max) < 1e-3);
 }
 
 #[test]

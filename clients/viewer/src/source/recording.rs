@@ -5,7 +5,7 @@ use mcap::records::Record;
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use palpate_sdk::proto::{Message, RecordingStart, SurfaceFrame, SurfaceTopology, keys::topics};
 use palpate_sdk::{Surface, SurfaceDecoder};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::ops::Range;
@@ -30,8 +30,8 @@ pub struct Recording {
     topics: BTreeMap<u16, String>,
     chunks: Vec<Chunk>,
     frames: Vec<Frame>,
-    /// The moments of the chunk that was read last, and its number.
-    read: Option<(usize, Vec<Moment>)>,
+    /// The two chunks that were read last, by number, with their moments: what lies between two frames may need both.
+    read: VecDeque<(usize, Vec<Moment>)>,
     cut: Option<String>,
 }
 
@@ -86,7 +86,7 @@ impl Recording {
             topics: index.topics,
             chunks: index.chunks,
             frames: index.frames,
-            read: None,
+            read: VecDeque::new(),
             cut,
         })
     }
@@ -132,11 +132,14 @@ impl Recording {
     /// The moment of frame `number`.
     fn frame(&mut self, number: usize) -> Result<Moment, SourceError> {
         let chunk = self.chunks.partition_point(|chunk| chunk.frames.end <= number);
-        if self.read.as_ref().is_none_or(|(read, _)| *read != chunk) {
-            self.read = Some((chunk, self.moments(chunk)?));
+        if !self.read.iter().any(|(read, _)| *read == chunk) {
+            let moments = self.moments(chunk)?;
+            self.read.truncate(1);
+            self.read.push_front((chunk, moments));
         }
-        let (_, moments) = self.read.as_ref().unwrap_or_else(|| unreachable!("read above"));
-        moments.get(number - self.chunks[chunk].frames.start).cloned().ok_or_else(|| self.changed())
+        let moments = self.read.iter().find(|(read, _)| *read == chunk).map(|(_, moments)| moments);
+        let moment = moments.and_then(|moments| moments.get(number - self.chunks[chunk].frames.start));
+        moment.cloned().ok_or_else(|| self.changed())
     }
 
     /// The moments of the frames that begin in chunk `number`.

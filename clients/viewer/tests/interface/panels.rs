@@ -1,5 +1,6 @@
 //! Panels, mouse and keyboard.
 
+use crate::fake_server::FakeServer;
 use crate::pressed_ball::record;
 use crate::screen::{Screen, button, readable, said};
 use palpate_sdk::Endpoints;
@@ -111,19 +112,32 @@ fn the_time_line_is_dragged_and_a_recording_ends_at_its_end() {
     assert_eq!(app.time, 0.0, "from the end it begins again");
 }
 
-#[test]
-fn a_server_that_is_not_there_is_named_on_the_screen() {
-    let endpoints = Endpoints { surface: "tcp/127.0.0.1:9".into(), ..Endpoints::default() };
-    let (mut app, mut screen) = (App::live(&endpoints), Screen::new());
+/// Looks at the server at `endpoints` until `words` are on the screen.
+fn look_until_it_says(endpoints: &Endpoints, words: &str) {
+    let (mut app, mut screen) = (App::live(endpoints), Screen::new());
     let began = std::time::Instant::now();
     loop {
         app.advance(0.0).unwrap();
         let (_, texts) = screen.show(&mut app, vec![]);
-        if said(&texts, "127.0.0.1:9") {
+        if said(&texts, words) {
             break;
         }
-        assert!(began.elapsed().as_secs() < 20, "{texts:?}");
+        assert!(began.elapsed().as_secs() < 60, "{texts:?}");
         std::thread::sleep(std::time::Duration::from_millis(50));
     }
     assert!(app.stale());
+}
+
+#[test]
+fn a_server_that_is_not_there_is_named_on_the_screen() {
+    let endpoints = Endpoints { surface: "tcp/127.0.0.1:9".into(), ..Endpoints::default() };
+    look_until_it_says(&endpoints, "127.0.0.1:9");
+}
+
+#[test]
+fn a_server_of_another_version_is_named_on_the_screen_with_both_versions() {
+    for (version, words) in [((9, 0), "server speaks version 9 of"), ((1, 0), "server speaks version 1.0 of")] {
+        let server = FakeServer::start(version);
+        look_until_it_says(&server.endpoints, words);
+    }
 }
