@@ -29,7 +29,7 @@ const MOST_HALVINGS: u32 = 5;
 
 /// The materials of a body of `levels` that is of `base` but for `inclusions`, of which later ones cover earlier ones: a
 /// list, and for each level the place in it of each element's, or nothing where all are of the first, `base`. An
-/// element partly inside is of a mixture by volume, in steps of one in [`PARTS`].
+/// element partly inside is of a [`mixture`] by volume, in steps of one in [`PARTS`].
 ///
 /// # Errors
 /// When an inclusion lies in no element.
@@ -139,7 +139,8 @@ fn mixture(base: Material, inclusions: &[Inclusion], parts: &[u32]) -> Material 
     };
     let (k, g) = (bulk(&base), base.mu);
     let mu = mean(&|m| m.mu, g * (9.0 * k + 8.0 * g) / (6.0 * (k + 2.0 * g)));
-    let lambda = mean(&bulk, 4.0 / 3.0 * g) - 2.0 / 3.0 * mu;
+    // Rounding alone could make it negative where nothing resists a change of volume alone.
+    let lambda = (mean(&bulk, 4.0 / 3.0 * g) - 2.0 / 3.0 * mu).max(0.0);
     let over = |viscosity: Real, modulus: Real| if modulus > 0.0 { viscosity / modulus } else { 0.0 };
     Material {
         lambda,
@@ -206,6 +207,10 @@ mod tests {
         let c = 1.0 / Real::from(PARTS);
         let found = (mixture(soft, &rigid, &[1]).mu / soft.mu - 1.0) / c;
         assert!((found - 2.5 / (1.0 - c)).abs() < 0.01, "{found}");
+        // What does not mind its volume changing stays a stable solid.
+        let loose = Material::from_young(1e4, 0.0, 1000.0);
+        let stiffer = [Inclusion { youngs_modulus: 7e4, poisson_ratio: 0.0, ..ball(1.0)[0] }];
+        assert!((0..=PARTS).all(|n| mixture(loose, &stiffer, &[n]).lambda >= 0.0));
         // Viscosities go along.
         let mixed = mixture(BASE, &ball(10.0), &[20]);
         assert!((mixed.psi / mixed.mu / (BASE.psi / BASE.mu) - 1.0).abs() < 1e-12 && mixed.density == BASE.density);
