@@ -84,10 +84,11 @@ impl Skin {
         for (ring, sector) in (0..=RINGS).flat_map(|ring| (0..SECTORS).map(move |sector| (ring, sector))) {
             let (down, around) = (PI * ring as f32 / RINGS as f32, TAU * sector as f32 / SECTORS as f32);
             let across = around.cos() * east + around.sin() * north;
-            let normal = down.sin() * across + down.cos() * pole;
+            // All of a pole's points are one, or a flat end, of which every corner is as far, would be folded.
+            let (sine, rim) = if ring == 0 || ring == RINGS { (0.0, 0.0) } else { (down.sin(), disc) };
+            let normal = sine * across + down.cos() * pole;
             let farthest = |a: Vec3, b: &Vec3| if b.dot(normal) > a.dot(normal) { *b } else { a };
             let corner = corners.iter().fold(corners[0], farthest);
-            let rim = if ring == 0 || ring == RINGS { 0.0 } else { disc };
             points.push(corner + rim * across + rounding * normal);
             normals.push(normal);
         }
