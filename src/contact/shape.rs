@@ -167,14 +167,6 @@ impl Part {
         };
         (points.into_iter().map(|p| self.place.to_world(p)).collect(), disc)
     }
-
-    /// Corners of a convex part's core in the part's own frame [m]; none for others.
-    pub fn corners(&self) -> &[Vec3] {
-        match &self.core {
-            Core::Solid(Solid::Hull(hull)) => &hull.corners,
-            _ => &[],
-        }
-    }
 }
 
 /// A capsule about as large as the box of `points`, along the box's longest edge.

@@ -299,15 +299,15 @@ fn load_tools(scene: &mut Scene, origin: &str, folder: &Path) -> Result<(), Scen
                 reason,
             };
             let surface = mesh_io::read_surface(&path, unit).map_err(|e| failed(e.to_string()))?;
-            let hull = Part::convex(&surface.vertices, rounding);
-            let hull = hull.ok_or_else(|| failed("all its vertices lie in a plane".into()))?;
-            if hull.bounding_radius() > LARGEST_TOOL {
+            let part = Part::convex(&surface.vertices, rounding);
+            let part = part.ok_or_else(|| failed("all its vertices lie in a plane".into()))?;
+            if part.bounding_radius() > LARGEST_TOOL {
                 return Err(failed(format!(
                     "reaches {:.3} m, a tool {LARGEST_TOOL} m at most",
-                    hull.bounding_radius()
+                    part.bounding_radius()
                 )));
             }
-            Ok(hull.corners().iter().map(|p| (*p).into()).collect())
+            Ok(part.hull().0.into_iter().map(Into::into).collect())
         })?;
     }
     Ok(())
@@ -507,7 +507,7 @@ mod tests {
         assert_eq!(again, loaded.scene);
         assert_eq!(again.settings(), loaded.scene.settings());
         let shape = &again.settings().tools[0].shape;
-        assert_eq!(shape.parts()[1].corners().len(), 4);
+        assert_eq!(shape.parts()[1].hull().0.len(), 4);
         assert!((shape.bounding_radius() - 0.1105).abs() < 2e-3, "{}", shape.bounding_radius());
         std::fs::write(&path, text("lost.obj")).unwrap();
         let e = LoadedScene::load(&path, &[]).unwrap_err().to_string();

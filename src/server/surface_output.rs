@@ -21,8 +21,8 @@ use zenoh::query::Query;
 /// How often a new frame is looked for: a frame lasts 32 ms, so a viewer's picture is at most this much older.
 const POLL: Duration = Duration::from_millis(4);
 
-/// The parts of an answer.
-type Parts = Arc<Mutex<Vec<ZBytes>>>;
+/// The parts of the newest key frame, with levels; none before the first.
+type NewestKey = Arc<Mutex<Vec<ZBytes>>>;
 
 /// Starts publishing and answering; both go on until they are aborted.
 pub(super) async fn publish(
@@ -34,7 +34,7 @@ pub(super) async fn publish(
     let streams = Streams::declare(session, name).await?;
     // Viewers that stayed must not take a frame of this run for one of the last.
     let run = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_millis()) as u32;
-    let newest_key = Parts::default();
+    let newest_key = NewestKey::default();
     let answering = answer(shared, session, run, newest_key.clone()).await?;
     let shared = shared.clone();
     let publishing = tokio::spawn(async move {
@@ -79,7 +79,7 @@ impl Streams {
     }
 
     /// Sends the parts of a frame on every stream that carries it; zenoh sends nothing where nobody listens.
-    async fn send(&self, parts: Vec<proto::SurfaceFrame>, newest_key: &Parts) {
+    async fn send(&self, parts: Vec<proto::SurfaceFrame>, newest_key: &NewestKey) {
         let is_key = parts.first().is_some_and(|part| part.key == part.sequence);
         let mut key_parts = Vec::new();
         for mut part in parts {
@@ -106,29 +106,27 @@ async fn answer(
     shared: &Shared,
     session: &zenoh::Session,
     run: u32,
-    newest_key: Parts,
+    newest_key: NewestKey,
 ) -> Result<JoinHandle<()>, ServerError> {
     let name = &shared.options.session;
     let (topology_key, frame_key) = (keys::surface_topology(name), keys::surface_key(name));
     let topologies = session.declare_queryable(&topology_key).await.map_err(network)?;
     let key_frames = session.declare_queryable(&frame_key).await.map_err(network)?;
-    let encoded = topology(&shared.body, run).iter().map(|part| part.encode_to_vec().into()).collect();
-    let surface = Arc::new(Mutex::new(encoded));
+    let surface: Vec<ZBytes> = topology(&shared.body, run).iter().map(|part| part.encode_to_vec().into()).collect();
     Ok(tokio::spawn(async move {
         loop {
             let (query, key, parts) = tokio::select! {
                 Ok(query) = topologies.recv_async() => (query, topology_key.clone(), surface.clone()),
-                Ok(query) = key_frames.recv_async() => (query, frame_key.clone(), newest_key.clone()),
+                Ok(query) = key_frames.recv_async() => (query, frame_key.clone(), lock(&newest_key).clone()),
                 else => return,
             };
             // A reply waits for room in the viewer's queue: on a thread of its own, so that nobody else waits.
-            tokio::task::spawn_blocking(move || reply(&query, &key, &parts));
+            tokio::task::spawn_blocking(move || reply(&query, &key, parts));
         }
     }))
 }
 
-fn reply(query: &Query, key: &str, parts: &Parts) {
-    let parts = lock(parts).clone();
+fn reply(query: &Query, key: &str, parts: Vec<ZBytes>) {
     for (part, bytes) in parts.into_iter().enumerate() {
         if let Err(e) = query.reply(keys::surface_part(key, part as u32), bytes).wait() {
             tracing::debug!("a viewer's query went unanswered: {e}");
