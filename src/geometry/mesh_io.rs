@@ -194,12 +194,14 @@ pub fn parse(files: &[(PathBuf, Vec<u8>)], unit: LengthUnit, holes: Real) -> Res
 }
 
 /// The closed surface in `bytes`, lengths in `unit`; the extension of `name` tells the format; see [`parse`].
-pub fn parse_surface(name: &Path, bytes: &[u8], unit: LengthUnit) -> Result<Surface, MeshError> {
+#[cfg(test)]
+pub(super) fn parse_surface(name: &Path, bytes: &[u8], unit: LengthUnit) -> Result<Surface, MeshError> {
     surface_of(parse(&[(name.to_owned(), bytes.to_owned())], unit, 0.0)?.0)
 }
 
 /// The tetrahedra in `bytes`, lengths in `unit`; the extension of `name` tells the format; see [`parse`].
-pub fn parse_tet_mesh(name: &Path, bytes: &[u8], unit: LengthUnit) -> Result<TetMesh, MeshError> {
+#[cfg(test)]
+pub(super) fn parse_tet_mesh(name: &Path, bytes: &[u8], unit: LengthUnit) -> Result<TetMesh, MeshError> {
     tet_mesh_of(parse(&[(name.to_owned(), bytes.to_owned())], unit, 0.0)?.0)
 }
 
