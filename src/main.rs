@@ -205,7 +205,15 @@ fn main() -> ExitCode {
     match outcome {
         Ok(code) => code,
         Err(e) => {
-            eprintln!("palpate: {e:#}");
+            // Most errors tell what caused them themselves.
+            let mut text = String::new();
+            for cause in e.chain().map(ToString::to_string).filter(|cause| !cause.is_empty()) {
+                if !text.ends_with(&cause) {
+                    text += if text.is_empty() { "" } else { ": " };
+                    text += &cause;
+                }
+            }
+            eprintln!("palpate: {text}");
             ExitCode::FAILURE
         }
     }

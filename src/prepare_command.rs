@@ -50,6 +50,9 @@ pub struct PrepareArgs {
     /// x,y,z,radius
     #[arg(long, value_delimiter = ',', allow_hyphen_values = true, value_name = "NUMBERS")]
     finest_in: Vec<f64>,
+    /// The array of labels, of several in the volume files, that regions of the material go by
+    #[arg(long, value_name = "NAME")]
+    labels: Option<String>,
     /// About how many vertices viewers get
     #[arg(long, default_value_t = 2500)]
     display_vertices: usize,
@@ -112,7 +115,8 @@ pub fn run(args: &PrepareArgs) -> anyhow::Result<ExitCode> {
     for (i, path) in args.inputs.iter().enumerate() {
         progress.show(&format!("reading {}", path.display()), i, args.inputs.len());
         let holes = args.fill_holes.as_ref().map_or(0.0, |width| width.metres);
-        inputs.push(Input::read(path, args.unit, args.scale, holes).with_context(|| path.display().to_string())?);
+        let input = Input::read(path, args.unit, args.scale, holes, args.labels.as_deref());
+        inputs.push(input.with_context(|| path.display().to_string())?);
     }
     let repaired: Vec<String> = (inputs.iter().filter(|input| input.repairs != Repairs::default()))
         .map(|input| format!("{}: repaired: {}", input.files[0].name, input.repairs))
@@ -121,10 +125,12 @@ pub fn run(args: &PrepareArgs) -> anyhow::Result<ExitCode> {
         inputs.into_iter().map(|input| (input.files, input.solid)).unzip();
     progress.show("checking shapes", 1, 1);
     check(&solids, args.unit, args.scale, args.any_size, args.allow_crossings)?;
-    let (shape, moments) = shape(solids, &args.fineness()?, args.display_vertices).map_err(anyhow::Error::msg)?;
+    let shape = shape(solids, &args.fineness()?, args.display_vertices).map_err(anyhow::Error::msg)?;
     let mut loaded = LoadedScene::load(&args.scene, &args.set)?;
     loaded.scene.name = args.inputs[0].file_stem().unwrap_or_default().to_string_lossy().chars().take(64).collect();
     loaded.scene.body = body_keys();
+    // The file is that of one body.
+    loaded.scene.organ.clear();
     let recipe = loaded.recipe(shape);
     let mut body = prepare(&recipe, &mut |what, done, of| progress.show(what, done, of))?;
     if let Some(reach) = args.reach()? {
@@ -141,7 +147,7 @@ pub fn run(args: &PrepareArgs) -> anyhow::Result<ExitCode> {
     let body = &file.body;
 
     progress.show("looking at the levels", 1, 1);
-    let report = report(body, &moments);
+    let report = report(body);
     let thin = match &recipe.shape {
         Shape::Closed { surface, .. } => body.levels().iter().map(|level| thin_places(surface, level)).collect(),
         Shape::Meshes(_) => vec![ThinPlaces::default(); body.levels().len()],
@@ -155,12 +161,17 @@ pub fn run(args: &PrepareArgs) -> anyhow::Result<ExitCode> {
         size.x,
         size.y,
         size.z,
-        1e3 * moments.volume,
+        1e3 * body.parts().shape.volume,
         body.mass(),
         body.slowest_mode() / std::f64::consts::TAU,
         body.holds().len() + body.level(body.finest()).fixed.len()
     );
     repaired.iter().for_each(|line| println!("{line}"));
+    if !report.labels.is_empty() {
+        let share = |(label, share): &(i64, f64)| format!("{label} ({:.1} %)", 100.0 * share);
+        let shares: Vec<String> = report.labels.iter().map(share).collect();
+        println!("labels '{}': {} of the volume", body.parts().labels.name, shares.join(", "));
+    }
     print!("{report}");
     for (r, (level, forecast)) in report.levels.iter().zip(&forecast).enumerate() {
         println!("level {r}: {}", in_words(level, forecast));
@@ -266,6 +277,9 @@ impl PrepareArgs {
         }
         if let Some(finest) = &self.finest {
             options += &format!(" --finest {}", finest.text);
+        }
+        if let Some(name) = &self.labels {
+            options += &format!(" --labels {name}");
         }
         if let Some(width) = &self.fill_holes {
             options += &format!(" --fill-holes {}", width.text);

@@ -1,7 +1,7 @@
 //! Bodies from shapes and files: levels that are independent, tied together, and safe to step.
 
 use palpate::geometry::primitives::{box_mesh, liver_surface};
-use palpate::geometry::{Surface, TetMesh};
+use palpate::geometry::{Moments, Surface, TetMesh};
 use palpate::math::{Real, Vec3};
 use palpate::model::element_kernel::{Path as KernelPath, Rates};
 use palpate::model::element_pool::CLASSES;
@@ -37,16 +37,25 @@ fn the_bundled_shapes_make_tied_levels_of_one_mass() {
             let mass: Real = level.node_mass.iter().sum();
             let volume = level.volume() / surface.volume() - 1.0;
             let moved = (level.centre_of_mass() - centre).norm() / size;
+            let inertia = Moments::of_points(&level.mesh.nodes, &level.node_mass).inertia_error(&body.mass_moments());
             let worst = level.embedding.iter().map(|h| h.extrapolation()).fold(0.0, Real::min);
             println!(
-                "{scene} level {i}: {} nodes, {} elements, volume {:+.2} %, centre off by {:.2} %, worst row {worst:.2}",
+                "{scene} level {i}: {} nodes, {} elements, volume {:+.2} %, centre off by {:.2} %, inertia by {:+.2} %, worst \
+                 row {worst:.2}",
                 level.mesh.nodes.len(),
                 level.mesh.elements.len(),
                 100.0 * volume,
-                100.0 * moved
+                100.0 * moved,
+                100.0 * inertia
             );
             assert!((mass / body.mass() - 1.0).abs() < 1e-12);
-            assert!(volume.abs() < 0.03 && moved < 0.01 && worst > -0.5);
+            assert!(volume.abs() < 0.01 && moved < 0.001 && worst > -0.5);
+            assert!(inertia.abs() < if i == 0 { 0.02 } else { 1e-3 }, "inertia {inertia:+.1e}");
+            let alone = ActiveMesh::new(&body, &State::at_rest(&body, i), usize::MAX).unwrap();
+            for (n, m) in body.nodes_of(i).zip(&level.node_mass).filter(|_| i == body.finest()) {
+                let active = alone.motion.mass[alone.slot(n).unwrap() as usize];
+                assert!((active / m - 1.0).abs() < 1e-6, "node {n} weighs {active} kg among others, {m} kg by itself");
+            }
             // At rest every display vertex is where it belongs, whichever level carries it.
             let mut vertices = vec![Vec3::zeros(); surface.vertices.len()];
             ActiveMesh::new(&body, &State::at_rest(&body, i), usize::MAX).unwrap().skin(&mut vertices);

@@ -37,7 +37,7 @@ fn sagging_corner(size: Vec3, cells: [u32; 3], material: Material, gravity: Real
     let clamp = Region { bounds: (Vec3::zeros(), Vec3::new(0.0, size.y, size.z)), stiffness: None, exact: true };
     let recipe = Recipe {
         name: "box".into(),
-        shape: Shape::Meshes(vec![box_mesh(size, cells)]),
+        shape: Shape::meshes([box_mesh(size, cells)]),
         material,
         inclusions: vec![],
         holds: vec![clamp],

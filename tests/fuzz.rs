@@ -3,7 +3,7 @@
 
 use palpate::geometry::mesh_io::{LengthUnit, Solid};
 use palpate::geometry::primitives::{box_surface, toy_surface};
-use palpate::geometry::{Surface, TetMesh};
+use palpate::geometry::{LabelledMesh, Surface, TetMesh};
 use palpate::math::{Real, Vec3};
 use palpate::model::{Body, Material};
 use palpate::prepare::body_file::{BodyFile, Provenance};
@@ -374,10 +374,10 @@ proptest! {
                 std::fs::write(path.with_extension(other), bytes).unwrap();
             }
         }
-        match within_memory(bytes.len() + 10_000, || Input::read(Path::new(&path), LengthUnit::Metre, 1.0, holes)) {
+        match within_memory(bytes.len() + 10_000, || Input::read(Path::new(&path), LengthUnit::Metre, 1.0, holes, None)) {
             Err(e) => prop_assert!(!e.to_string().is_empty()),
             Ok(Input { solid: Solid::Surface(surface), .. }) => prop_assert!(surface.volume() > 0.0),
-            Ok(Input { solid: Solid::Volume(mesh), .. }) => {
+            Ok(Input { solid: Solid::Volume(LabelledMesh { mesh, .. }), .. }) => {
                 prop_assert!((0..mesh.elements.len()).all(|e| mesh.volume(e) > 0.0));
             }
         }

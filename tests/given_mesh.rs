@@ -35,7 +35,7 @@ fn liver(case: &Value, file: &Path, fixed: Vec<u32>) -> Arc<Body> {
     let material = Material::from_young(number("E"), number("nu"), number("rho"));
     let recipe = Recipe {
         name: "R7".into(),
-        shape: Shape::Meshes(vec![mesh]),
+        shape: Shape::meshes([mesh]),
         material,
         inclusions: vec![],
         holds: vec![],

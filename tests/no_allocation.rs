@@ -5,7 +5,7 @@
 use palpate::contact::tool::PoseSample;
 use palpate::geometry::primitives::box_surface;
 use palpate::math::{Pose, Real, Vec3};
-use palpate::model::body::BodyParts;
+use palpate::model::body::{BodyParts, LabelParts};
 use palpate::model::{Body, Material};
 use palpate::prepare::{Recipe, Region, Shape, prepare};
 use palpate::realtime::clock::Clock;
@@ -218,12 +218,15 @@ fn memory_grows_no_faster_than_nodes() {
         let parts = || BodyParts {
             name: prepared.name().into(),
             surface: prepared.surface().clone(),
+            shape: prepared.parts().shape,
             levels: prepared.levels().to_vec(),
             materials: vec![*prepared.material()],
+            labels: LabelParts::default(),
             material_of: vec![Vec::new(); prepared.levels().len()],
             holds: prepared.holds().to_vec(),
             maxwell: prepared.maxwell().to_vec(),
             slowest_mode: prepared.slowest_mode(),
+            organs: vec![],
         };
         let (body, of_body) = held(|| Arc::new(Body::new(parts()).unwrap()));
         let simulation = |most_elements: usize| {

@@ -24,7 +24,7 @@ fn cube_of(cells: &[u32], material: Material, clamped: bool) -> Body {
     let clamp = Region { bounds: (Vec3::zeros(), Vec3::new(0.0, SIDE, SIDE)), stiffness: None, exact: true };
     let recipe = Recipe {
         name: "cube".into(),
-        shape: Shape::Meshes(cells.iter().map(|n| box_mesh(Vec3::repeat(SIDE), [*n; 3])).collect()),
+        shape: Shape::meshes(cells.iter().map(|n| box_mesh(Vec3::repeat(SIDE), [*n; 3]))),
         material,
         inclusions: vec![],
         holds: if clamped { vec![clamp] } else { vec![] },

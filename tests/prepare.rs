@@ -1,13 +1,13 @@
 //! `palpate prepare`: a body in one file is the body that its scene builds, and files that are none are refused.
 
-use palpate::geometry::Surface;
 use palpate::geometry::mesh_io::{LengthUnit, Solid};
-use palpate::geometry::primitives::{liver_surface, toy_surface};
-use palpate::math::{Real, Vec3};
+use palpate::geometry::primitives::{box_mesh, liver_surface, toy_surface};
+use palpate::geometry::{Moments, Surface};
+use palpate::math::{Mat3, Real, Vec3};
 use palpate::model::{Body, Material};
 use palpate::prepare::body_check::check;
 use palpate::prepare::body_file::{BodyFile, Provenance};
-use palpate::prepare::inclusions::Inclusion;
+use palpate::prepare::inclusions::{Inclusion, Place};
 use palpate::prepare::input::{Fineness, Input, shape};
 use palpate::prepare::region::Reach;
 use palpate::prepare::report::report;
@@ -110,7 +110,7 @@ fn nodule(rest: Material, contrast: Real) -> Vec<Inclusion> {
     let (low, high) = liver_surface(0.008).bounds();
     let place = Reach::Ball((low + high) / 2.0, 0.02);
     let (youngs_modulus, poisson_ratio) = (contrast * rest.youngs_modulus(), rest.poisson_ratio());
-    vec![Inclusion { place, youngs_modulus, poisson_ratio }]
+    vec![Inclusion { place: place.into(), youngs_modulus, poisson_ratio, density: rest.density }]
 }
 
 /// The lowest part of the liver, up to `height` [m].
@@ -159,6 +159,36 @@ fn a_body_held_and_made_otherwise_than_prepared_is_the_body_prepared_so() {
 }
 
 #[test]
+fn a_heavy_place_gives_every_level_its_mass_centre_and_inertia() {
+    let soft = Material::from_young(4e3, 0.45, 1000.0);
+    let (radius, denser) = (0.012, 15_000.0);
+    let place = |density: Real| {
+        let at = Moments::of_surface(&liver_surface(0.008)).centre + Vec3::new(0.02, 0.0, 0.0);
+        vec![Inclusion { place: Reach::Ball(at, radius).into(), youngs_modulus: 4e3, poisson_ratio: 0.45, density }]
+    };
+    let shape = || Shape::closed(liver_surface(0.008), vec![0.019, 0.012]);
+    let of = |density| Recipe { inclusions: place(density), shape: shape(), ..recipe(soft, 1.0, below(0.04), 0.15) };
+    let body = prepare(&of(1000.0 + denser), &mut silent).unwrap();
+    let plain = Moments::of_surface(&liver_surface(0.008));
+    let Place::Within(Reach::Ball(centre, _)) = place(1.0)[0].place else { unreachable!() };
+    let volume = 4.0 / 3.0 * std::f64::consts::PI * radius.powi(3);
+    let ball = Moments { volume, centre, second: Mat3::identity() * (volume * radius * radius / 5.0) };
+    let exact = Moments::combined(&[(plain, 1000.0), (ball, denser)]);
+    for level in body.levels() {
+        let found = Moments::of_points(&level.mesh.nodes, &level.node_mass);
+        let off = (found.centre - exact.centre).norm() / exact.radius();
+        let (mass, inertia) = (found.volume / exact.volume - 1.0, found.inertia_error(&exact));
+        println!("{} nodes: mass {mass:+.1e}, centre {off:.1e}, inertia {inertia:+.1e}", level.mesh.nodes.len());
+        assert!(mass.abs() < 2e-3 && off < 5e-3 && inertia.abs() < 1e-2);
+    }
+    let light = prepare(&of(1000.0), &mut silent).unwrap();
+    assert!((body.centre_of_mass() - light.centre_of_mass()).norm() > 0.001);
+    let inclusions = place(1000.0 + denser);
+    let refitted = refit(light, "liver", soft, &inclusions, &below(0.04), 0.15, &mut silent).unwrap();
+    assert!((refitted.mass() / body.mass() - 1.0).abs() < 1e-12 && difference(&refitted, &body) < 1e-3);
+}
+
+#[test]
 fn files_that_are_no_prepared_bodies_are_refused_with_what_to_do() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("x.palpate");
@@ -180,8 +210,8 @@ fn files_that_are_no_prepared_bodies_are_refused_with_what_to_do() {
         (bytes[..10].to_vec(), "cut off"),
         (bytes[..bytes.len() - 1].to_vec(), "cut off"),
         ([bytes.clone(), vec![0]].concat(), "added to"),
-        (changed(8, 9), "format 9, this palpate reads format 3: update palpate"),
-        (changed(8, 0), "format 0, this palpate reads format 3: prepare it again"),
+        (changed(8, 9), "format 9, this palpate reads format 5: update palpate"),
+        (changed(8, 0), "format 0, this palpate reads format 5: prepare it again"),
         (changed(bytes.len() / 2, bytes[bytes.len() / 2] ^ 1), "checksum"),
     ] {
         let e = refused(&bytes);
@@ -234,9 +264,58 @@ fn prepare_refuses_with_a_remedy_and_draws_what_it_makes() {
     assert!(held.level(0).stiffness_factor != body.level(0).stiffness_factor);
 }
 
+#[test]
+fn regions_of_the_material_go_by_the_labels_of_the_volume_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let mesh = box_mesh(Vec3::new(0.1, 0.06, 0.06), [10, 6, 6]);
+    let mut text = format!("$NOD\n{}\n", mesh.nodes.len());
+    let is_stiff = |x: Real| x < 0.04;
+    let centre = |corners: [Vec3; 4]| corners.iter().sum::<Vec3>() / 4.0;
+    for (n, p) in mesh.nodes.iter().enumerate() {
+        writeln!(text, "{} {} {} {}", n + 1, 1e3 * p.x, 1e3 * p.y, 1e3 * p.z).unwrap();
+    }
+    writeln!(text, "$ENDNOD\n$ELM\n{}", mesh.elements.len()).unwrap();
+    for (e, element) in mesh.elements.iter().enumerate() {
+        let [a, b, c, d] = element.map(|n| n + 1);
+        let label = if is_stiff(centre(mesh.corners(e)).x) { 7 } else { 3 };
+        writeln!(text, "{} 4 {label} 1 4 {a} {b} {c} {d}", e + 1).unwrap();
+    }
+    let file = folder.path().join("box.msh").display().to_string();
+    fs::write(&file, text + "$ENDELM\n").unwrap();
+    let out = folder.path().join("box.palpate").display().to_string();
+    let stiff =
+        |label: i64, young: Real| format!("material.region=[{{ label = {label}, youngs_modulus = {young:?} }}]");
+    for levels in [&[][..], &["--levels", "25mm,14mm"]] {
+        let head = ["prepare", file.as_str(), "--unit", "mm", "-o", out.as_str()];
+        let region = stiff(7, 50e3);
+        let said = stdout(&palpate(&[&head[..], levels, &["--set", region.as_str()]].concat()).success());
+        assert!(said.contains("labels 'physical': 3 (60.0 %), 7 (40.0 %) of the volume"), "{said}");
+        let region = stiff(8, 50e3);
+        let refused = stderr(&palpate(&[&head[..], levels, &["--set", region.as_str()]].concat()).failure());
+        assert!(refused.contains("label 8") && refused.contains("('physical') are 3, 7"), "{refused}");
+        // As prepared, and of another stiffness where the label is.
+        for young in [50e3, 20e3] {
+            let body = load(Path::new(&out), &[&stiff(7, young)]).build(&mut silent).unwrap();
+            for e in body.elements_of(body.finest()) {
+                let corners = body.corners(e);
+                let found = body.material_of(e).youngs_modulus();
+                // What a cover has of the other side it may take from what is nearest to a place outside.
+                let margin = if levels.is_empty() { -1e-9 } else { 0.01 };
+                let inside = corners.iter().filter(|p| is_stiff(p.x + margin)).count();
+                let least = if inside == 4 { young } else { body.material().youngs_modulus() };
+                assert!(found > least * (1.0 - 1e-9) && found < young * (1.0 + 1e-9), "{found} of {least} to {young}");
+                assert!(!levels.is_empty() || (is_stiff(centre(corners).x) == (found > 0.9 * young)), "{found}");
+            }
+        }
+    }
+    let other = ["prepare", file.as_str(), "--unit", "mm", "--check", "--labels", "organ"];
+    let refused = stderr(&palpate(&other).failure());
+    assert!(refused.contains("'organ'") && refused.contains("physical, elementary"), "{refused}");
+}
+
 /// What comes of the files at `paths`: the body's levels in words, or why they are refused.
 fn verdict(paths: &[PathBuf], unit: LengthUnit, scale: Real, holes: Real) -> Result<String, String> {
-    let read = |path: &PathBuf| Input::read(path, unit, scale, holes).map_err(|e| e.to_string());
+    let read = |path: &PathBuf| Input::read(path, unit, scale, holes, None).map_err(|e| e.to_string());
     let inputs: Vec<Input> = paths.iter().map(read).collect::<Result<_, _>>()?;
     let repairs: Vec<String> = inputs.iter().map(|input| input.repairs.to_string()).collect();
     let solids: Vec<Solid> = inputs.into_iter().map(|input| input.solid).collect();
@@ -245,13 +324,13 @@ fn verdict(paths: &[PathBuf], unit: LengthUnit, scale: Real, holes: Real) -> Res
         Solid::Surface(surface) => Fineness::Levels(spacings::automatic(surface.volume())[..2].to_vec()),
         Solid::Volume(_) => Fineness::Automatic,
     };
-    let (shape, moments) = shape(solids, &fineness, 2500)?;
+    let shape = shape(solids, &fineness, 2500)?;
     let name = paths[0].file_stem().unwrap().to_string_lossy().into_owned();
     let material = Material::from_young(5e3, 0.45, 1050.0);
     let body =
         prepare(&Recipe { name, shape, material, inclusions: vec![], holds: vec![], damping_ratio: 0.15 }, &mut silent)
             .map_err(|e| e.to_string())?;
-    let report = report(&body, &moments);
+    let report = report(&body);
     if !report.levels[0].can_be_stepped() {
         return Err(report.warnings.join("; "));
     }

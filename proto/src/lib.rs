@@ -19,7 +19,9 @@ pub use prost::Message;
 /// Major version of the contract: peers with another one cannot talk to each other.
 pub const VERSION_MAJOR: u32 = 1;
 /// Minor version: grows when something is added.
-pub const VERSION_MINOR: u32 = 1;
+pub const VERSION_MINOR: u32 = 2;
+/// Minor version since which the surface stream is as it is now: what a viewer needs at least.
+pub const SURFACE_MINOR: u32 = 1;
 
 /// The serialised `FileDescriptorSet` of the contract: the schema that recordings embed.
 pub const DESCRIPTOR_SET: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/palpate.bin"));

@@ -65,7 +65,7 @@ const FOCUS_TICKS: u64 = 4;
 const STAY: Real = 1.3;
 /// Where the material is uneven, nodes are split from this much farther away: large elements show too little of what is
 /// smaller than they are, and what they show is felt from afar.
-const UNEVEN: Real = 2.0;
+const UNEVEN: Real = 1.5;
 /// Values from here on are those of nodes that a tool is close to.
 const TOUCHED: Real = 2.0;
 /// Part of the budget that changes of resolution may take in one tick, one in this many, where that pays for a change.
@@ -291,8 +291,7 @@ impl Look<'_> {
             let n = mesh.node(*slot);
             if self.may_split(n, finest) {
                 let x = mesh.position(*slot);
-                let spacing = self.body.level(self.body.level_of(n)).spacing;
-                let value = self.worth(self.distance(x), spacing, self.farther(n));
+                let value = self.worth(self.distance(x), self.body.spacing_at(n), self.farther(n));
                 if value > 0.0 {
                     keep(wanted, value, n);
                 }
@@ -312,7 +311,7 @@ impl Look<'_> {
             if family[0] != n || !family.iter().all(|c| mesh.set().is_active(*c)) {
                 continue;
             }
-            let spacing = self.body.level(self.body.level_of(parent)).spacing;
+            let spacing = self.body.spacing_at(parent);
             let mut distance = Real::INFINITY;
             let mut value: Real = 0.0;
             for &c in family {

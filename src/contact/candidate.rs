@@ -31,12 +31,14 @@ pub(super) struct Candidate {
     pub(super) stencil: [(u32, Real); 3],
     /// Surface area that the point stands for [m²].
     pub(super) area: Real,
+    /// That of points beside it that were left out [m²].
+    pub(super) taken: Real,
 }
 
 impl Candidate {
     fn new(part: usize, side: Side, (place, stencil): (Vec3, [(u32, Real); 3]), area: Real) -> Self {
         let Side { point, normal, gap, core, sheet } = side;
-        Self { point, gap, normal, place, part: part as u32, core, sheet, known: None, stencil, area }
+        Self { point, gap, normal, place, part: part as u32, core, sheet, known: None, stencil, area, taken: 0.0 }
     }
 
     /// The place of its triangle with other `weights` [m].

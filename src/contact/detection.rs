@@ -5,12 +5,13 @@
 //! place in the middle of the tick.
 
 use super::candidate::{Candidate, Sheet, Touch, follow_sunk, is_in, near_triangles, near_vertices, sunk_depth};
+use super::dent::{Load, MOST_DENT, give_on, share_discs};
 use super::shape::posed;
 use super::tool::{MOST_POINTS, Tool, ToolState};
 use super::wrench::middle_pose;
 use crate::math::{Real, Vec3};
-use crate::model::constraint::{Constraint, Coupling, PointMemory, dent};
-use crate::model::{ActiveMesh, Body, Friction, Material, skin};
+use crate::model::constraint::{Constraint, Coupling, PointMemory};
+use crate::model::{ActiveMesh, Body, Friction};
 
 /// Points this far from the tool [m] become constraints, so that contact begins with an open gap, and no tool passes
 /// between two ticks what it did not push: more where a tick's motion is more.
@@ -21,27 +22,6 @@ const FASTEST_SURFACE: Real = 1.0;
 
 /// Part of an overlap found late that remains after each tick: 32 of them (a frame) close 99.5 % of it.
 const SLACK_KEPT: Real = 0.85;
-
-/// κ of the sub-grid compliance: the half-space's displacement farther than κ·spacing from a load is already in the
-/// mesh.
-const KAPPA: Real = 1.0 / 3.0;
-
-/// What a candidate's force does to the surface below the mesh's size.
-#[derive(Clone, Copy, Debug)]
-struct Load {
-    place: Vec3,
-    normal: Vec3,
-    /// Radius of the disc that it spreads over [m].
-    radius: Real,
-    /// Spacing of the level that carries it [m].
-    spacing: Real,
-    /// What a half-space of the material under it gives way by, per newton and per distance [m²/N].
-    half_space: Real,
-    /// Poisson's ratio of that material.
-    nu: Real,
-    /// Last multiplier [N].
-    multiplier: Real,
-}
 
 /// Memory that detection needs and no one keeps.
 #[derive(Debug)]
@@ -83,7 +63,7 @@ impl Workspace {
             seen: vec![0; surface.triangles.len()],
             turn: 0,
             dents: true,
-            followed: SHARE_FOLLOWED,
+            followed: SHOWN_FOLLOWED,
             longest_edge: MOST_STRETCH * longest,
         }
     }
@@ -151,12 +131,14 @@ pub fn detect(
     near_triangles(on, &touch, &work.near, (&mut work.seen, work.turn), candidates);
 
     follow_sunk(on, &all[..parts], 2.0 * margin, candidates);
-    thin_out(candidates, on.vertices.len() as u32, per_part);
+    thin_out(candidates, memory, on.vertices.len() as u32, per_part);
     recall(on, candidates, memory, per_part, parts as u32);
 
+    give_on(on, &all[..parts], candidates);
     work.memory.clear();
     work.loads.clear();
-    work.loads.extend(candidates.iter().map(|c| Load::new(on, c, memory)));
+    work.loads.extend(candidates.iter().map(|c| Load::new(on, c, memory, work.followed)));
+    share_discs(&all[..parts], candidates, &mut work.loads);
     let first = constraints.len() as u32;
     // The pose is where the coupling's spring is as long as the last force made it.
     let coupling = Coupling { compliance: tool.coupling, allowed_for: -tool.physical_force };
@@ -165,23 +147,20 @@ pub fn detect(
         let [start, end] = [&start, &end].map(|posed| posed[candidate.part as usize].frame.at(core));
         let part = all[candidate.part as usize].part;
         let (radius, most_dent) = (part.radius(), MOST_DENT * part.half_thickness());
-        let (row, fade) = skin::row(on.mesh, candidate.stencil());
         let known = candidate.known.map(|k| &memory[k as usize]);
-        let share = row.entries().iter().map(|(_, b)| b * b).sum::<Real>() / MEAN_SQUARE;
-        // Where the resolution has changed it is another all at once.
-        let share = known.map_or(share, |m| m.share + work.followed * (share - m.share));
+        let load = work.loads[i];
         let mut compliance = [0.0; MOST_POINTS];
-        for (j, (g, other)) in compliance.iter_mut().zip(&work.loads).enumerate() {
-            let load = &work.loads[i];
-            // Between two materials it is neither's.
-            let half_space = if work.dents { 0.5 * (load.half_space + other.half_space) } else { 0.0 };
-            *g = half_space * if i == j { other.own(share) } else { load.from(other) };
+        if work.dents {
+            for (j, (g, other)) in compliance.iter_mut().zip(&work.loads).enumerate() {
+                *g = if i == j { load.own() } else { load.from(other) };
+            }
         }
         let moved = n.dot(&(end - start));
         // Overlap at the start of the tick that neither the last multiplier nor the last slack explains: a tool that
         // came too fast, a body that stood still meanwhile, a point just found. It is closed gradually.
         let soft: Real = compliance.iter().zip(&work.loads).map(|(g, other)| g * other.multiplier).sum();
-        let shown = dent(soft, most_dent);
+        let firm = if work.dents { load.firm() } else { 0.0 };
+        let shown = soft.min(most_dent + firm * load.multiplier);
         let overlap = n.dot(&start) + radius - n.dot(&candidate.place) - shown;
         let slack = match known {
             Some(m) if overlap <= m.slack + UNNOTICED + 0.5 * moved.abs() => m.slack.min(overlap.max(0.0)),
@@ -200,22 +179,24 @@ pub fn detect(
         let anchored = (tool.previous.to_world(anchor), tool.pose.to_world(anchor));
         let slack_end = if slack > 1e-7 { slack * SLACK_KEPT } else { 0.0 };
         constraints.push(Constraint {
-            row,
+            row: load.row,
             normal: n,
             // What is displayed, and touched, is the row's point and its fade.
-            offset: n.dot(&(start - fade)) + radius - slack,
+            offset: n.dot(&(start - load.fade)) + radius - slack,
             rate: (moved + slack - slack_end) / on.tick,
             first,
             compliance,
+            disc: load.disc,
+            firm,
             most_dent,
             tool: index,
             point: candidate.point,
-            multiplier: work.loads[i].multiplier,
+            multiplier: load.multiplier,
             mean_multiplier: 0.0,
             friction: Friction {
                 coefficient: of.friction,
-                compliance: (2.0 - work.loads[i].nu) / (2.0 * (1.0 - work.loads[i].nu)),
-                anchor: anchored.0 - fade,
+                compliance: (2.0 - load.nu) / (2.0 * (1.0 - load.nu)),
+                anchor: anchored.0 - load.fade,
                 rate: (anchored.1 - anchored.0) / on.tick,
                 multiplier: tangential,
                 mean_multiplier: Vec3::zeros(),
@@ -229,7 +210,8 @@ pub fn detect(
             // What the solve changes is written back after it.
             multiplier: 0.0,
             slack: slack_end,
-            share,
+            shown: load.shown,
+            taken: load.taken,
             normal: n,
             tangential,
             anchor,
@@ -239,20 +221,25 @@ pub fn detect(
     std::mem::swap(memory, &mut work.memory);
 }
 
-/// Keeps as many points as the solver may take, in the order of their numbers: vertices before triangles and the deepest
-/// first, ties to the smaller number. Those left out that touch leave their area to the nearest that is kept, so that the
-/// surface is as stiff as before.
-fn thin_out(candidates: &mut Vec<Candidate>, vertices: u32, per_part: u32) {
+/// Of the points of the last tick, those up to this far apart [m] count as touching where not all can be kept.
+const LET_GO: Real = 2e-4;
+
+/// Keeps as many points as the solver may take, in the order of their numbers: those of the last tick, so that a wide
+/// tool's points do not take turns, then vertices before triangles and the deepest first, ties to the smaller number.
+/// Those left out that touch leave their area to the nearest that is kept, so that the surface is as stiff as before.
+fn thin_out(candidates: &mut Vec<Candidate>, memory: &[PointMemory], vertices: u32, per_part: u32) {
     if candidates.len() > MOST_POINTS {
-        let first = |c: &Candidate| (c.gap > 0.0, c.point % per_part >= vertices);
+        let known = |c: &Candidate| memory.binary_search_by_key(&c.point, |m| m.point).is_ok();
+        let apart = |c: &Candidate| c.gap > if known(c) { LET_GO } else { 0.0 };
+        let last = |c: &Candidate| (apart(c), !known(c), c.point % per_part >= vertices);
         candidates
-            .sort_unstable_by(|a, b| first(a).cmp(&first(b)).then(a.gap.total_cmp(&b.gap)).then(a.point.cmp(&b.point)));
+            .sort_unstable_by(|a, b| last(a).cmp(&last(b)).then(a.gap.total_cmp(&b.gap)).then(a.point.cmp(&b.point)));
         let (kept, others) = candidates.split_at_mut(MOST_POINTS);
         let places: [Vec3; MOST_POINTS] = std::array::from_fn(|i| kept[i].place);
         for other in others.iter().filter(|o| o.gap < 0.0) {
             let away = |i: &usize| (places[*i] - other.place).norm_squared();
             let nearest = (0..MOST_POINTS).min_by(|a, b| away(a).total_cmp(&away(b)));
-            kept[nearest.unwrap_or(0)].area += other.area;
+            kept[nearest.unwrap_or(0)].taken += other.area;
         }
         candidates.truncate(MOST_POINTS);
     }
@@ -300,65 +287,8 @@ const ALIKE: Real = 0.5;
 /// Overlap [m] that rounding and a solve of few sweeps may leave.
 const UNNOTICED: Real = 5e-5;
 
-/// Part of half of a part's thickness that the dent below the mesh's size may take: beyond it the displayed surface would swallow
-/// a thin tip and lose it at the next triangle.
-const MOST_DENT: Real = 0.3;
-
-/// `(1−ν²)/(πE)` [m²/N]: an elastic half-space gives way by this much per newton and per distance from the load.
-fn half_space(material: &Material) -> Real {
-    let nu = material.poisson_ratio();
-    (1.0 - nu * nu) / (std::f64::consts::PI * material.youngs_modulus())
-}
-
-/// The dent that the mesh is too coarse to show: the half-space's `1/r`, less what a mesh of the level's spacing shows,
-/// which is what lies beyond κ·spacing. All in 1/m, to be multiplied by [`half_space`].
-impl Load {
-    fn new(on: &Touchable, candidate: &Candidate, memory: &[PointMemory]) -> Self {
-        // Each vertex hangs on a level of its own; after a change of resolution its spacing, too, fades over.
-        let spacing = |v: u32| on.mesh.attachment(v).spacing + on.mesh.fade[v as usize][3];
-        let stencil = candidate.stencil();
-        let nearest = stencil.iter().max_by(|a, b| a.1.total_cmp(&b.1)).map_or(stencil[0].0, |(v, _)| *v);
-        let material = on.body.material_at(nearest);
-        Self {
-            place: candidate.place,
-            normal: candidate.normal,
-            half_space: half_space(material),
-            nu: material.poisson_ratio(),
-            radius: (candidate.area / std::f64::consts::PI).sqrt(),
-            spacing: stencil.iter().map(|(v, w)| w * spacing(*v)).sum(),
-            multiplier: candidate.known.map_or(0.0, |k| memory[k as usize].multiplier),
-        }
-    }
-
-    /// Under itself: the mean over its disc. `share`: how much the mesh shows of it here, over what it shows on average; a
-    /// point on a node moves that node alone, one between nodes has to move them all.
-    fn own(&self, share: Real) -> Real {
-        let (s, cut) = (self.radius, KAPPA * self.spacing / share);
-        if s < cut { 2.0 / s - 1.0 / cut } else { cut / (s * s) }
-    }
-
-    /// Here, along this normal, because of `other`. Discs that overlap count as side by side, or the matrix would not be
-    /// positive definite.
-    fn from(&self, other: &Load) -> Real {
-        let cut = KAPPA * 0.5 * (self.spacing + other.spacing);
-        let squared = (self.place - other.place).norm_squared();
-        // Most pairs are farther apart than that.
-        if squared >= cut * cut {
-            return 0.0;
-        }
-        let apart = squared.sqrt().max(LEAST_APART * (self.radius + other.radius));
-        (1.0 / apart - 1.0 / cut).max(0.0) * self.normal.dot(&other.normal).max(0.0)
-    }
-}
-
 /// [`Workspace::followed`] of a tick.
-const SHARE_FOLLOWED: Real = 0.05;
-/// Mean `Σ b²` of surface points.
-const MEAN_SQUARE: Real = 0.35;
-
-/// Least distance between two loads over the sum of their radii.
-const LEAST_APART: Real = 0.85;
-
+const SHOWN_FOLLOWED: Real = 0.05;
 /// Numbers that the points of one part of a tool take: its vertices and triangles.
 pub fn points_of_a_part(body: &Body) -> u32 {
     (body.surface().vertices.len() + body.surface().triangles.len()) as u32

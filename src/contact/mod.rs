@@ -3,6 +3,7 @@
 //! Emits point constraints and receives their multipliers; knows nothing of how they are solved.
 
 mod candidate;
+mod dent;
 pub mod detection;
 pub mod friction;
 pub mod outside;

@@ -139,6 +139,11 @@ impl Part {
         self.half_thickness
     }
 
+    /// Radius of a ball [m]; `None` for other shapes.
+    pub fn ball_radius(&self) -> Option<Real> {
+        matches!(self.core, Core::Axis(0.0)).then_some(self.radius)
+    }
+
     /// A capsule about as large: start and axis in the tool's own frame [m], and its radius [m].
     pub fn outline(&self) -> (Vec3, Vec3, Real) {
         self.outline

@@ -1,6 +1,7 @@
 //! Medit's text files (`.mesh`), as INRIA's and Mmg's tools write them.
 
 use super::cells::Cells;
+use super::labels::Labels;
 use super::mesh_error::{MeshError, shown};
 use super::reader::Reader;
 use crate::math::Real;
@@ -13,10 +14,14 @@ pub(super) fn parse_medit(bytes: &[u8]) -> Result<Cells, MeshError> {
         return Err(file.wrong("it does not begin with MeshVersionFormatted; of Medit's files the text ones are read"));
     }
     file.word::<i64>()?;
+    let mut references = Vec::new();
     loop {
         let name = file.name();
         match name {
-            b"" | b"End" => return Ok(cells),
+            b"" | b"End" => {
+                cells.labels.extend(Labels::from_numbers("reference", references.into_iter()));
+                return Ok(cells);
+            }
             b"Dimension" => match file.word::<i64>()? {
                 3 => {}
                 other => return Err(file.wrong(format!("{other} dimensions instead of 3"))),
@@ -31,8 +36,9 @@ pub(super) fn parse_medit(bytes: &[u8]) -> Result<Cells, MeshError> {
             b"Quadrilaterals" => polygons::<4>(&mut file, &mut cells, "quadrangle")?,
             b"Tetrahedra" => {
                 for number in 1..=file.word::<i64>()? {
-                    let corners = corners::<4>(&mut file, &cells, "element", number)?;
+                    let (corners, reference) = corners::<4>(&mut file, &cells, "element", number)?;
                     cells.tetrahedra.push((number, corners));
+                    references.push(reference);
                 }
             }
             b"Hexahedra" | b"Prisms" | b"Pyramids" | b"TetrahedraP2" => {
@@ -54,25 +60,24 @@ pub(super) fn parse_medit(bytes: &[u8]) -> Result<Cells, MeshError> {
 
 fn polygons<const N: usize>(file: &mut Reader, cells: &mut Cells, cell: &'static str) -> Result<(), MeshError> {
     for number in 1..=file.word::<i64>()? {
-        let corners = corners::<N>(file, cells, cell, number)?;
+        let (corners, _) = corners::<N>(file, cells, cell, number)?;
         cells.polygon(&corners)?;
     }
     Ok(())
 }
 
-/// Points of a cell, and its label, which is left out.
+/// Points of a cell, and its reference.
 fn corners<const N: usize>(
     file: &mut Reader,
     cells: &Cells,
     cell: &'static str,
     number: i64,
-) -> Result<[u32; N], MeshError> {
+) -> Result<([u32; N], Real), MeshError> {
     let mut corners = [0; N];
     for corner in &mut corners {
         *corner = cells.index(cell, number, file.word()?, 1)?;
     }
-    file.word::<Real>()?;
-    Ok(corners)
+    Ok((corners, file.word()?))
 }
 
 #[cfg(test)]

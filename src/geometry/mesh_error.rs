@@ -23,6 +23,11 @@ pub enum MeshError {
     Syntax { format: &'static str, line: Option<usize>, what: String },
     #[error("{what} cannot be read: {remedy}")]
     Unsupported { what: String, remedy: &'static str },
+    #[error(
+        "no labels of tetrahedra are called '{wanted}' in the file: it has {}",
+        if has.is_empty() { "none".to_owned() } else { has.join(", ") }
+    )]
+    NoLabels { wanted: String, has: Vec<String> },
     #[error("the mesh has no {what}: check that it was exported with its {what}")]
     Empty { what: &'static str },
     #[error("vertex {vertex} has a coordinate that is no number or lies beyond 1000 km: check the file and its unit")]

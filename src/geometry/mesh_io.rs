@@ -22,6 +22,7 @@
 
 use super::cells::Cells;
 use super::gltf::parse_gltf;
+use super::labels::{LabelledMesh, Labels};
 use super::medit::parse_medit;
 use super::mesh_error::MeshError;
 use super::msh::parse_msh;
@@ -101,18 +102,23 @@ impl std::str::FromStr for LengthUnit {
 pub enum Solid {
     /// The closed surface around it.
     Surface(Surface),
-    /// Tetrahedra that fill it.
-    Volume(TetMesh),
+    /// Tetrahedra that fill it, with their labels.
+    Volume(LabelledMesh),
 }
 
 /// The closed surface in the file at `path`, lengths in `unit`; see [`parse`].
 pub fn read_surface(path: &Path, unit: LengthUnit) -> Result<Surface, MeshError> {
-    surface_of(parse(&read_files(path)?, unit, 0.0)?.0)
+    surface_of(parse(&read_files(path)?, unit, 0.0, None)?.0)
+}
+
+/// The tetrahedra in the file at `path`, lengths in `unit`, with the labels called `labels`; see [`parse`].
+pub fn read_labelled(path: &Path, unit: LengthUnit, labels: Option<&str>) -> Result<LabelledMesh, MeshError> {
+    volume_of(parse(&read_files(path)?, unit, 0.0, labels)?.0)
 }
 
 /// The tetrahedra in the file at `path`, lengths in `unit`; see [`parse`].
 pub fn read_tet_mesh(path: &Path, unit: LengthUnit) -> Result<TetMesh, MeshError> {
-    tet_mesh_of(parse(&read_files(path)?, unit, 0.0)?.0)
+    Ok(read_labelled(path, unit, None)?.mesh)
 }
 
 /// The names and bytes of the mesh that the file at `path` holds: one file, or TetGen's nodes and elements, whichever of
@@ -143,15 +149,23 @@ pub fn read_files(path: &Path) -> Result<Vec<(PathBuf, Vec<u8>)>, MeshError> {
 ///
 /// Of tetrahedra, those listed twice count once, nodes in no tetrahedron are dropped. A file whose tetrahedra are *all*
 /// inside out, be it a single one, merely numbers nodes the other way round and is turned; when only some are, that is an
-/// error.
-pub fn parse(files: &[(PathBuf, Vec<u8>)], unit: LengthUnit, holes: Real) -> Result<(Solid, Repairs), MeshError> {
+/// error. Their labels are the ones called `labels`, or without it those whose name says so (see [`Labels`]): of MSH files
+/// the `physical` groups or the `elementary` entities, of VTK's any array of whole numbers on the cells, of TetGen's the first
+/// `attribute`, of Medit's the `reference`.
+pub fn parse(
+    files: &[(PathBuf, Vec<u8>)],
+    unit: LengthUnit,
+    holes: Real,
+    labels: Option<&str>,
+) -> Result<(Solid, Repairs), MeshError> {
     if files.iter().any(|(_, bytes)| bytes.len() > MAX_FILE) {
         return Err(MeshError::TooBig { limit: MAX_FILE, what: "bytes" });
     }
     let cells = match files {
         [(_, node), (_, ele)] => parse_tetgen(node, ele)?,
         [(name, bytes), ..] => match extension(name).as_str() {
-            "obj" => parse_obj(bytes)?,
+            // Some editors put a mark of the encoding before a text.
+            "obj" => parse_obj(bytes.strip_prefix("\u{feff}".as_bytes()).unwrap_or(bytes))?,
             "stl" => parse_stl(bytes)?,
             "ply" => parse_ply(bytes)?,
             "gltf" | "glb" => parse_gltf(bytes)?,
@@ -176,12 +190,16 @@ pub fn parse(files: &[(PathBuf, Vec<u8>)], unit: LengthUnit, holes: Real) -> Res
         check_closed(&mut surface)?;
         return Ok((Solid::Surface(surface), repairs));
     }
+    let mut labels = Labels::choose(cells.labels, labels)?;
+    let mut label_of = std::mem::take(&mut labels.of).into_iter();
     let mut repairs = Repairs::default();
     let (mut mesh, mut numbers, mut seen) = (TetMesh::default(), Vec::new(), HashSet::new());
     for (number, element) in cells.tetrahedra {
         let mut key = element;
         key.sort_unstable();
+        let label = label_of.next();
         if seen.insert(key) {
+            labels.of.extend(label);
             numbers.push(number);
             mesh.elements.push(element);
         } else {
@@ -190,19 +208,19 @@ pub fn parse(files: &[(PathBuf, Vec<u8>)], unit: LengthUnit, holes: Real) -> Res
     }
     mesh.nodes = keep_referenced(&points, &mut mesh.elements);
     repairs.turned = orient(&mut mesh, &numbers)?;
-    Ok((Solid::Volume(mesh), repairs))
+    Ok((Solid::Volume(LabelledMesh { mesh, labels }), repairs))
 }
 
 /// The closed surface in `bytes`, lengths in `unit`; the extension of `name` tells the format; see [`parse`].
 #[cfg(test)]
 pub(super) fn parse_surface(name: &Path, bytes: &[u8], unit: LengthUnit) -> Result<Surface, MeshError> {
-    surface_of(parse(&[(name.to_owned(), bytes.to_owned())], unit, 0.0)?.0)
+    surface_of(parse(&[(name.to_owned(), bytes.to_owned())], unit, 0.0, None)?.0)
 }
 
 /// The tetrahedra in `bytes`, lengths in `unit`; the extension of `name` tells the format; see [`parse`].
 #[cfg(test)]
 pub(super) fn parse_tet_mesh(name: &Path, bytes: &[u8], unit: LengthUnit) -> Result<TetMesh, MeshError> {
-    tet_mesh_of(parse(&[(name.to_owned(), bytes.to_owned())], unit, 0.0)?.0)
+    Ok(volume_of(parse(&[(name.to_owned(), bytes.to_owned())], unit, 0.0, None)?.0)?.mesh)
 }
 
 fn surface_of(solid: Solid) -> Result<Surface, MeshError> {
@@ -215,7 +233,7 @@ fn surface_of(solid: Solid) -> Result<Surface, MeshError> {
     }
 }
 
-fn tet_mesh_of(solid: Solid) -> Result<TetMesh, MeshError> {
+fn volume_of(solid: Solid) -> Result<LabelledMesh, MeshError> {
     match solid {
         Solid::Volume(mesh) => Ok(mesh),
         Solid::Surface(_) => Err(MeshError::Empty { what: "tetrahedra" }),
@@ -305,9 +323,115 @@ pub(super) mod tests {
                     "a.ele" => vec![("a.node".into(), node.clone().into()), ("a.ele".into(), bytes)],
                     _ => vec![(name.into(), bytes)],
                 };
-                drop(parse(&files, LengthUnit::Millimetre, 1.0));
+                drop(parse(&files, LengthUnit::Millimetre, 1.0, None));
             }
         }
+    }
+
+    #[test]
+    fn labels_come_with_the_tetrahedra_of_every_format() {
+        // Two tetrahedra, the first listed twice, and a triangle before them.
+        let points = ["0 0 0", "1 0 0", "0 1 0", "0 0 1", "1 1 1"];
+        let numbered: String = points.iter().zip(1..).map(|(p, n)| format!("{n} {p}\n")).collect();
+        let lines = points.join("\n");
+        let entities =
+            "$Entities\n1 0 0 2\n1 0 0 0 0\n1 0 0 0 1 1 1 1 30 0\n2 0 0 0 1 1 1 2 40 41 1 -9\n$EndEntities\n";
+        let vtk = |data: &str| {
+            format!(
+                "# vtk DataFile Version 3.0\nx\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 5 double\n{lines}\nCELLS 4 19\n3 0 1 2\n\
+                 4 0 1 2 3\n4 0 1 2 3\n4 1 2 3 4\nCELL_TYPES 4\n5 10 10 10\n{data}"
+            )
+        };
+        let vtu = |label: &str| {
+            let array = |name: &str, kind: &str, text: &str| {
+                format!("<DataArray type=\"{kind}\" Name=\"{name}\" format=\"ascii\">{text}</DataArray>")
+            };
+            let text = [
+                "<VTKFile type=\"UnstructuredGrid\"><UnstructuredGrid><Piece><Points>".to_owned(),
+                array("Points", "Float64", &points.join(" ")),
+                "</Points><Cells>".into(),
+                array("connectivity", "Int32", "0 1 2 0 1 2 3 0 1 2 3 1 2 3 4"),
+                array("offsets", "Int32", "3 7 11 15"),
+                array("types", "Int32", "5 10 10 10"),
+                "</Cells><CellData>".into(),
+                array("pressure", "Float64", "0.1 0.2 0.2 0.3"),
+                array(label, "UInt8", "9 30 30 40"),
+                "</CellData></Piece></UnstructuredGrid></VTKFile>".into(),
+            ];
+            text.concat()
+        };
+        for (name, text, called) in [
+            (
+                "1.msh",
+                format!(
+                    "$NOD\n5\n{numbered}$ENDNOD\n$ELM\n4\n1 2 5 6 3 1 2 3\n2 4 30 1 4 1 2 3 4\n3 4 30 1 4 1 2 3 4\n4 4 40 2 4 2 3 4 5\n\
+                     $ENDELM\n"
+                ),
+                "physical",
+            ),
+            (
+                "2.msh",
+                format!(
+                    "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n5\n{numbered}$EndNodes\n$Elements\n4\n1 2 2 5 6 1 2 3\n2 4 2 0 30 1 2 \
+                     3 4\n3 4 2 0 30 1 2 3 4\n4 4 3 0 40 8 2 3 4 5\n$EndElements\n"
+                ),
+                "elementary",
+            ),
+            (
+                "4.msh",
+                format!(
+                    "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n{entities}$Nodes\n1 5 1 5\n3 1 0 5\n1\n2\n3\n4\n5\n{lines}\n$EndNodes\n\
+                     $Elements\n2 3 1 3\n3 1 4 2\n1 1 2 3 4\n2 1 2 3 4\n3 2 4 1\n3 2 3 4 5\n$EndElements\n"
+                ),
+                "physical",
+            ),
+            (
+                "s.vtk",
+                vtk(
+                    "POINT_DATA 5\nSCALARS t double 1\nLOOKUP_TABLE default\n1 2 3 4 5\nCELL_DATA 4\nSCALARS material int\nLOOKUP_TABLE default\n9 30 30 40\n",
+                ),
+                "material",
+            ),
+            (
+                "f.vtk",
+                vtk(
+                    "CELL_DATA 4\nVECTORS v double\n1 2 3 4 5 6 7 8 9 1 2 3\nFIELD f 2\nid 1 4 int\n1 2 3 4\nRegion 1 4 double\n9 30 30 40\n",
+                ),
+                "Region",
+            ),
+            ("a.vtu", vtu("PartIds"), "PartIds"),
+            ("b.vtu", vtu("x"), "x"),
+            (
+                "a.mesh",
+                format!(
+                    "MeshVersionFormatted 2\nDimension 3\nVertices 5\n{}Triangles 1\n1 2 3 9\nTetrahedra 3\n1 2 3 4 30\n1 2 3 4 30\n2 3 4 \
+                     5 40\nEnd\n",
+                    points.map(|p| format!("{p} 0\n")).concat()
+                ),
+                "reference",
+            ),
+        ] {
+            let files = [(PathBuf::from(name), text.clone().into_bytes())];
+            let (Solid::Volume(found), _) = parse(&files, LengthUnit::Metre, 0.0, None).unwrap() else {
+                panic!("{name}")
+            };
+            assert_eq!((found.labels.name.as_str(), &found.labels.of[..]), (called, &[30, 40][..]), "{name}");
+            let refused = parse(&files, LengthUnit::Metre, 0.0, Some("none such")).unwrap_err().to_string();
+            assert!(refused.contains(called), "{refused}");
+            // Data that are cut off or no numbers label nothing; the mesh is still there.
+            if name.ends_with("vtk") {
+                let cut = [(PathBuf::from(name), text.replace("30 40\n", "").into_bytes())];
+                let (Solid::Volume(found), _) = parse(&cut, LengthUnit::Metre, 0.0, None).unwrap() else {
+                    panic!("{name}")
+                };
+                assert!(found.labels.name != called && found.mesh.elements.len() == 2, "{name}");
+            }
+        }
+        let node = format!("5 3 0 0\n{numbered}").into_bytes();
+        let ele = b"3 4 2\n1 1 2 3 4 30 7\n2 1 2 3 4 30 7\n3 2 3 4 5 40 8\n".to_vec();
+        let files = [("a.node".into(), node), ("a.ele".into(), ele)];
+        let (Solid::Volume(found), _) = parse(&files, LengthUnit::Metre, 0.0, None).unwrap() else { panic!() };
+        assert_eq!((found.labels.name.as_str(), &found.labels.of[..]), ("attribute", &[30, 40][..]));
     }
 
     /// A file of the folder beside the project, when it is there.
@@ -343,7 +467,7 @@ pub(super) mod tests {
         let (Some(bunny), Some(dragon)) = (shared("bunny.obj"), shared("dragon.stl")) else { return };
         assert!(matches!(read_surface(&bunny, LengthUnit::Metre), Err(MeshError::NotClosed { border_edges: 42, .. })));
         assert!(matches!(read_surface(&dragon, LengthUnit::Metre), Err(MeshError::NonManifold { .. })));
-        let (solid, repairs) = parse(&read_files(&bunny).unwrap(), LengthUnit::Metre, 1.0).unwrap();
+        let (solid, repairs) = parse(&read_files(&bunny).unwrap(), LengthUnit::Metre, 1.0, None).unwrap();
         println!("{repairs}");
         assert!(repairs.closed > 0 && matches!(solid, Solid::Surface(surface) if surface.volume() > 0.0));
     }

@@ -2,9 +2,10 @@
 
 use super::{Surface, TetMesh};
 use crate::math::{Mat3, Real, Vec3};
+use serde::{Deserialize, Serialize};
 
 /// Moments of a solid or of a set of points.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Moments {
     /// Volume [m³], or sum of the weights.
     pub volume: Real,
@@ -37,6 +38,17 @@ impl Moments {
         let centre = points.iter().zip(weights).map(|(x, w)| x * *w).sum::<Vec3>() / volume;
         let about = |x: &Vec3| (x - centre) * (x - centre).transpose();
         Self { volume, centre, second: points.iter().zip(weights).map(|(x, w)| about(x) * *w).sum() }
+    }
+
+    /// Of several together, each counted so many times.
+    pub fn combined(parts: &[(Moments, Real)]) -> Self {
+        let volume = parts.iter().map(|(m, times)| m.volume * times).sum::<Real>();
+        let centre = parts.iter().map(|(m, times)| m.centre * (m.volume * times)).sum::<Vec3>() / volume;
+        let about = |(m, times): &(Moments, Real)| {
+            let away = m.centre - centre;
+            (m.second + away * away.transpose() * m.volume) * *times
+        };
+        Self { volume, centre, second: parts.iter().map(about).sum() }
     }
 
     fn of_tetrahedra(tetrahedra: impl Iterator<Item = ([Vec3; 4], Real)>) -> Self {

@@ -1,12 +1,13 @@
 //! Gmsh's MSH files: 4.1 and 2.x, binary or text; 1 (`$NOD`, `$ELM`).
 
 use super::cells::Cells;
+use super::labels::Labels;
 use super::mesh_error::{MeshError, shown};
 use super::reader::{Encoding, Reader};
 use crate::math::Real;
 use std::collections::HashMap;
 
-/// Nodes and tetrahedra of a MSH file; points, lines, triangles and quadrangles in it are ignored.
+/// Nodes and tetrahedra of a MSH file, labelled by their physical groups and elementary entities; points, lines, triangles and quadrangles in it are ignored.
 pub(super) fn parse_msh(bytes: &[u8]) -> Result<Cells, MeshError> {
     let mut file = Reader::text("MSH", bytes, None);
     let (nodes, tetrahedra) = file.mesh()?;
@@ -18,19 +19,36 @@ pub(super) fn parse_msh(bytes: &[u8]) -> Result<Cells, MeshError> {
     }
     let mut cells = Cells { indexed: true, ..Cells::default() };
     cells.points = nodes.into_iter().map(|(_, position)| position).collect();
-    for (number, tags) in tetrahedra {
-        let mut element = [0; 4];
-        for (node, tag) in element.iter_mut().zip(tags) {
+    for Tetrahedron { number, nodes, .. } in &tetrahedra {
+        let (number, mut element) = (*number, [0; 4]);
+        for (node, &tag) in element.iter_mut().zip(nodes) {
             let missing = MeshError::BadIndex { cell: "element", number, index: tag };
             *node = *node_of_tag.get(&tag).ok_or(missing)?;
         }
         cells.tetrahedra.push((number, element));
     }
+    // 0 stands for no group.
+    if tetrahedra.iter().any(|t| t.physical != 0) {
+        cells.labels.extend(Labels::from_numbers("physical", tetrahedra.iter().map(|t| t.physical as Real)));
+    }
+    if tetrahedra.iter().any(|t| t.elementary != 0) {
+        cells.labels.extend(Labels::from_numbers("elementary", tetrahedra.iter().map(|t| t.elementary as Real)));
+    }
     if cells.tetrahedra.is_empty() { Err(MeshError::Empty { what: "tetrahedra" }) } else { Ok(cells) }
 }
 
-/// Nodes (tag, position in the file's unit) and tetrahedra (number, node tags) of a MSH file.
-type Sections = (Vec<(i64, [Real; 3])>, Vec<(i64, [i64; 4])>);
+/// A tetrahedron as a MSH file lists it.
+struct Tetrahedron {
+    number: i64,
+    /// Tags of its nodes.
+    nodes: [i64; 4],
+    /// The groups that it belongs to; 0 for none.
+    physical: i64,
+    elementary: i64,
+}
+
+/// Nodes (tag, position in the file's unit) and tetrahedra of a MSH file.
+type Sections = (Vec<(i64, [Real; 3])>, Vec<Tetrahedron>);
 
 /// Nodes of a Gmsh element of type 1, 2, 3, ...
 const NODES_OF_TYPE: [u8; 31] =
@@ -69,7 +87,7 @@ impl Reader<'_> {
 
     /// All sections up to the end of the file.
     fn mesh(&mut self) -> Result<Sections, MeshError> {
-        let (mut nodes, mut elements) = (Vec::new(), Vec::new());
+        let (mut nodes, mut elements, mut groups) = (Vec::new(), Vec::new(), HashMap::new());
         let mut version = None;
         loop {
             self.skip_space();
@@ -84,7 +102,8 @@ impl Reader<'_> {
                 (b"$Nodes", Some(2)) => self.nodes_2(&mut nodes)?,
                 (b"$Elements", Some(2)) => self.elements_2(&mut elements)?,
                 (b"$Nodes", Some(_)) => self.nodes_4(&mut nodes)?,
-                (b"$Elements", Some(_)) => self.elements_4(&mut elements)?,
+                (b"$Entities", Some(4)) => self.entities_4(&mut groups)?,
+                (b"$Elements", Some(_)) => self.elements_4(&mut elements, &groups)?,
                 (b"$ParametricNodes", _) => {
                     return Err(MeshError::Unsupported {
                         what: "$ParametricNodes of an old MSH file".to_owned(),
@@ -141,16 +160,18 @@ impl Reader<'_> {
     }
 
     /// Elements of version 1: number, type, two regions, number of nodes, nodes.
-    fn elements_1(&mut self, elements: &mut Vec<(i64, [i64; 4])>) -> Result<(), MeshError> {
+    fn elements_1(&mut self, elements: &mut Vec<Tetrahedron>) -> Result<(), MeshError> {
         for _ in 0..self.count_line()? {
-            let [number, kind, _, _, _] = [self.int()?, self.int()?, self.int()?, self.int()?, self.int()?];
-            elements.extend(self.tetrahedron(kind, Reader::int)?.map(|nodes| (number, nodes)));
+            let [number, kind, physical, elementary, _] =
+                [self.int()?, self.int()?, self.int()?, self.int()?, self.int()?];
+            let nodes = self.tetrahedron(kind, Reader::int)?;
+            elements.extend(nodes.map(|nodes| Tetrahedron { number, nodes, physical, elementary }));
         }
         Ok(())
     }
 
     /// Elements of version 2: number, type, tags, nodes; in binary files type and number of tags head a group.
-    fn elements_2(&mut self, elements: &mut Vec<(i64, [i64; 4])>) -> Result<(), MeshError> {
+    fn elements_2(&mut self, elements: &mut Vec<Tetrahedron>) -> Result<(), MeshError> {
         let mut left = self.count_line()?;
         while left > 0 {
             let text = self.encoding == Encoding::Text;
@@ -162,10 +183,17 @@ impl Reader<'_> {
             }
             for _ in 0..group {
                 let number = if text { text_number } else { self.int()? };
-                for _ in 0..n_tags {
-                    self.int()?;
+                let [mut physical, mut elementary] = [0, 0];
+                for tag in 0..n_tags {
+                    let value = self.int()?;
+                    match tag {
+                        0 => physical = value,
+                        1 => elementary = value,
+                        _ => {}
+                    }
                 }
-                elements.extend(self.tetrahedron(kind, Reader::int)?.map(|nodes| (number, nodes)));
+                let nodes = self.tetrahedron(kind, Reader::int)?;
+                elements.extend(nodes.map(|nodes| Tetrahedron { number, nodes, physical, elementary }));
             }
             left -= group;
         }
@@ -191,14 +219,40 @@ impl Reader<'_> {
         Ok(())
     }
 
-    /// Elements of version 4.1: blocks of one type, each element its number and nodes.
-    fn elements_4(&mut self, elements: &mut Vec<(i64, [i64; 4])>) -> Result<(), MeshError> {
+    /// Entities of version 4.1: the physical group, if any, of each volume by its tag.
+    fn entities_4(&mut self, groups: &mut HashMap<i64, i64>) -> Result<(), MeshError> {
+        let counts = [self.size()?, self.size()?, self.size()?, self.size()?];
+        for (dimension, count) in counts.into_iter().enumerate() {
+            for _ in 0..count {
+                let tag = self.int()?;
+                for _ in 0..if dimension == 0 { 3 } else { 6 } {
+                    self.real()?;
+                }
+                for i in 0..self.size()? {
+                    let group = self.int()?;
+                    if dimension == 3 && i == 0 {
+                        groups.insert(tag, group);
+                    }
+                }
+                for _ in 0..if dimension == 0 { 0 } else { self.size()? } {
+                    self.int()?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Elements of version 4.1: blocks of one entity and type, each element its number and nodes. `groups` as
+    /// [`Reader::entities_4`] finds them.
+    fn elements_4(&mut self, elements: &mut Vec<Tetrahedron>, groups: &HashMap<i64, i64>) -> Result<(), MeshError> {
         let [blocks, _, _, _] = [self.size()?, self.size()?, self.size()?, self.size()?];
         for _ in 0..blocks {
-            let [_, _, kind] = [self.int()?, self.int()?, self.int()?];
+            let [_, elementary, kind] = [self.int()?, self.int()?, self.int()?];
+            let physical = groups.get(&elementary).copied().unwrap_or_default();
             for _ in 0..self.size()? {
                 let number = self.size()?;
-                elements.extend(self.tetrahedron(kind, Reader::size)?.map(|nodes| (number, nodes)));
+                let nodes = self.tetrahedron(kind, Reader::size)?;
+                elements.extend(nodes.map(|nodes| Tetrahedron { number, nodes, physical, elementary }));
             }
         }
         Ok(())

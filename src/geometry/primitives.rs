@@ -77,6 +77,13 @@ pub fn liver_surface(spacing: Real) -> Surface {
     extract(liver, Vec3::new(-0.11, -0.075, -0.01), Vec3::new(0.11, 0.075, 0.12), within(spacing, 1e-3, 8e-3))
 }
 
+/// A human-like kidney: 0.11 m long (x), 0.06 m wide (y), 0.045 m thick, lying on z = 0, its hollow side towards −y.
+///
+/// `spacing` [m] between neighbouring vertices, kept between 1 mm and 5 mm. Closed, of one piece, without a handle.
+pub fn kidney_surface(spacing: Real) -> Surface {
+    extract(kidney, Vec3::new(-0.06, -0.035, -0.005), Vec3::new(0.06, 0.04, 0.05), within(spacing, 1e-3, 5e-3))
+}
+
 /// A toy creature with limbs that swing: round body, head, two ears, arms, legs and a tail, 0.20 m tall along z,
 /// standing on z = 0 and looking towards −y.
 ///
@@ -98,6 +105,16 @@ fn liver(p: Vec3) -> Real {
     let ligament = ellipsoid(p, Vec3::new(0.038, -0.066, 0.054), Vec3::new(0.008, 0.018, 0.022));
     let organ = smooth_difference(organ, hollow, 0.014);
     smooth_difference(smooth_difference(organ, gallbladder, 0.014), ligament, 0.024)
+}
+
+/// Signed function of the kidney [m], negative inside.
+fn kidney(p: Vec3) -> Real {
+    let pole = |side: Real| ellipsoid(p, Vec3::new(side * 0.024, -0.003, 0.0225), Vec3::new(0.031, 0.026, 0.0225));
+    let waist = ellipsoid(p, Vec3::new(0.0, 0.005, 0.0225), Vec3::new(0.040, 0.026, 0.0225));
+    let organ = smooth_union(smooth_union(pole(-1.0), pole(1.0), 0.01), waist, 0.01);
+    // Where its vessels enter.
+    let hilum = ellipsoid(p, Vec3::new(0.0, -0.030, 0.0225), Vec3::new(0.014, 0.016, 0.018));
+    smooth_difference(organ, hilum, 0.014)
 }
 
 /// Signed function of the toy [m], negative inside.
@@ -334,6 +351,19 @@ mod tests {
             let size = high - low;
             assert!((size - Vec3::new(0.20, 0.13, 0.11)).amax() < 0.006, "{spacing}: {size:?}");
             assert!(low.z.abs() < 0.002 && (low.x + high.x).abs() < 0.008, "{low:?} {high:?}");
+        }
+    }
+
+    #[test]
+    fn the_kidney_is_one_closed_piece_of_the_stated_size_at_every_spacing() {
+        for spacing in [0.001, 0.002, 0.003, 0.004, 0.005] {
+            let surface = kidney_surface(spacing);
+            is_one_piece_without_handles("kidney", &surface);
+            has_no_fold("kidney", &surface, kidney);
+            let (low, high) = surface.bounds();
+            let size = high - low;
+            assert!((size - Vec3::new(0.11, 0.06, 0.045)).amax() < 0.006, "{spacing}: {size:?}");
+            assert!(low.z.abs() < 1e-3, "{spacing}: stands on {}", low.z);
         }
     }
 

@@ -3,6 +3,7 @@
 use crate::math::{Real, Vec3, to_parry};
 use parry3d_f64::shape::{TriMesh, TriMeshFlags};
 use serde::{Deserialize, Serialize};
+use std::ops::Range;
 
 /// A surface as it came: vertices [m] and triangles, counter-clockwise seen from outside when it is closed.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -21,12 +22,57 @@ impl Surface {
 
     /// Signed volume enclosed [m³]: positive when the triangles face outward.
     pub fn volume(&self) -> Real {
-        (0..self.triangles.len())
+        self.volume_within(0..self.triangles.len())
+    }
+
+    /// Signed volume [m³] that these triangles enclose by themselves.
+    pub fn volume_within(&self, triangles: Range<usize>) -> Real {
+        triangles
             .map(|t| {
                 let [a, b, c] = self.corners(t);
                 a.dot(&b.cross(&c)) / 6.0
             })
             .sum()
+    }
+
+    /// The same with each edge in `parts` equal parts.
+    pub fn subdivided(&self, parts: u32) -> Surface {
+        let mut surface = Surface { vertices: self.vertices.clone(), triangles: Vec::new() };
+        let mut on_edge = std::collections::BTreeMap::new();
+        for triangle in &self.triangles {
+            let [a, b, c] = triangle.map(|v| self.vertices[v as usize]);
+            let mut number = std::collections::BTreeMap::new();
+            for i in 0..=parts {
+                for j in 0..=parts - i {
+                    let k = parts - i - j;
+                    let ends: Vec<(u32, u32)> =
+                        triangle.iter().copied().zip([k, i, j]).filter(|(_, w)| *w > 0).collect();
+                    let place = a + ((b - a) * Real::from(i) + (c - a) * Real::from(j)) / Real::from(parts);
+                    let mut add = || {
+                        surface.vertices.push(place);
+                        surface.vertices.len() as u32 - 1
+                    };
+                    let v = match ends[..] {
+                        [(v, _)] => v,
+                        [(v, w), (u, x)] => {
+                            let key = if v < u { (v, u, w) } else { (u, v, x) };
+                            *on_edge.entry(key).or_insert_with(add)
+                        }
+                        _ => add(),
+                    };
+                    number.insert((i, j), v);
+                }
+            }
+            for i in 0..parts {
+                for j in 0..parts - i {
+                    surface.triangles.push([number[&(i, j)], number[&(i + 1, j)], number[&(i, j + 1)]]);
+                    if i + j + 1 < parts {
+                        surface.triangles.push([number[&(i + 1, j)], number[&(i + 1, j + 1)], number[&(i, j + 1)]]);
+                    }
+                }
+            }
+        }
+        surface
     }
 
     /// Smallest and largest coordinates [m].
@@ -57,5 +103,26 @@ impl Surface {
         let vertices = self.vertices.iter().map(|v| to_parry(*v)).collect();
         TriMesh::with_flags(vertices, self.triangles.clone(), TriMeshFlags::ORIENTED)
             .expect("a surface with triangles makes a TriMesh")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::primitives::box_surface;
+    use crate::geometry::soundness::check_closed;
+
+    #[test]
+    fn a_subdivided_surface_is_the_same_one_in_smaller_triangles() {
+        let whole = box_surface(Vec3::new(0.1, 0.2, 0.3), [1, 2, 3]);
+        for parts in 1..6 {
+            let mut fine = whole.subdivided(parts);
+            assert_eq!(fine.triangles.len(), whole.triangles.len() * (parts * parts) as usize);
+            // A closed surface without handles has two vertices more than half as many as triangles.
+            assert_eq!(fine.vertices.len(), fine.triangles.len() / 2 + 2);
+            check_closed(&mut fine).unwrap();
+            assert!((fine.volume() / whole.volume() - 1.0).abs() < 1e-12);
+            assert_eq!(fine.vertices[..whole.vertices.len()], whole.vertices);
+        }
     }
 }

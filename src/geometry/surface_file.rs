@@ -15,10 +15,28 @@ fn coordinates<'a>(words: &mut impl Iterator<Item = &'a str>) -> Option<[Real; 3
     Some([next()?, next()?, next()?])
 }
 
+/// The text of an OBJ file without comments, and lines that a backslash continues on one line. Lines after these keep their
+/// numbers.
+fn plain(text: &str) -> String {
+    let (mut plain, mut breaks) = (String::with_capacity(text.len()), 1);
+    for line in text.lines() {
+        let line = line.split('#').next().unwrap_or_default().trim_end();
+        let (content, goes_on) = line.strip_suffix('\\').map_or((line, false), |content| (content, true));
+        plain += content;
+        if goes_on {
+            plain.push(' ');
+            breaks += 1;
+        } else {
+            plain.extend(std::iter::repeat_n('\n', std::mem::replace(&mut breaks, 1)));
+        }
+    }
+    plain
+}
+
 /// Positions and faces of an OBJ file; everything else in it is about looks.
 pub(super) fn parse_obj(bytes: &[u8]) -> Result<Cells, MeshError> {
     let wrong = |line, what: String| MeshError::Syntax { format: "OBJ", line: Some(line), what };
-    let text = String::from_utf8_lossy(bytes);
+    let text = plain(&String::from_utf8_lossy(bytes));
     let mut cells = Cells { indexed: true, ..Cells::default() };
     for (line, mut words) in lines(&text).filter(|(_, words)| words.clone().next() == Some("v")) {
         let position = coordinates(&mut words.by_ref().skip(1));
@@ -167,6 +185,15 @@ pub(super) mod tests {
         assert!((surface.volume() - 1.0).abs() < 1e-15);
         let in_inches = parse_surface(Path::new("a.OBJ"), CUBE_OBJ.as_bytes(), LengthUnit::Inch).unwrap();
         assert!((in_inches.volume() / 0.0254f64.powi(3) - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn an_obj_file_may_have_comments_continued_lines_and_a_mark_of_its_encoding() {
+        let odd = CUBE_OBJ.replace("v 1 1 0", "v 1 \\\n 1 0 # a corner").replace('\n', "\r\n");
+        assert_eq!(obj(&format!("\u{feff}{odd}")).unwrap(), obj(CUBE_OBJ).unwrap());
+        let wrong = obj(&odd.replacen("\r\nf ", "\r\nv 1 x\r\nf ", 1)).unwrap_err().to_string();
+        let line = 1 + odd.lines().position(|line| line.starts_with("f ")).unwrap();
+        assert!(wrong.contains(&format!("line {line}:")), "{wrong}");
     }
 
     #[test]

@@ -1,11 +1,12 @@
 //! TetGen's text files: nodes in a `.node` file, tetrahedra in the `.ele` file beside it.
 
 use super::cells::Cells;
+use super::labels::Labels;
 use super::mesh_error::MeshError;
 use super::reader::Reader;
 use crate::math::Real;
 
-/// Nodes and tetrahedra; attributes and markers are left out.
+/// Nodes and tetrahedra, whose first attribute is their label; those of nodes are left out.
 pub(super) fn parse_tetgen(node: &[u8], ele: &[u8]) -> Result<Cells, MeshError> {
     let mut cells = Cells { indexed: true, ..Cells::default() };
     let mut file = Reader::text("TetGen .node", node, Some(b'#'));
@@ -32,14 +33,21 @@ pub(super) fn parse_tetgen(node: &[u8], ele: &[u8]) -> Result<Cells, MeshError> 
     if corners != 4 {
         return Err(file.wrong(format!("tetrahedra of {corners} nodes: mesh the body with those of 4 (without -o2)")));
     }
+    let mut first_attributes = Vec::new();
     for _ in 0..count {
         let [number, a, b, c, d]: [i64; 5] = [file.word()?, file.word()?, file.word()?, file.word()?, file.word()?];
         let index = |index: i64| cells.index("element", number, index, first);
         let corners = [index(a)?, index(b)?, index(c)?, index(d)?];
         cells.tetrahedra.push((number, corners));
-        for _ in 0..attributes {
-            file.word::<Real>()?;
+        for attribute in 0..attributes {
+            let value: Real = file.word()?;
+            if attribute == 0 {
+                first_attributes.push(value);
+            }
         }
+    }
+    if attributes > 0 {
+        cells.labels.extend(Labels::from_numbers("attribute", first_attributes.into_iter()));
     }
     Ok(cells)
 }

@@ -8,7 +8,7 @@ use crate::math::Real;
 /// What is to be done about solids that are no tetrahedra.
 const FIRST_ORDER: &str = "mesh the body with tetrahedra of 4 nodes (first order)";
 
-/// Points and cells of a legacy VTK file; data on them are left out.
+/// Points and cells of a legacy VTK file, and what labels its cells bear; other data on them are left out.
 pub(super) fn parse_vtk(bytes: &[u8]) -> Result<Cells, MeshError> {
     let mut file = Reader::text("VTK", bytes, None);
     if !file.line().starts_with(b"# vtk DataFile") {
@@ -26,7 +26,11 @@ pub(super) fn parse_vtk(bytes: &[u8]) -> Result<Cells, MeshError> {
     loop {
         let name = file.name();
         match name {
-            b"" | b"CELL_DATA" | b"POINT_DATA" => break,
+            b"" => break,
+            b"CELL_DATA" | b"POINT_DATA" => {
+                file.at -= name.len();
+                break;
+            }
             b"DATASET" => match file.line() {
                 b"UNSTRUCTURED_GRID" | b"POLYDATA" => {}
                 other => {
@@ -61,7 +65,77 @@ pub(super) fn parse_vtk(bytes: &[u8]) -> Result<Cells, MeshError> {
     }
     lists.put(&mut cells, Some(&types[..]))?;
     polygons.put(&mut cells, None)?;
+    let mut arrays = Vec::new();
+    // The mesh is whole by now: data that make no sense end the list of arrays, and no more.
+    let _ = cell_arrays(&mut file, &mut arrays);
+    for (name, numbers) in arrays {
+        cells.label_by_cell(&name, &numbers, 0);
+    }
     Ok(cells)
+}
+
+/// Adds the arrays of one number a cell to `arrays`, with their names.
+fn cell_arrays(file: &mut Reader, arrays: &mut Vec<(String, Vec<Real>)>) -> Result<(), MeshError> {
+    let (mut of_cells, mut count) = (false, 0);
+    loop {
+        let mut array = |file: &mut Reader, name: String, number: Number, components: i64| {
+            let numbers = file.numbers(number, components.saturating_mul(count))?;
+            if of_cells && components == 1 {
+                arrays.push((name, numbers));
+            }
+            Ok(())
+        };
+        match file.name() {
+            b"" => return Ok(()),
+            data @ (b"CELL_DATA" | b"POINT_DATA") => (of_cells, count) = (data == b"CELL_DATA", file.word()?),
+            b"SCALARS" => {
+                let name: String = file.word()?;
+                let mut line = file.line().split(|b| *b == b' ');
+                let mut words = Reader::text("VTK", line.next().unwrap_or_default(), None);
+                let number = number(&mut words)?;
+                let components = line.next().and_then(|word| std::str::from_utf8(word).ok()?.parse().ok()).unwrap_or(1);
+                if file.peek() == b"LOOKUP_TABLE" {
+                    file.line();
+                }
+                array(file, name, number, components)?;
+            }
+            b"FIELD" => {
+                file.name();
+                for _ in 0..file.word::<i64>()? {
+                    let (name, components, tuples): (String, i64, i64) = (file.word()?, file.word()?, file.word()?);
+                    let number = number(file)?;
+                    if tuples != count {
+                        return Err(file.wrong(format!("{tuples} numbers for {count} cells")));
+                    }
+                    array(file, name, number, components)?;
+                    skip_metadata(file);
+                }
+            }
+            kind @ (b"VECTORS" | b"NORMALS" | b"TENSORS" | b"GLOBAL_IDS" | b"PEDIGREE_IDS") => {
+                let name = file.word()?;
+                let number = number(file)?;
+                let components = match kind {
+                    b"VECTORS" | b"NORMALS" => 3,
+                    b"TENSORS" => 9,
+                    _ => 1,
+                };
+                array(file, name, number, components)?;
+            }
+            b"METADATA" => {
+                file.at -= "METADATA".len();
+                skip_metadata(file);
+            }
+            other => return Err(file.wrong(format!("'{}' is no array", shown(other)))),
+        }
+    }
+}
+
+/// Steps over what files of version 5 say about an array, up to an empty line.
+fn skip_metadata(file: &mut Reader) {
+    if file.peek() == b"METADATA" {
+        file.line();
+        while !file.line().is_empty() {}
+    }
 }
 
 /// The type of number that comes next, and the end of its line.

@@ -17,7 +17,7 @@ const APPENDED: &[u8] = b"<AppendedData";
 /// What is to be done about what cannot be read.
 const PLAIN: &str = "save it as text, or compressed by zlib or not at all";
 
-/// Points and cells of all pieces; data on them are left out.
+/// Points and cells of all pieces, and what labels the cells bear; other data on them are left out.
 pub(super) fn parse_vtk_xml(bytes: &[u8]) -> Result<Cells, MeshError> {
     // Appended bytes are no XML: what comes before them is, once it ends.
     let end = bytes.windows(APPENDED.len()).position(|w| w == APPENDED);
@@ -63,6 +63,9 @@ pub(super) fn parse_vtk_xml(bytes: &[u8]) -> Result<Cells, MeshError> {
     for piece in pieces.filter(|n| n.has_tag_name("Piece")) {
         file.piece(piece, &mut cells)?;
     }
+    // Of an array that some pieces do not have.
+    let count = cells.tetrahedra.len();
+    cells.labels.retain(|labels| labels.of.len() == count);
     Ok(cells)
 }
 
@@ -104,7 +107,16 @@ impl XmlFile<'_> {
         let first = cells.points.len() as u32;
         cells.points.extend(own.points);
         cells.triangles.extend(own.triangles.into_iter().map(|t| t.map(|n| n + first)));
+        let before = cells.tetrahedra.len();
         cells.tetrahedra.extend(own.tetrahedra.into_iter().map(|(number, t)| (number, t.map(|n| n + first))));
+        for array in child("CellData").into_iter().flat_map(|n| n.children().filter(|n| n.has_tag_name("DataArray"))) {
+            // What is no number, or damaged, labels nothing.
+            if let (Some(name), None | Some("1"), Ok(numbers)) =
+                (array.attribute("Name"), array.attribute("NumberOfComponents"), self.array(array))
+            {
+                cells.label_by_cell(name, &numbers, before);
+            }
+        }
         Ok(())
     }
 

@@ -4,15 +4,17 @@
 
 use super::csr::Csr;
 use super::material::Material;
-use crate::geometry::Surface;
+use super::node_compliance::{element_width, node_compliance};
+use super::organ::{self, Organ, OrganLevel, OrganParts};
 use crate::geometry::locate::Host;
+use crate::geometry::{Moments, Surface};
 use crate::hierarchy::Level;
 use crate::hierarchy::level::NOWHERE;
 use crate::math::{Real, Vec3};
 use serde::{Deserialize, Serialize};
 
 /// First bytes of a body file: name and format version.
-const MAGIC: &[u8; 12] = b"palpate-bdy\x06";
+const MAGIC: &[u8; 12] = b"palpate-bdy\x08";
 
 /// Stands for "no node", "no element".
 pub const NONE: u32 = u32::MAX;
@@ -38,6 +40,17 @@ pub struct MaxwellBranch {
     pub time: Real,
 }
 
+/// Which labels of the files that a body was made from its elements bear.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct LabelParts {
+    /// What the files call them.
+    pub name: String,
+    /// Labels, and how many 64ths of an element's volume bear each.
+    pub mixtures: Vec<Vec<(i64, u8)>>,
+    /// Place in `mixtures` of each element's, per level (n_elements); an empty list where there are no labels.
+    pub of: Vec<Vec<u16>>,
+}
+
 /// What is saved of a body: its file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct BodyParts {
@@ -45,18 +58,47 @@ pub struct BodyParts {
     pub name: String,
     /// The display surface at rest [m].
     pub surface: Surface,
+    /// Volume, centre and second moments of the shape that it was made from [m].
+    pub shape: Moments,
     /// Independent levels, coarsest first.
     pub levels: Vec<Level>,
     /// Materials that elements refer to.
     pub materials: Vec<Material>,
     /// Material of each element, per level (n_elements); an empty list stands for material 0 everywhere.
     pub material_of: Vec<Vec<u16>>,
+    /// Labels that regions of the material go by.
+    pub labels: LabelParts,
     /// Springs that hold regions in space, the same on every level.
     pub holds: Vec<Hold>,
     /// Maxwell branches of every material, at most two.
     pub maxwell: Vec<MaxwellBranch>,
     /// Angular frequency of the slowest mode [rad/s], as calibration found it; 0 when nothing moves.
     pub slowest_mode: Real,
+    /// The organs, where there are several; empty: the body is one.
+    pub organs: Vec<OrganParts>,
+}
+
+impl BodyParts {
+    /// [`Body::mass_moments`].
+    pub fn mass_moments(&self) -> Moments {
+        let r = self.levels.iter().rposition(Level::is_whole).unwrap_or_default();
+        let level = &self.levels[r];
+        let density = |e: usize| material_in(&self.materials, &self.material_of[r], e).density;
+        let weights: Vec<Real> = level.fraction.iter().enumerate().map(|(e, part)| part * density(e)).collect();
+        let base = self.materials[0].density;
+        let (all, plain) = (Moments::of_mesh(&level.mesh, &weights), Moments::of_mesh(&level.mesh, &level.fraction));
+        Moments::combined(&[(self.shape, base), (all, 1.0), (plain, -base)])
+    }
+
+    /// Gives the whole levels their masses, as their materials say.
+    pub fn weigh(&mut self) {
+        let wanted = self.mass_moments();
+        for (level, of) in self.levels.iter_mut().zip(&self.material_of).filter(|(level, _)| level.is_whole()) {
+            let elements = 0..level.mesh.elements.len();
+            let density: Vec<Real> = elements.map(|e| material_in(&self.materials, of, e).density).collect();
+            level.weigh(&density, &wanted);
+        }
+    }
 }
 
 /// A body ready to be stepped: its parts, and what follows from them.
@@ -67,6 +109,8 @@ pub struct Body {
     first_node: Vec<u32>,
     first_element: Vec<u32>,
     level_of_node: Vec<u8>,
+    organs: Vec<Organ>,
+    organ_of_node: Vec<u8>,
     rest: Vec<Vec3>,
     elements: Vec<[u32; 4]>,
     volume: Vec<Real>,
@@ -76,6 +120,7 @@ pub struct Body {
     fixed: Vec<bool>,
     rim: Vec<bool>,
     uneven: Vec<bool>,
+    compliance: Vec<Real>,
     mass: Real,
     centre: Vec3,
     vertex_area: Vec<Real>,
@@ -159,9 +204,17 @@ impl Body {
         };
         let uneven = (0..nodes as u32).map(|n| parts.materials.len() > 1 && is_uneven(n)).collect();
         let triangles = parts.surface.triangles.iter().enumerate();
+        let one =
+            OrganParts::whole(&parts.name, parts.surface.vertices.len(), parts.surface.triangles.len(), &parts.levels);
+        let organs = if parts.organs.is_empty() { std::slice::from_ref(&one) } else { &parts.organs[..] };
+        let of_level = |r: usize| (0..).zip(organs).map(move |(i, organ)| (i, organ.levels[r].nodes as usize));
+        let organ_of_node =
+            levels().flat_map(|(r, _)| of_level(r)).flat_map(|(i, n)| std::iter::repeat_n(i, n)).collect();
         let finest = finest_whole(&parts.levels);
-        Body {
+        let mut body = Body {
             level_of_node: levels().flat_map(|(r, l)| vec![r as u8; l.mesh.nodes.len()]).collect(),
+            organs: organ::organs(organs, finest, &parts.levels),
+            organ_of_node,
             rest: levels().flat_map(|(_, l)| l.mesh.nodes.iter().copied()).collect(),
             around,
             children: Csr::new(nodes, parents.iter().copied()),
@@ -169,8 +222,9 @@ impl Body {
             fixed,
             rim,
             uneven,
-            mass: finest.node_mass.iter().sum(),
-            centre: finest.centre_of_mass(),
+            compliance: Vec::new(),
+            mass: parts.levels[finest].node_mass.iter().sum(),
+            centre: parts.levels[finest].centre_of_mass(),
             vertex_area: parts.surface.vertex_areas(),
             adjacency: Csr::new(
                 parts.surface.vertices.len(),
@@ -185,7 +239,9 @@ impl Body {
             bytes,
             checksum,
             parts,
-        }
+        };
+        body.compliance = node_compliance(&body);
+        body
     }
 
     /// Reads a body back from [`Body::bytes`].
@@ -378,6 +434,28 @@ impl Body {
         self.parts.levels[r].stiffness_factor[(e - self.first_element[r]) as usize]
     }
 
+    /// Density of element `e` [kg/m³].
+    pub fn density(&self, e: u32) -> Real {
+        let r = self.level_of_element(e);
+        self.parts.levels[r].density[(e - self.first_element[r]) as usize]
+    }
+
+    /// Mass [kg], centre [m] and second moments [kg m²] that every whole level is weighed to: the shape's, and what
+    /// elements of the finest whole level are of another density for.
+    pub fn mass_moments(&self) -> Moments {
+        self.parts.mass_moments()
+    }
+
+    /// How far node `n` gives way along the surface's normal for a newton along it, while all others are held [m/N].
+    pub fn node_compliance(&self, n: u32) -> Real {
+        self.compliance[n as usize]
+    }
+
+    /// `V Σ|g|²` of element `e`, times its factor on the stiffness [m]: a point load on it is felt about as far.
+    pub fn element_width(&self, e: u32) -> Real {
+        self.stiffness_factor(e) * element_width(self.corners(e))
+    }
+
     /// True for nodes that are never active, on the rim of a level that covers only a region.
     pub fn is_on_rim(&self, n: u32) -> bool {
         self.rim[n as usize]
@@ -421,9 +499,29 @@ impl Body {
         self.mass
     }
 
-    /// Least mass of an active node of level `r` [kg].
-    pub fn least_mass(&self, r: usize) -> Real {
-        self.level(r).least_mass
+    /// The organs, one at least: pieces that share nothing.
+    pub fn organs(&self) -> &[Organ] {
+        &self.organs
+    }
+
+    /// Organ of node `n`.
+    pub fn organ_of(&self, n: u32) -> usize {
+        usize::from(self.organ_of_node[n as usize])
+    }
+
+    /// What the level of node `n` has of its organ.
+    fn organ_level(&self, n: u32) -> &OrganLevel {
+        &self.organs[self.organ_of(n)].levels[self.level_of(n)]
+    }
+
+    /// Typical distance of nodes around node `n` on its level [m].
+    pub fn spacing_at(&self, n: u32) -> Real {
+        self.organ_level(n).spacing
+    }
+
+    /// Least mass of node `n` when it is active [kg].
+    pub fn least_mass(&self, n: u32) -> Real {
+        self.organ_level(n).least_mass
     }
 
     /// Centre of mass at rest [m], the same for every set of active nodes.
@@ -455,6 +553,15 @@ fn check(parts: &BodyParts) -> Result<(), String> {
     if parts.materials.is_empty() || parts.material_of.len() != parts.levels.len() {
         return Err("every level needs its materials".into());
     }
+    let labels = &parts.labels;
+    let labelled = |(level, of): (&Level, &Vec<u16>)| {
+        of.len() == level.mesh.elements.len() && of.iter().all(|m| usize::from(*m) < labels.mixtures.len())
+    };
+    if !labels.of.is_empty()
+        && (labels.of.len() != parts.levels.len() || !parts.levels.iter().zip(&labels.of).all(labelled))
+    {
+        return Err("an element has no label".into());
+    }
     for m in &parts.materials {
         let positive = m.mu > 0.0 && m.density > 0.0 && m.pressure_modulus() > 0.0 && m.phi >= 0.0 && m.psi >= 0.0;
         if !positive || ![m.pressure_modulus(), m.density, m.phi, m.psi].iter().all(|c| c.is_finite()) {
@@ -466,6 +573,9 @@ fn check(parts: &BodyParts) -> Result<(), String> {
     }
     if parts.holds.iter().any(|h| h.vertex as usize >= vertices || !(h.stiffness >= 0.0 && h.stiffness.is_finite())) {
         return Err("a hold names a vertex that does not exist or has a bad stiffness".into());
+    }
+    if !(parts.shape.volume > 0.0 && parts.shape.centre.iter().chain(&parts.shape.second).all(|x| x.is_finite())) {
+        return Err("the shape has no volume, or moments that are no finite numbers".into());
     }
     if !(parts.surface.vertices.iter().all(finite) && parts.slowest_mode >= 0.0 && parts.slowest_mode.is_finite()) {
         return Err("a display vertex or the slowest mode is no finite number".into());
@@ -479,6 +589,7 @@ fn check(parts: &BodyParts) -> Result<(), String> {
             && level.fraction.len() == elements
             && level.fraction.iter().all(|w| *w > 0.0 && *w <= 1.0 + 1e-9)
             && level.stiffness_factor.len() == elements
+            && level.density.len() == elements
             && level.node_mass.len() == nodes
             && level.embedding.len() == vertices
             && level.embedding.iter().all(|h| lies_in(h, elements) || !level.is_whole() && h.element == NOWHERE)
@@ -490,8 +601,8 @@ fn check(parts: &BodyParts) -> Result<(), String> {
         }
         let positive = level.altitude > 0.0
             && level.spacing > 0.0
-            && level.density > 0.0
             && level.least_mass >= 0.0
+            && level.density.iter().all(|d| *d > 0.0 && d.is_finite())
             && level.stiffness_factor.iter().all(|f| *f > 0.0 && f.is_finite())
             && level.node_mass.iter().all(|m| *m > 0.0 && m.is_finite())
             && (0..elements).all(|e| level.mesh.volume(e) > 0.0);
@@ -503,9 +614,10 @@ fn check(parts: &BodyParts) -> Result<(), String> {
     if parts.levels[..parts.levels.len() - 1].iter().chain([first]).any(|level| !level.is_whole()) {
         return Err("a level covers only a region, but is not the finest of several".into());
     }
-    let body_mass: Real = finest_whole(&parts.levels).node_mass.iter().sum();
+    let body_mass: Real = parts.levels[finest_whole(&parts.levels)].node_mass.iter().sum();
     for (i, level) in parts.levels.iter().enumerate().filter(|(_, level)| level.is_whole()) {
-        let of_elements = level.density * level.volume();
+        let mass = |e: usize| level.density[e] * level.fraction[e] * level.mesh.volume(e);
+        let of_elements = (0..level.mesh.elements.len()).map(mass).sum::<Real>();
         let of_nodes: Real = level.node_mass.iter().sum();
         if [of_elements, of_nodes].iter().any(|mass| !(0.5..2.0).contains(&(mass / body_mass))) {
             return Err(format!(
@@ -554,12 +666,12 @@ fn check(parts: &BodyParts) -> Result<(), String> {
             return Err(format!("levels {} and {i}: a node lies in no element of the other level", i - 1));
         }
     }
-    Ok(())
+    organ::check(parts)
 }
 
-/// The finest level that covers the body as a whole: what the body weighs, and where its centre is.
-fn finest_whole(levels: &[Level]) -> &Level {
-    levels.iter().rfind(|level| level.is_whole()).unwrap_or(&levels[0])
+/// Number of the finest level that covers the body as a whole: what the body weighs, and where its centre is.
+fn finest_whole(levels: &[Level]) -> usize {
+    levels.iter().rposition(Level::is_whole).unwrap_or(0)
 }
 
 /// False for what is no number or so far away [m] that it can only be damage: its products would not be finite.

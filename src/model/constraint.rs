@@ -100,8 +100,13 @@ pub struct Constraint {
     /// Compliances `G_j` [m/N] in series: what a newton at the tool's `j`-th constraint adds here to the dent that the
     /// mesh is too coarse to show.
     pub compliance: [Real; MOST_POINTS],
-    /// Dent [m] beyond which the point gets firmer, so that the tool stays outside the displayed surface.
+    /// What the growth of the touched disc takes off these compliances where the force changes [m/N].
+    pub disc: Real,
+    /// Dent [m] beyond which the point gets firmer, so that the tool stays outside the displayed surface: the dent is the
+    /// smaller one of `Σ_j G_j λ_j` and `most_dent + firm·λ`.
     pub most_dent: Real,
+    /// Compliance beyond that [m/N].
+    pub firm: Real,
     /// Index of the tool.
     pub tool: u32,
     /// What tells this point from the tool's others, from tick to tick: a display vertex, or the number of vertices
@@ -117,15 +122,6 @@ pub struct Constraint {
     pub coupling: Coupling,
 }
 
-/// Part of the compliance that is left beyond [`Constraint::most_dent`]. None at all would leave nothing to divide by
-/// where a point hangs on nodes that are held fast.
-pub const FIRMER: Real = 0.05;
-
-/// Dent [m] below the mesh's size where its compliance alone gives `soft`: firmer beyond `most`.
-pub fn dent(soft: Real, most: Real) -> Real {
-    if soft <= most { soft } else { most + FIRMER * (soft - most) }
-}
-
 /// What is remembered of a contact point from tick to tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct PointMemory {
@@ -133,8 +129,10 @@ pub struct PointMemory {
     pub point: u32,
     /// Last multiplier [N].
     pub multiplier: Real,
-    /// How much of its dent the mesh shows, over what it shows on average.
-    pub share: Real,
+    /// What the mesh shows of its dent, over that of a half-space at a distance of one [1/m].
+    pub shown: Real,
+    /// Area that it stands for beside its own, of points that were left out [m²].
+    pub taken: Real,
     /// Overlap that has not been closed yet [m].
     pub slack: Real,
     /// Last normal, from the tool towards the surface.

@@ -92,9 +92,8 @@ pub fn class_in(body: &Body, stable: Real) -> usize {
 /// `ω²` [1/s²] of element `e` at rest, its Maxwell branches at their stiffest: `2/ω` is its longest stable step, with the
 /// safety factor.
 pub fn omega_squared(body: &Body, e: u32) -> Real {
-    let level = body.level(body.level_of_element(e));
     let altitude = smallest_altitude(body, e);
-    let wave_speed_squared = body.stiffness_factor(e) * body.material_of(e).pressure_modulus() / level.density;
+    let wave_speed_squared = body.stiffness_factor(e) * body.material_of(e).pressure_modulus() / body.density(e);
     4.0 * wave_speed_squared / (SAFETY * SAFETY * altitude * altitude) * instantaneous(body, e)
 }
 

@@ -2,7 +2,7 @@
 
 use crate::geometry::crossings::crossings;
 use crate::geometry::mesh_io::{LengthUnit, Solid};
-use crate::geometry::{Moments, Surface, TetMesh};
+use crate::geometry::{LabelledMesh, Moments, Surface, TetMesh};
 use crate::math::{Real, Vec3, to_parry};
 use parry3d_f64::query::PointQuery;
 
@@ -63,7 +63,7 @@ pub fn check(
     for solid in solids {
         let (low, high) = match solid {
             Solid::Surface(surface) => surface.bounds(),
-            Solid::Volume(mesh) => Surface { vertices: mesh.nodes.clone(), triangles: vec![] }.bounds(),
+            Solid::Volume(mesh) => Surface { vertices: mesh.mesh.nodes.clone(), triangles: vec![] }.bounds(),
         };
         let extent = (high - low).max();
         if !any_size && !EXTENTS.contains(&extent) {
@@ -76,7 +76,7 @@ pub fn check(
                     check_crossings(surface)?;
                 }
             }
-            Solid::Volume(mesh) => check_one_piece(mesh)?,
+            Solid::Volume(mesh) => check_one_piece(&mesh.mesh)?,
         }
     }
     check_levels(solids)
@@ -106,7 +106,7 @@ fn size(length: Real) -> String {
     if length >= 1.0 { format!("{length:.3} m") } else { format!("{:.3} mm", 1e3 * length) }
 }
 
-/// Numbers of the pieces that `cells`, which name `points` points, make: cells that share a point are of one piece.
+/// Numbers of the pieces to which each of `points` points belongs: those that one of `cells` names are of one piece.
 fn pieces<const N: usize>(points: usize, cells: &[[u32; N]]) -> Vec<u32> {
     let mut root: Vec<u32> = (0..points as u32).collect();
     fn find(root: &mut [u32], mut n: u32) -> u32 {
@@ -123,12 +123,25 @@ fn pieces<const N: usize>(points: usize, cells: &[[u32; N]]) -> Vec<u32> {
             root[other as usize] = first;
         }
     }
-    cells.iter().map(|cell| find(&mut root, cell[0])).collect()
+    (0..points as u32).map(|n| find(&mut root, n)).collect()
+}
+
+/// Numbers of the shells that the triangles belong to: those that share an edge are of one. Shells that touch in a point do
+/// not hold together.
+fn shells(triangles: &[[u32; 3]]) -> Vec<u32> {
+    let edges = |(t, &[a, b, c]): (usize, &[u32; 3])| {
+        [[a, b], [b, c], [c, a]].map(|[from, to]| ([from.min(to), from.max(to)], t as u32))
+    };
+    let mut edges: Vec<([u32; 2], u32)> = triangles.iter().enumerate().flat_map(edges).collect();
+    edges.sort_unstable();
+    let pairs: Vec<[u32; 2]> =
+        edges.windows(2).filter(|pair| pair[0].0 == pair[1].0).map(|pair| [pair[0].1, pair[1].1]).collect();
+    pieces(triangles.len(), &pairs)
 }
 
 /// Refuses surfaces of several bodies; cavities, which face inward and lie inside, are part of one.
 fn check_one_body(surface: &Surface) -> Result<(), ShapeFault> {
-    let piece_of = pieces(surface.vertices.len(), &surface.triangles);
+    let piece_of = shells(&surface.triangles);
     let mut numbers = piece_of.clone();
     numbers.sort_unstable();
     numbers.dedup();
@@ -169,7 +182,8 @@ fn check_one_body(surface: &Surface) -> Result<(), ShapeFault> {
 
 /// Refuses meshes of several pieces.
 fn check_one_piece(mesh: &TetMesh) -> Result<(), ShapeFault> {
-    let piece_of = pieces(mesh.nodes.len(), &mesh.elements);
+    let pieces = pieces(mesh.nodes.len(), &mesh.elements);
+    let piece_of: Vec<u32> = mesh.elements.iter().map(|e| pieces[e[0] as usize]).collect();
     let mut numbers = piece_of.clone();
     numbers.sort_unstable();
     numbers.dedup();
@@ -200,7 +214,9 @@ fn check_crossings(surface: &Surface) -> Result<(), ShapeFault> {
 fn check_levels(solids: &[Solid]) -> Result<(), ShapeFault> {
     let of = |solid: &Solid| match solid {
         Solid::Surface(_) => None,
-        Solid::Volume(mesh) => Some((mesh.nodes.len(), Moments::of_mesh(mesh, &vec![1.0; mesh.elements.len()]))),
+        Solid::Volume(LabelledMesh { mesh, .. }) => {
+            Some((mesh.nodes.len(), Moments::of_mesh(mesh, &vec![1.0; mesh.elements.len()])))
+        }
     };
     let all: Vec<_> = solids.iter().map(of).collect();
     let finest = all.iter().enumerate().filter_map(|(i, m)| Some((i, (*m)?))).max_by_key(|(_, m)| m.0);
@@ -245,11 +261,21 @@ mod tests {
         cavity.triangles.iter_mut().for_each(|t| t.swap(1, 2));
         checked(Solid::Surface(joined(cube, cavity)), LengthUnit::Metre).unwrap();
 
+        // At a corner, where they share a vertex.
+        let mut touching = box_surface(Vec3::repeat(0.1), [2; 3]);
+        touching.vertices.iter_mut().for_each(|v| *v += Vec3::repeat(0.1));
+        let mut touching = joined(box_surface(Vec3::repeat(0.1), [2; 3]), touching);
+        let at = |v: &Vec3| (v - Vec3::repeat(0.1)).norm() < 1e-9;
+        let shared: Vec<u32> = (0..).zip(&touching.vertices).filter(|(_, v)| at(v)).map(|(n, _)| n).collect();
+        assert_eq!(shared.len(), 2);
+        touching.triangles.iter_mut().flatten().filter(|v| **v == shared[1]).for_each(|v| *v = shared[0]);
+        assert!(checked(Solid::Surface(touching), LengthUnit::Metre).unwrap_err().contains("2 bodies"));
+
         let mut mesh = box_mesh(Vec3::repeat(0.1), [1; 3]);
         let nodes = mesh.nodes.len() as u32;
         mesh.nodes.extend(mesh.nodes.clone().iter().map(|u| u + Vec3::x()));
         mesh.elements.extend(mesh.elements.clone().iter().map(|e| e.map(|n| n + nodes)));
-        assert!(checked(Solid::Volume(mesh), LengthUnit::Metre).unwrap_err().contains("2 bodies"));
+        assert!(checked(Solid::Volume(mesh.into()), LengthUnit::Metre).unwrap_err().contains("2 bodies"));
     }
 
     #[test]
@@ -266,7 +292,7 @@ mod tests {
 
     #[test]
     fn meshes_of_another_body_are_no_levels_of_this_one() {
-        let mesh = |size: Real, cells: u32| Solid::Volume(box_mesh(Vec3::repeat(size), [cells; 3]));
+        let mesh = |size: Real, cells: u32| Solid::Volume(box_mesh(Vec3::repeat(size), [cells; 3]).into());
         let check = |solids: &[Solid]| check(solids, LengthUnit::Metre, 1.0, false, false);
         check(&[mesh(0.1, 2), mesh(0.1, 4)]).unwrap();
         let e = check(&[mesh(0.1, 4), mesh(0.12, 2)]).unwrap_err();

@@ -5,7 +5,7 @@ use super::{Shape, boundary_surface, spacings};
 use crate::geometry::decimate::decimate;
 use crate::geometry::mesh_io::{self, LengthUnit, Solid};
 use crate::geometry::repair::Repairs;
-use crate::geometry::{MeshError, Moments};
+use crate::geometry::{LabelledMesh, MeshError};
 use crate::math::Real;
 use std::path::{Path, PathBuf};
 use xxhash_rust::xxh3::xxh3_64;
@@ -22,16 +22,23 @@ pub struct Input {
 }
 
 impl Input {
-    /// The solid in the file at `path`, lengths in `unit`, times `scale`; holes at most `holes` wide [m] are closed.
+    /// The solid in the file at `path`, lengths in `unit`, times `scale`; holes at most `holes` wide [m] are closed; its
+    /// labels are those called `labels`, or without it what [`mesh_io::parse`] takes for some.
     ///
     /// # Errors
     /// When it cannot be read or is no solid.
-    pub fn read(path: &Path, unit: LengthUnit, scale: Real, holes: Real) -> Result<Self, MeshError> {
+    pub fn read(
+        path: &Path,
+        unit: LengthUnit,
+        scale: Real,
+        holes: Real,
+        labels: Option<&str>,
+    ) -> Result<Self, MeshError> {
         let files = mesh_io::read_files(path)?;
-        let (mut solid, repairs) = mesh_io::parse(&files, unit, holes / scale)?;
+        let (mut solid, repairs) = mesh_io::parse(&files, unit, holes / scale, labels)?;
         let points = match &mut solid {
             Solid::Surface(surface) => &mut surface.vertices,
-            Solid::Volume(mesh) => &mut mesh.nodes,
+            Solid::Volume(mesh) => &mut mesh.mesh.nodes,
         };
         points.iter_mut().for_each(|p| *p *= scale);
         let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
@@ -51,12 +58,12 @@ pub enum Fineness {
     Levels(Vec<Real>),
 }
 
-/// The shape that `solids` make together, and its moments: one surface, or one mesh to which `fineness` applies, or meshes
+/// The shape that `solids` make together: one surface, or one mesh to which `fineness` applies, or meshes
 /// that are the levels themselves, which are put in order. About `display_vertices` are shown of a covered surface.
 ///
 /// # Errors
 /// In words, when they make no body together.
-pub fn shape(solids: Vec<Solid>, fineness: &Fineness, display_vertices: usize) -> Result<(Shape, Moments), String> {
+pub fn shape(solids: Vec<Solid>, fineness: &Fineness, display_vertices: usize) -> Result<Shape, String> {
     let (mut surfaces, mut meshes) = (Vec::new(), Vec::new());
     for solid in solids {
         match solid {
@@ -64,14 +71,15 @@ pub fn shape(solids: Vec<Solid>, fineness: &Fineness, display_vertices: usize) -
             Solid::Volume(mesh) => meshes.push(mesh),
         }
     }
-    let surface = match (surfaces.len(), meshes.len()) {
-        (1, 0) => surfaces.remove(0),
-        (0, 1) if *fineness != Fineness::Automatic => boundary_surface(&meshes[0]),
+    let (surface, labelled) = match (surfaces.len(), meshes.len()) {
+        (1, 0) => (surfaces.remove(0), None),
+        (0, 1) if *fineness != Fineness::Automatic => {
+            let mesh: LabelledMesh = meshes.remove(0);
+            (boundary_surface(&mesh.mesh), Some(mesh))
+        }
         (0, 1..) if *fineness == Fineness::Automatic => {
-            meshes.sort_by_key(|mesh| mesh.nodes.len());
-            let last = &meshes[meshes.len() - 1];
-            let moments = Moments::of_mesh(last, &vec![1.0; last.elements.len()]);
-            return Ok((Shape::Meshes(meshes), moments));
+            meshes.sort_by_key(|mesh| mesh.mesh.nodes.len());
+            return Ok(Shape::Meshes(meshes));
         }
         (0, _) => return Err("several meshes are the levels themselves: leave --levels and --finest out".into()),
         _ => return Err("one body takes one surface, or meshes alone: prepare the others by themselves".into()),
@@ -81,7 +89,6 @@ pub fn shape(solids: Vec<Solid>, fineness: &Fineness, display_vertices: usize) -
         Fineness::Finest(finest) => spacings::down_to(*finest, surface.volume()),
         Fineness::Levels(spacings) => spacings.clone(),
     };
-    let moments = Moments::of_surface(&surface);
     let display = Some(decimate(&surface, display_vertices)).filter(|small| *small != surface);
-    Ok((Shape::Closed { surface, spacings, display }, moments))
+    Ok(Shape::Closed { surface, spacings, display, labelled })
 }

@@ -7,13 +7,15 @@ pub mod forecast;
 mod holds;
 pub mod inclusions;
 pub mod input;
+mod labels;
+pub mod merge;
 pub mod region;
 pub mod report;
 pub mod section;
 pub mod spacings;
 pub mod thin_walls;
 
-use crate::geometry::{Surface, TetMesh};
+use crate::geometry::{LabelledMesh, Moments, Surface, TetMesh};
 use crate::hierarchy::cover::{CoverError, cover};
 use crate::hierarchy::level::{Level, mean_edge};
 use crate::hierarchy::{embedding, parentage};
@@ -23,6 +25,8 @@ use crate::model::material::Material;
 use calibration::{CalibrationError, calibrate};
 use holds::{Held, hold_regions};
 use inclusions::{Inclusion, materials};
+use labels::label_parts;
+use merge::MergeError;
 
 /// Where the levels come from.
 #[derive(Clone, Debug)]
@@ -35,22 +39,50 @@ pub enum Shape {
         spacings: Vec<Real>,
         /// A simpler surface of the same shape to show; `None` shows the surface itself.
         display: Option<Surface>,
+        /// The mesh that the surface is that of, for its labels.
+        labelled: Option<LabelledMesh>,
     },
-    /// Given meshes, coarse to fine; the display surface is the boundary of the last.
-    Meshes(Vec<TetMesh>),
+    /// Given meshes, coarse to fine; the display surface is the boundary of the last, cut into smaller triangles where those
+    /// are few.
+    Meshes(Vec<LabelledMesh>),
 }
 
 impl Shape {
     /// A closed surface, shown as it is, covered by lattices of the constants `spacings` [m].
     pub fn closed(surface: Surface, spacings: Vec<Real>) -> Self {
-        Shape::Closed { surface, spacings, display: None }
+        Shape::Closed { surface, spacings, display: None, labelled: None }
+    }
+
+    /// Given meshes, coarse to fine, without labels.
+    pub fn meshes(meshes: impl IntoIterator<Item = TetMesh>) -> Self {
+        Shape::Meshes(meshes.into_iter().map(LabelledMesh::from).collect())
+    }
+
+    /// The meshes that it was given, for their labels.
+    fn labelled(&self) -> &[LabelledMesh] {
+        match self {
+            Shape::Closed { labelled, .. } => labelled.as_slice(),
+            Shape::Meshes(meshes) => meshes,
+        }
+    }
+
+    /// Its volume, centre and second moments.
+    pub fn moments(&self) -> Moments {
+        match self {
+            Shape::Closed { surface, .. } => Moments::of_surface(surface),
+            Shape::Meshes(meshes) => {
+                let none = LabelledMesh::default();
+                let finest = &meshes.last().unwrap_or(&none).mesh;
+                Moments::of_mesh(finest, &vec![1.0; finest.elements.len()])
+            }
+        }
     }
 
     /// The box [m] that regions given as fractions are fractions of: around what is shown, or around all meshes.
     pub fn bounds(&self) -> (Vec3, Vec3) {
         match self {
             Shape::Closed { surface, display, .. } => display.as_ref().unwrap_or(surface).bounds(),
-            Shape::Meshes(meshes) => bounds_of(meshes.iter().map(|mesh| &mesh.nodes)),
+            Shape::Meshes(meshes) => bounds_of(meshes.iter().map(|mesh| &mesh.mesh.nodes)),
         }
     }
 }
@@ -145,12 +177,34 @@ pub enum PrepareError {
         "region {0} of the material lies outside the body: check its coordinates, which are those of the body at rest"
     )]
     EmptyInclusion(usize),
+    /// A label that no element bears.
+    #[error(
+        "region {index} of the material goes by label {label}, which the body does not have: {}",
+        if has.is_empty() {
+            "its files have no labels, or several kinds of which one is to be named (--labels, or body.labels)".to_owned()
+        } else {
+            format!("its labels ('{name}') are {}", has.iter().map(i64::to_string).collect::<Vec<_>>().join(", "))
+        }
+    )]
+    UnknownLabel {
+        /// Region, counted from 1.
+        index: usize,
+        /// What it goes by.
+        label: i64,
+        /// What the body's labels are called.
+        name: String,
+        /// Those that there are.
+        has: Vec<i64>,
+    },
     /// Regions that overlap in too many ways.
     #[error("the regions of the material meet in more than 65,535 ways: give fewer")]
     TooManyMixtures,
     /// A level that no load can be put on.
     #[error(transparent)]
     Calibration(#[from] CalibrationError),
+    /// Bodies that are no organs of one.
+    #[error(transparent)]
+    Merge(#[from] MergeError),
     /// Parts that do not fit.
     #[error(transparent)]
     Body(#[from] BodyError),
@@ -164,22 +218,31 @@ pub fn prepare(recipe: &Recipe, progress: &mut dyn FnMut(&str, usize, usize)) ->
     let (surface, levels) = tied_levels(&recipe.shape, recipe.material.density, progress)?;
     let steps = levels.len() + 4;
     progress("holding regions", steps - 2, steps);
-    let held = hold_regions(&recipe.holds, &recipe.material, &surface, &levels)?;
-    let (materials, material_of) = materials(recipe.material, &recipe.inclusions, &levels)?;
-    let parts = BodyParts {
+    let labels = label_parts(&levels, recipe.shape.labelled())?;
+    let (materials, material_of) = materials(recipe.material, &recipe.inclusions, &levels, &labels)?;
+    let mut parts = BodyParts {
         name: recipe.name.clone(),
         surface,
+        shape: recipe.shape.moments(),
         material_of,
         levels,
         materials,
+        labels,
         holds: Vec::new(),
         maxwell: Vec::new(),
         slowest_mode: 0.0,
+        organs: Vec::new(),
     };
+    parts.weigh();
+    let held = hold_regions(&recipe.holds, &recipe.material, &parts.surface, &parts.levels)?;
     let body = calibrated(parts, held, recipe.damping_ratio, progress)?;
     progress("done", steps, steps);
     Ok(body)
 }
+
+/// The boundary of given meshes is cut into triangles so small that it has about as many vertices: a tool touches few places
+/// of larger ones, and the force would change as it slides from one to the next.
+const DISPLAY_VERTICES: Real = 5_500.0;
 
 /// The levels of `shape`, tied and with the display surface in each, and that surface; nothing holds them yet.
 fn tied_levels(
@@ -188,7 +251,7 @@ fn tied_levels(
     progress: &mut dyn FnMut(&str, usize, usize),
 ) -> Result<(Surface, Vec<Level>), PrepareError> {
     let (surface, mut levels) = match shape {
-        Shape::Closed { surface, spacings, display } => {
+        Shape::Closed { surface, spacings, display, .. } => {
             let automatic = spacings::automatic(surface.volume());
             let spacings = if spacings.is_empty() { &automatic[..] } else { &spacings[..] };
             let mut levels = Vec::new();
@@ -202,11 +265,13 @@ fn tied_levels(
             (display.as_ref().unwrap_or(surface).clone(), levels)
         }
         Shape::Meshes(meshes) => {
-            let level = |mesh: &TetMesh| {
+            let level = |LabelledMesh { mesh, .. }: &LabelledMesh| {
                 let fraction = vec![1.0; mesh.elements.len()];
-                Level::new(mesh.clone(), fraction, mean_edge(mesh), density, None)
+                Level::new(mesh.clone(), fraction, mean_edge(mesh), density)
             };
-            (boundary_surface(meshes.last().unwrap_or(&TetMesh::default())), meshes.iter().map(level).collect())
+            let surface = boundary_surface(&meshes.last().unwrap_or(&LabelledMesh::default()).mesh);
+            let parts = (DISPLAY_VERTICES / surface.vertices.len().max(1) as Real).sqrt().round().max(1.0) as u32;
+            (surface.subdivided(parts), meshes.iter().map(level).collect())
         }
     };
     if levels.is_empty() {
@@ -246,7 +311,7 @@ fn calibrated(
         calibration.factors[whole - 1] = agreed;
     }
     parts.levels.iter_mut().zip(calibration.factors).for_each(|(level, factors)| level.stiffness_factor = factors);
-    parts.maxwell = maxwell_branches(damping_ratio, calibration.slowest_mode);
+    parts.maxwell = maxwell_branches(damping_ratio, calibration.slowest_mode, calibration.slowest_mode);
     parts.slowest_mode = calibration.slowest_mode;
     Ok(Body::new(parts)?)
 }
@@ -254,7 +319,7 @@ fn calibrated(
 /// `body` under another `name`, of another `material` but for `inclusions`, held by other regions, damped otherwise.
 ///
 /// Softness from place to place depends on where the body is held, on how stiff the holds are for its material, on how
-/// much stiffer it is in one place than in another, and on Poisson's ratio: where one of these differs, the levels are
+/// much stiffer or denser it is in one place than in another, and on Poisson's ratio: where one of these differs, the levels are
 /// calibrated anew, which takes most of the time that preparing a body does; `progress` hears of it. Otherwise it takes
 /// none.
 ///
@@ -278,16 +343,19 @@ pub fn refit(
         && (held.springs.iter().zip(body.holds()))
             .all(|(a, b)| a.vertex == b.vertex && alike(a.stiffness, b.stiffness * stiffer));
     let parts = body.parts();
-    let (materials, material_of) = materials(material, inclusions, body.levels())?;
+    let (materials, material_of) = materials(material, inclusions, body.levels(), &parts.labels)?;
     let same_in = |(level, (now, then)): (&Level, (&Vec<u16>, &Vec<u16>))| {
         (0..level.mesh.elements.len()).all(|e| {
             let (now, then) = (material_in(&materials, now, e), material_in(&parts.materials, then, e));
-            alike(now.lambda, then.lambda * stiffer) && alike(now.mu, then.mu * stiffer)
+            alike(now.lambda, then.lambda * stiffer)
+                && alike(now.mu, then.mu * stiffer)
+                && alike(now.density, then.density * denser)
         })
     };
-    let same_softness = same_holds && body.levels().iter().zip(material_of.iter().zip(&parts.material_of)).all(same_in);
+    let same_proportions = body.levels().iter().zip(material_of.iter().zip(&parts.material_of)).all(same_in);
+    let same_softness = same_holds && same_proportions;
     let slowest_mode = body.slowest_mode() * (stiffer / denser).sqrt();
-    let maxwell = maxwell_branches(damping_ratio, slowest_mode);
+    let maxwell = maxwell_branches(damping_ratio, slowest_mode, slowest_mode);
     if same_softness
         && (&materials, &material_of) == (&parts.materials, &parts.material_of)
         && held.springs == body.holds()
@@ -298,11 +366,17 @@ pub fn refit(
     }
     let mut parts = body.into_parts();
     parts.name = name.to_owned();
-    (parts.materials, parts.material_of) = (materials, material_of);
-    for level in &mut parts.levels {
+    for (r, level) in parts.levels.iter_mut().enumerate() {
+        let density = |e: usize, material: &[Material], of: &[Vec<u16>]| material_in(material, &of[r], e).density;
+        for (e, d) in level.density.iter_mut().enumerate() {
+            *d *= density(e, &materials, &material_of) / density(e, &parts.materials, &parts.material_of);
+        }
         level.node_mass.iter_mut().for_each(|m| *m *= denser);
         level.least_mass *= denser;
-        level.density *= denser;
+    }
+    (parts.materials, parts.material_of) = (materials, material_of);
+    if !same_proportions {
+        parts.weigh();
     }
     if !same_softness {
         progress("calibrating anew: held elsewhere, or of materials in another proportion, than as prepared", 0, 1);
@@ -316,8 +390,9 @@ pub fn refit(
 /// ratio `zeta`, and with a second branch modes up to some ten times as fast, too.
 ///
 /// With `k = 4ζ` one branch of modulus `g = (k² + k√(k²+4))/2` and time `T = 1/(ω₁√(1+g))` damps ω₁ at ζ, the most that
-/// so small a modulus can. A second branch eight times as fast carries on where the first has faded.
-pub fn maxwell_branches(zeta: Real, slowest: Real) -> Vec<MaxwellBranch> {
+/// so small a modulus can. A second branch eight times as fast carries on where the first has faded: for a small ζ always,
+/// for a large one, which it costs step length, where the slowest mode of another organ is as fast as `fastest` [rad/s].
+pub fn maxwell_branches(zeta: Real, slowest: Real, fastest: Real) -> Vec<MaxwellBranch> {
     if !(zeta > 0.0 && slowest > 0.0) {
         return Vec::new();
     }
@@ -325,7 +400,7 @@ pub fn maxwell_branches(zeta: Real, slowest: Real) -> Vec<MaxwellBranch> {
     let first = (k * k + k * (k * k + 4.0).sqrt()) / 2.0;
     let time = 1.0 / (slowest * (1.0 + first).sqrt());
     let branch = |modulus: Real, time: Real| MaxwellBranch { modulus, time };
-    if zeta > 0.2 {
+    if zeta > 0.2 && fastest < 2.0 * slowest {
         vec![branch(first, time)]
     } else {
         vec![branch(first * 0.65, time), branch(first * 1.35, time / 8.0)]

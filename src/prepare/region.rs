@@ -53,7 +53,7 @@ impl Reach {
 pub fn keep_finest_within(body: Body, reach: &Reach) -> Result<Body, PrepareError> {
     let empty = PrepareError::EmptyReach { body: body.surface().bounds() };
     let mut parts = body.into_parts();
-    let BodyParts { levels, material_of, .. } = &mut parts;
+    let BodyParts { levels, material_of, labels, .. } = &mut parts;
     let (Some(fine), Some(materials)) = (levels.pop(), material_of.pop()) else { return Err(empty) };
     let Some(coarse) = levels.last_mut() else { return Err(empty) };
     let refined: Vec<bool> = coarse.mesh.nodes.iter().map(|u| reach.contains(u)).collect();
@@ -73,6 +73,7 @@ pub fn keep_finest_within(body: Body, reach: &Reach) -> Result<Body, PrepareErro
             elements: kept.iter().map(|e| fine.mesh.elements[*e].map(|n| number[n as usize])).collect(),
         },
         fraction: of_elements(&fine.fraction),
+        density: of_elements(&fine.density),
         stiffness_factor: of_elements(&fine.stiffness_factor),
         node_mass: of_nodes(&fine.node_mass),
         parent: nodes.iter().map(|n| fine.parent[*n as usize]).collect(),
@@ -90,6 +91,9 @@ pub fn keep_finest_within(body: Body, reach: &Reach) -> Result<Body, PrepareErro
     };
     coarse.finer_host = coarse.mesh.nodes.iter().zip(&refined).map(host).collect();
     material_of.push(if materials.is_empty() { materials } else { kept.iter().map(|e| materials[*e]).collect() });
+    if let Some(of) = labels.of.last_mut() {
+        *of = kept.iter().map(|e| of[*e]).collect();
+    }
     levels.push(small);
     Ok(Body::new(parts)?)
 }

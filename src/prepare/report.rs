@@ -8,6 +8,7 @@ use crate::math::{Real, Vec3};
 use crate::model::Body;
 use crate::model::element_pool::CLASSES;
 use crate::model::step_class::{Strained, omega_squared, stable_step, step_of};
+use std::collections::BTreeMap;
 use std::fmt;
 
 /// How far volume, centre of mass and inertia of a level may be from the shape's, as a part.
@@ -28,9 +29,9 @@ pub struct LevelReport {
     pub volume: Real,
     /// Mass [kg].
     pub mass: Real,
-    /// How far the centre of mass is from the shape's, over the shape's radius of gyration.
+    /// How far the centre of mass is from the body's ([`Body::mass_moments`]), over its radius of gyration.
     pub centre: Real,
-    /// How far the inertia of the node masses is from the shape's, as a part of it.
+    /// How far the inertia of the node masses is from the body's, as a part of it.
     pub inertia: Real,
     /// Smallest and largest dihedral angle [degree].
     pub dihedral: (Real, Real),
@@ -60,18 +61,21 @@ impl LevelReport {
 pub struct Report {
     /// Each level, coarsest first.
     pub levels: Vec<LevelReport>,
+    /// Labels of the files that it was made from, and the part of the volume that bears each, ascending.
+    pub labels: Vec<(i64, Real)>,
     /// What users should know, in words.
     pub warnings: Vec<String>,
 }
 
-/// Looks at `body`, which was made of a shape of these `moments`.
-pub fn report(body: &Body, moments: &Moments) -> Report {
-    let levels: Vec<LevelReport> = (0..body.levels().len()).map(|r| level_report(body, r, moments)).collect();
+/// Looks at `body`.
+pub fn report(body: &Body) -> Report {
+    let wanted = body.mass_moments();
+    let levels: Vec<LevelReport> = (0..body.levels().len()).map(|r| level_report(body, r, &wanted)).collect();
     let mut warnings = Vec::new();
     for (r, level) in levels.iter().enumerate() {
         for (what, error) in [("volume", level.volume), ("centre of mass", level.centre), ("inertia", level.inertia)] {
             if level.whole && error.abs() > TOLERANCE {
-                warnings.push(format!("level {r}: its {what} is {:+.1} % off the shape's", 100.0 * error));
+                warnings.push(format!("level {r}: its {what} is {:+.1} % off the body's", 100.0 * error));
             }
         }
         if !level.can_be_stepped() {
@@ -88,10 +92,10 @@ pub fn report(body: &Body, moments: &Moments) -> Report {
             ));
         }
     }
-    Report { levels, warnings }
+    Report { levels, labels: labels(body), warnings }
 }
 
-fn level_report(body: &Body, r: usize, shape: &Moments) -> LevelReport {
+fn level_report(body: &Body, r: usize, wanted: &Moments) -> LevelReport {
     let level = body.level(r);
     let masses = Moments::of_points(&level.mesh.nodes, &level.node_mass);
     let elements = level.mesh.elements.len();
@@ -107,10 +111,10 @@ fn level_report(body: &Body, r: usize, shape: &Moments) -> LevelReport {
         nodes: level.mesh.nodes.len(),
         elements,
         whole: level.is_whole(),
-        volume: level.volume() / shape.volume - 1.0,
+        volume: level.volume() / body.parts().shape.volume - 1.0,
         mass: masses.volume,
-        centre: (masses.centre - shape.centre).norm() / shape.radius(),
-        inertia: masses.inertia_error(shape),
+        centre: (masses.centre - wanted.centre).norm() / wanted.radius(),
+        inertia: masses.inertia_error(wanted),
         dihedral: dihedral_angles(level),
         altitude: (least, sum / elements as Real),
         step: stable_step(stiffest.1, Strained::REST, body.damping_time(), 0.0),
@@ -119,6 +123,20 @@ fn level_report(body: &Body, r: usize, shape: &Moments) -> LevelReport {
         extrapolation: worst_row(body, r),
         memory: memory(level),
     }
+}
+
+/// Labels and their parts of the volume, on the finest whole level.
+fn labels(body: &Body) -> Vec<(i64, Real)> {
+    let (parts, r) = (body.parts(), body.levels().iter().rposition(Level::is_whole).unwrap_or_default());
+    let Some(of) = parts.labels.of.get(r) else { return Vec::new() };
+    let mut volumes = BTreeMap::new();
+    for (e, mixture) in body.elements_of(r).zip(of) {
+        for (label, part) in &parts.labels.mixtures[usize::from(*mixture)] {
+            *volumes.entry(*label).or_insert(0.0) += Real::from(*part) * body.volume(e);
+        }
+    }
+    let all: Real = volumes.values().sum();
+    volumes.into_iter().map(|(label, volume)| (label, volume / all)).collect()
 }
 
 /// Smallest, mean and largest of `values`.
@@ -155,8 +173,8 @@ fn worst_row(body: &Body, r: usize) -> Real {
 /// What a body keeps of a level [bytes]: the level itself, and what follows from it for stepping.
 fn memory(level: &Level) -> usize {
     let nodes = level.mesh.nodes.len() * (24 + 8 + 4 + 2 * 40 + 24 + 1 + 4 + 4 + 1);
-    // Two lists of corners, fraction, factor, volume, and the elements around each node.
-    let elements = level.mesh.elements.len() * (2 * 16 + 3 * 8 + 16 + 4);
+    // Two lists of corners, fraction, density, factor, volume, and the elements around each node.
+    let elements = level.mesh.elements.len() * (2 * 16 + 4 * 8 + 16 + 4);
     nodes + elements + level.embedding.len() * (40 + 4) + (level.fixed.len() + level.rim.len()) * 4
 }
 

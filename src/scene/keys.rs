@@ -1,5 +1,6 @@
 //! The keys of a scene, each with its range and default, and what follows from them.
 
+use super::organ_keys::OrganKeys;
 use super::tool_keys::ToolKeys;
 use crate::adaptation::{Adaptivity, finest_steppable};
 use crate::contact::safety::ForceLimits;
@@ -8,10 +9,11 @@ use crate::geometry::locate::{Host, Locator};
 use crate::geometry::mesh_io::LengthUnit;
 use crate::math::{Real, Vec3};
 use crate::model::element_pool::CLASSES;
+use crate::model::organ::MOST_ORGANS;
 use crate::model::step_class::step_of;
 use crate::model::{Body, Material};
 use crate::prepare::Region;
-use crate::prepare::inclusions::Inclusion;
+use crate::prepare::inclusions::{Inclusion, Place};
 use crate::prepare::region::Reach;
 use crate::simulation::{Inputs, Settings, Simulation, Snapshot, TICK};
 use garde::Validate;
@@ -42,6 +44,10 @@ pub struct Scene {
     #[serde(default)]
     #[garde(dive, length(max = 64))]
     pub hold: Vec<HoldKeys>,
+    /// Further bodies beside it, which do not touch it.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    #[garde(dive, length(max = MOST_ORGANS - 1))]
+    pub organ: Vec<OrganKeys>,
     /// Tools that clients may take; one ball when the list is empty.
     #[serde(default = "one_ball")]
     #[garde(dive, length(min = 1, max = MOST_TOOLS))]
@@ -66,6 +72,8 @@ pub struct Scene {
 pub enum Source {
     /// The bundled organ, about 0.2 m wide.
     Liver,
+    /// The bundled kidney, about 0.11 m long.
+    Kidney,
     /// The bundled toy with limbs that swing.
     Toy,
     /// A box from the origin to `size`, of structured conforming meshes.
@@ -117,6 +125,9 @@ pub struct BodyKeys {
     /// Level whose nodes are all active, all the time; left out: the resolution adapts itself.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub active_level: Option<u32>,
+    /// Which labels of the volume files regions of the material go by, where there are several.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub labels: Option<String>,
 }
 
 /// `[resolution]`.
@@ -176,13 +187,13 @@ pub struct MaterialKeys {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[garde(inner(range(min = 0.0, max = 1e9)))]
     pub psi: Option<Real>,
-    /// Places where stiffness is another; later ones cover earlier ones.
+    /// Places where the material is another; later ones cover earlier ones.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     #[garde(dive, length(max = 16))]
     pub region: Vec<RegionKeys>,
 }
 
-/// `[[material.region]]`: a ball or a box.
+/// `[[material.region]]`: a ball, a box or what has a label.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Validate)]
 #[serde(deny_unknown_fields)]
 #[garde(allow_unvalidated)]
@@ -203,6 +214,9 @@ pub struct RegionKeys {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[garde(inner(inner(range(min = -1e3, max = 1e3))))]
     pub max: Option<[Real; 3]>,
+    /// Label of a region of the volume files.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub label: Option<i64>,
     /// Young's modulus [Pa].
     #[garde(range(min = 10.0, max = 1e9))]
     pub youngs_modulus: Real,
@@ -210,16 +224,21 @@ pub struct RegionKeys {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[garde(inner(range(min = 0.0, max = 0.49)))]
     pub poisson_ratio: Option<Real>,
+    /// Density [kg/m³]; left out: that of the rest.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[garde(inner(range(min = 1.0, max = 2e4)))]
+    pub density: Option<Real>,
 }
 
 impl RegionKeys {
-    /// The ball or the box; `None` where the keys are those of neither or of both, or of an empty box.
-    fn place(&self) -> Option<Reach> {
-        match (self.centre, self.radius, self.min, self.max) {
-            (Some(centre), Some(radius), None, None) => Some(Reach::Ball(Vec3::from(centre), radius)),
-            (None, None, Some(min), Some(max)) if (0..3).all(|c| min[c] < max[c]) => {
-                Some(Reach::Box(Vec3::from(min), Vec3::from(max)))
+    /// The ball, the box or the label; `None` where the keys are those of none or of several, or of an empty box.
+    fn place(&self) -> Option<Place> {
+        match (self.centre, self.radius, self.min, self.max, self.label) {
+            (Some(centre), Some(radius), None, None, None) => Some(Reach::Ball(Vec3::from(centre), radius).into()),
+            (None, None, Some(min), Some(max), None) if (0..3).all(|c| min[c] < max[c]) => {
+                Some(Reach::Box(Vec3::from(min), Vec3::from(max)).into())
             }
+            (None, None, None, None, Some(label)) => Some(Place::Labelled(label)),
             _ => None,
         }
     }
@@ -227,10 +246,17 @@ impl RegionKeys {
     /// Adds what is wrong with the keys together, under `path`.
     pub(super) fn faults(&self, path: &str, out: &mut Vec<(String, String)>) {
         if self.place().is_none() {
-            let fault =
-                "give a ball, centre = [x, y, z] and radius, or a box, min = [x, y, z] and max, greater in each";
+            let fault = "give a ball, centre = [x, y, z] and radius, or a box, min = [x, y, z] and max, greater in each, or a label of the \
+                 volume files";
             out.push((path.to_owned(), fault.to_owned()));
         }
+    }
+}
+
+impl MaterialKeys {
+    /// Its constants, without viscosity.
+    pub(super) fn elastic(&self) -> Material {
+        Material::from_young(self.youngs_modulus, self.poisson_ratio, self.density)
     }
 }
 
@@ -380,7 +406,7 @@ impl Scene {
     /// The material's constants.
     pub fn material(&self) -> Material {
         let keys = &self.material;
-        let elastic = Material::from_young(keys.youngs_modulus, keys.poisson_ratio, keys.density);
+        let elastic = keys.elastic();
         Material {
             phi: keys.phi.unwrap_or(elastic.lambda * keys.damping_time),
             psi: keys.psi.unwrap_or(elastic.mu * keys.damping_time),
@@ -395,6 +421,7 @@ impl Scene {
                 place: region.place()?,
                 youngs_modulus: region.youngs_modulus,
                 poisson_ratio: region.poisson_ratio.unwrap_or(self.material.poisson_ratio),
+                density: region.density.unwrap_or(self.material.density),
             })
         };
         self.material.region.iter().filter_map(inclusion).collect()

@@ -4,6 +4,7 @@
 //! A wrong key, a bad value or a bad mesh gets an error that names the file, the line and what to do.
 
 pub mod keys;
+pub mod organ_keys;
 pub mod prepared;
 pub mod tool_keys;
 
@@ -11,18 +12,20 @@ pub use keys::Scene;
 
 use crate::contact::tool::Part;
 use crate::geometry::decimate::decimate;
-use crate::geometry::{MeshError, Surface, TetMesh, mesh_io, primitives};
-use crate::math::{Real, Vec3};
+use crate::geometry::{LabelledMesh, MeshError, Surface, mesh_io, primitives};
+use crate::math::{Pose, Real, Vec3};
 use crate::model::Body;
 use crate::prepare::body_file::{self, BodyFileError};
+use crate::prepare::merge::merge;
 use crate::prepare::{self, PrepareError, Recipe};
 use garde::Validate;
 use keys::Source;
 use std::path::{Path, PathBuf};
 
 /// Scenes that come with the program: name and text.
-pub const BUNDLED: [(&str, &str); 4] = [
+pub const BUNDLED: [(&str, &str); 5] = [
     ("liver", include_str!("../../config/scenes/liver.toml")),
+    ("organs", include_str!("../../config/scenes/organs.toml")),
     ("toy", include_str!("../../config/scenes/toy.toml")),
     ("cube", include_str!("../../config/scenes/cube.toml")),
     ("organ", include_str!("../../config/scenes/organ.toml")),
@@ -168,8 +171,8 @@ impl LoadedScene {
             (override_keys(&text, &origin, overrides)?, format!("{origin} with --set"))
         };
         let mut scene = parse(&text, &origin)?;
-        if scene.body.source == Source::Prepared {
-            scene = parse(&prepared::completed(&text, &scene, &origin, &folder)?, &origin)?;
+        if let Some(text) = prepared::completed(&text, &scene, &origin, &folder)? {
+            scene = parse(&text, &origin)?;
         }
         load_tools(&mut scene, &origin, &folder)?;
         Ok(Self { scene, origin, folder })
@@ -180,12 +183,17 @@ impl LoadedScene {
     /// # Errors
     /// When a mesh is missing or broken, or the keys make no body.
     pub fn build(&self, progress: &mut dyn FnMut(&str, usize, usize)) -> Result<Body, SceneError> {
-        progress("reading shapes", 0, 1);
-        let body = match self.shape()? {
-            Some(shape) => prepare::prepare(&self.recipe(shape), progress)
-                .map_err(|source| SceneError::Prepare { origin: self.origin.clone(), source: Box::new(source) })?,
-            None => self.prepared_body(progress)?,
-        };
+        let mut body = self.first_body(progress)?;
+        if !self.scene.organ.is_empty() {
+            let mut all = vec![(body, Pose::default())];
+            for organ in &self.scene.organ {
+                let origin = format!("{}: organ \"{}\"", self.origin, organ.name);
+                let alone = Self { scene: organ.alone(&self.scene), origin, folder: self.folder.clone() };
+                let mut told = |what: &str, done, of| progress(&format!("{}: {what}", organ.name), done, of);
+                all.push((alone.first_body(&mut told)?, organ.pose()));
+            }
+            body = merge(all, self.scene.material.damping_ratio).map_err(self.failed())?;
+        }
         let keys =
             [("active_level", self.scene.body.active_level), ("finest_level", self.scene.resolution.finest_level)];
         for (key, level) in keys {
@@ -194,6 +202,19 @@ impl LoadedScene {
             }
         }
         Ok(body)
+    }
+
+    /// What `[body]` says, without the further organs.
+    fn first_body(&self, progress: &mut dyn FnMut(&str, usize, usize)) -> Result<Body, SceneError> {
+        progress("reading shapes", 0, 1);
+        match self.shape()? {
+            Some(shape) => prepare::prepare(&self.recipe(shape), progress).map_err(self.failed()),
+            None => self.prepared_body(progress),
+        }
+    }
+
+    fn failed(&self) -> impl Fn(PrepareError) -> SceneError {
+        |source| SceneError::Prepare { origin: self.origin.clone(), source: Box::new(source) }
     }
 
     /// A body of `shape`, of the scene's material and held as the scene says.
@@ -224,15 +245,16 @@ impl LoadedScene {
         let closed = |mut surface: Surface| {
             surface.vertices.iter_mut().for_each(|v| *v *= keys.scale);
             let display = Some(decimate(&surface, keys.display_vertices)).filter(|small| *small != surface);
-            prepare::Shape::Closed { surface, spacings: keys.spacings.clone(), display }
+            prepare::Shape::Closed { surface, spacings: keys.spacings.clone(), display, labelled: None }
         };
         Ok(Some(match keys.source {
             Source::Prepared => return Ok(None),
             Source::Liver => closed(primitives::liver_surface(spacing(LIVER_AREA))),
+            Source::Kidney => closed(primitives::kidney_surface(spacing(KIDNEY_AREA))),
             Source::Toy => closed(primitives::toy_surface(spacing(TOY_AREA))),
             Source::Box => {
                 let size = Vec3::from(keys.size) * keys.scale;
-                prepare::Shape::Meshes(keys.cells.iter().map(|c| primitives::box_mesh(size, *c)).collect())
+                prepare::Shape::meshes(keys.cells.iter().map(|c| primitives::box_mesh(size, *c)))
             }
             Source::Surface => {
                 let file = keys.file.as_ref().ok_or_else(|| missing("surface", "body.file, as in \"organ.stl\""))?;
@@ -246,11 +268,12 @@ impl LoadedScene {
                 }
                 let unit = unit("volumes")?;
                 let read = |file: &PathBuf| {
-                    let mut mesh = mesh_io::read_tet_mesh(&at(file), unit).map_err(|e| failed(at(file), e))?;
-                    mesh.nodes.iter_mut().for_each(|u| *u *= keys.scale);
+                    let labels = keys.labels.as_deref();
+                    let mut mesh = mesh_io::read_labelled(&at(file), unit, labels).map_err(|e| failed(at(file), e))?;
+                    mesh.mesh.nodes.iter_mut().for_each(|u| *u *= keys.scale);
                     Ok(mesh)
                 };
-                prepare::Shape::Meshes(keys.files.iter().map(read).collect::<Result<Vec<TetMesh>, SceneError>>()?)
+                prepare::Shape::Meshes(keys.files.iter().map(read).collect::<Result<Vec<LabelledMesh>, SceneError>>()?)
             }
         }))
     }
@@ -258,6 +281,7 @@ impl LoadedScene {
 
 /// Areas of the bundled shapes [m²]: they turn a vertex count into a spacing.
 const LIVER_AREA: Real = 0.070;
+const KIDNEY_AREA: Real = 0.018;
 const TOY_AREA: Real = 0.060;
 
 /// Reads and checks a scene's text; `origin` names it in messages.
@@ -275,6 +299,7 @@ pub fn parse(text: &str, origin: &str) -> Result<Scene, SceneError> {
     if faults.is_empty() {
         let regions = scene.material.region.iter().enumerate();
         regions.for_each(|(i, region)| region.faults(&format!("material.region[{i}]"), &mut faults));
+        scene.organ.iter().enumerate().for_each(|(i, organ)| organ.faults(&format!("organ[{i}]"), &mut faults));
         scene.tool.iter().enumerate().for_each(|(i, tool)| tool.faults(&format!("tool[{i}]"), &mut faults));
     }
     let told = |(path, fault): &(String, String)| match line_of(text, path) {
@@ -382,6 +407,7 @@ fn override_keys(text: &str, origin: &str, overrides: &[String]) -> Result<Strin
 mod tests {
     use super::keys::{BodyKeys, MaterialKeys, ResolutionKeys};
     use super::*;
+    use crate::prepare::inclusions::Place;
     use crate::prepare::region::Reach;
 
     #[test]
@@ -399,10 +425,18 @@ mod tests {
         let minimal = parse("name = \"reference\"\n[body]\nsource = \"box\"\n", "minimal").unwrap();
         let optional = Scene {
             hold: vec![],
+            organ: vec![],
             probe: vec![],
             material: MaterialKeys { phi: None, psi: None, region: vec![], ..scene.material.clone() },
             resolution: ResolutionKeys { finest_level: None, ..scene.resolution.clone() },
-            body: BodyKeys { file: None, files: vec![], unit: None, active_level: None, ..scene.body.clone() },
+            body: BodyKeys {
+                file: None,
+                files: vec![],
+                unit: None,
+                active_level: None,
+                labels: None,
+                ..scene.body.clone()
+            },
             tool: vec![scene.tool[0].clone()],
             ..scene.clone()
         };
@@ -437,19 +471,22 @@ mod tests {
     }
 
     #[test]
-    fn a_region_of_the_material_is_a_ball_or_a_box() {
+    fn a_region_of_the_material_is_a_ball_a_box_or_a_label() {
         let regions = |text: &str| {
             let head = "name = \"x\"\n[body]\nsource = \"liver\"\n[material]\npoisson_ratio = 0.4\n";
             parse(&format!("{head}[[material.region]]\nyoungs_modulus = 5e4\n{text}"), "my.toml")
         };
         let found = regions("centre = [0.1, 0.0, 0.2]\nradius = 0.004\n").unwrap().inclusions();
-        assert_eq!(found[0].place, Reach::Ball(Vec3::new(0.1, 0.0, 0.2), 0.004));
+        assert_eq!(found[0].place, Reach::Ball(Vec3::new(0.1, 0.0, 0.2), 0.004).into());
         assert_eq!((found[0].youngs_modulus, found[0].poisson_ratio), (5e4, 0.4));
         regions("min = [0.0, 0.0, 0.0]\nmax = [0.1, 0.1, 0.1]\npoisson_ratio = 0.3\n").unwrap();
+        let found = regions("label = -2\ndensity = 1200.0\n").unwrap().inclusions();
+        assert_eq!((found[0].place, found[0].density), (Place::Labelled(-2), 1200.0));
         for text in [
             "",
             "centre = [0.1, 0.0, 0.2]\n",
             "min = [0.0, 0.0, 0.0]\nmax = [0.1, 0.0, 0.1]\n",
+            "label = 1\ncentre = [0.1, 0.0, 0.2]\nradius = 0.01\n",
             "radius = 0.01\nmin = [0.0, 0.0, 0.0]\nmax = [0.1, 0.1, 0.1]\n",
         ] {
             let e = regions(text).unwrap_err().to_string();

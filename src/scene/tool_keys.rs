@@ -123,11 +123,11 @@ pub struct PartKeys {
 /// Rounding where none is given [m].
 pub const ROUNDING: Real = 5e-4;
 
-fn upright() -> [Real; 4] {
+pub(super) fn upright() -> [Real; 4] {
     Pose::default().orientation
 }
 
-fn unit_quaternion(q: &[Real; 4], _: &()) -> garde::Result {
+pub(super) fn unit_quaternion(q: &[Real; 4], _: &()) -> garde::Result {
     let unit = (q.iter().map(|c| c * c).sum::<Real>() - 1.0).abs() < 0.02;
     if unit { Ok(()) } else { Err(garde::Error::new("not a unit quaternion x, y, z, w")) }
 }

@@ -9,7 +9,7 @@
 
 use crate::math::{Real, Vec3};
 use crate::model::constraint::Coupling;
-use crate::model::constraint::{FIRMER, MOST_TOOLS};
+use crate::model::constraint::MOST_TOOLS;
 use crate::model::element_kernel::Padded;
 use crate::model::{ActiveMesh, Constraint};
 
@@ -75,8 +75,8 @@ pub fn solve(mesh: &mut ActiveMesh, constraints: &mut [Constraint], prepared: &m
             let mobility = p.mobility + coupling;
             let compliant = c.multiplier - (open + p.dent) / (mobility + p.compliance);
             // Beyond the largest dent only a part of the compliance is left; the larger multiplier is the right one.
-            let deep = open + (1.0 - FIRMER) * c.most_dent + FIRMER * p.dent;
-            let firm = c.multiplier - deep / (mobility + FIRMER * p.compliance);
+            let deep = open + c.most_dent + c.firm * c.multiplier;
+            let firm = c.multiplier - deep / (mobility + c.firm);
             // A point that would pull is released: its multiplier stays at zero.
             let multiplier = compliant.max(firm).max(0.0);
             let change = multiplier - c.multiplier;

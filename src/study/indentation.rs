@@ -18,9 +18,9 @@ use std::io::{Error, Result};
 use std::path::Path;
 use std::sync::Arc;
 
-/// Radius of the ball, edge of the block [m].
+/// Radius of the ball, size of the block [m].
 const RADIUS: Real = 0.02;
-const SIDE: Real = 0.1;
+const SIZE: Vec3 = Vec3::new(0.2, 0.2, 0.1);
 /// Depth [m] and force [N] of a frictionless ball: elements of third order, Newton's method (NGSolve 6.2).
 const CONTINUUM: [(Real, Real); 3] = [(2.5e-4, 8.30e-3), (5e-4, 0.02320), (1e-3, 0.0642)];
 /// Finest spacings, each with coarser levels above it [m].
@@ -38,10 +38,10 @@ fn block(finest: Real) -> Result<Arc<Body>> {
     spacings.reverse();
     let recipe = Recipe {
         name: "block".into(),
-        shape: prepare::Shape::closed(box_surface(Vec3::repeat(SIDE), [80; 3]), spacings),
+        shape: prepare::Shape::closed(box_surface(SIZE, [160, 160, 20]), spacings),
         material: material(),
         inclusions: vec![],
-        holds: vec![Region { bounds: (Vec3::zeros(), Vec3::new(SIDE, SIDE, 0.0)), stiffness: None, exact: false }],
+        holds: vec![Region { bounds: (Vec3::zeros(), Vec3::new(SIZE.x, SIZE.y, 0.0)), stiffness: None, exact: false }],
         damping_ratio: 0.3,
     };
     Ok(Arc::new(prepare(&recipe, &mut |_, _, _| {}).map_err(Error::other)?))
@@ -67,7 +67,8 @@ fn felt(body: &Arc<Body>, restored: bool) -> Result<Vec<Real>> {
         let mut force = 0.0;
         for tick in 0..STAY {
             let reached = before + (depth - before) * (Real::from(tick) / Real::from(GOING)).min(1.0);
-            let pose = Pose { position: Vec3::new(0.5 * SIDE, 0.5 * SIDE, SIDE + RADIUS - reached), ..Pose::default() };
+            let pose =
+                Pose { position: Vec3::new(0.5 * SIZE.x, 0.5 * SIZE.y, SIZE.z + RADIUS - reached), ..Pose::default() };
             let (linear_velocity, angular_velocity) = (Vec3::zeros(), Vec3::zeros());
             let sample = PoseSample { sequence: tick, time_ns: 0, pose, linear_velocity, angular_velocity, buttons: 0 };
             let mut inputs = Inputs::default();
@@ -227,6 +228,19 @@ pub fn indentation(out: &Path, progress: Progress) -> Result<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// R4's rows of a ball without friction, on elements much and little wider than the contact.
+    #[test]
+    fn a_ball_is_pushed_back_as_by_the_continuum() {
+        for spacing in [0.013, 0.0064] {
+            let forces = felt(&block(spacing).unwrap(), true).unwrap();
+            for ((depth, expected), force) in CONTINUUM.iter().zip(forces) {
+                let error = force / expected - 1.0;
+                println!("{:.1} mm, {:.2} mm deep: {:+.1} %", 1e3 * spacing, 1e3 * depth, 100.0 * error);
+                assert!(error.abs() < 0.07, "{error}");
+            }
+        }
+    }
 
     /// R4's rows of displacement-driven contact: 0.0436 N at 1 mm, two thirds of what a ball without friction feels.
     #[test]

@@ -121,11 +121,10 @@ impl Levels {
     /// A box of `size` [m] with one independent conforming mesh for each of `cells`, coarsest first; `clamped` fixes
     /// the nodes at x = 0.
     pub fn of_box(size: Vec3, cells: &[[u32; 3]], material: Material, clamped: bool) -> Self {
-        let mass = material.density * size.x * size.y * size.z;
         let level = |(index, cells): (usize, &[u32; 3])| {
             let mesh = independent_box(size, *cells, 11 + index as u64);
             let (n, edge) = (mesh.elements.len(), mean_edge(&mesh));
-            Level::new(mesh, vec![1.0; n], edge, material.density, Some(mass))
+            Level::new(mesh, vec![1.0; n], edge, material.density)
         };
         Self::new(cells.iter().enumerate().map(level).collect(), material, |u| clamped && u.x < 1e-9)
     }

@@ -2,7 +2,7 @@
 
 use crate::contact::tool::MOST_TOOLS;
 use crate::math::Vec3;
-use crate::model::Body;
+use crate::model::{Body, Organ};
 use crate::scene::Scene;
 use crate::scene::tool_keys::{ToolKeys, ToolKind};
 use crate::simulation::{TICK, TICKS_PER_FRAME};
@@ -29,6 +29,7 @@ pub fn describe(scene: &Scene, body: &Body) -> proto::Session {
             poisson_ratio: material.poisson_ratio(),
             bounds: corners(body.surface().bounds()),
             checksum: body.checksum(),
+            organs: organs(body),
         }),
         tools: (0..).zip(scene.tool.iter().take(MOST_TOOLS)).map(|(number, keys)| tool(number, keys)).collect(),
         limits: Some(proto::Limits {
@@ -40,6 +41,25 @@ pub fn describe(scene: &Scene, body: &Body) -> proto::Session {
         }),
         ..proto::Session::default()
     }
+}
+
+/// The organs of `body`.
+pub fn organs(body: &Body) -> Vec<proto::Organ> {
+    let organ = |organ: &Organ| {
+        let material = &body.parts().materials[usize::from(organ.material)];
+        let triangles = organ.triangles.start as usize..organ.triangles.end as usize;
+        proto::Organ {
+            name: organ.name.clone(),
+            vertices: organ.vertices.len() as u32,
+            triangles: organ.triangles.len() as u32,
+            volume: body.surface().volume_within(triangles),
+            mass_kg: organ.mass,
+            density: material.density,
+            youngs_modulus: material.youngs_modulus(),
+            poisson_ratio: material.poisson_ratio(),
+        }
+    };
+    body.organs().iter().map(organ).collect()
 }
 
 fn tool(tool: u32, keys: &ToolKeys) -> proto::ToolDescription {

@@ -1,5 +1,6 @@
 //! The surface on its way to viewers and into recordings; how its bytes are coded stands in [`palpate_proto::surface`].
 
+use super::session::organs;
 use super::tool_state;
 use crate::contact::tool::{Phase, ToolState};
 use crate::math::{Real, Vec3};
@@ -41,6 +42,7 @@ pub fn topology(body: &Body, topology: u32) -> Vec<proto::SurfaceTopology> {
         part: part as u32,
         parts: parts as u32,
         step: grid_step(body),
+        organs: if part == 0 { organs(body) } else { Vec::new() },
     };
     (0..parts).map(part).collect()
 }

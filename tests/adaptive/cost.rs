@@ -1,7 +1,7 @@
 //! What a level that is not used costs: nothing.
 
 use super::*;
-use palpate::model::body::BodyParts;
+use palpate::model::body::{BodyParts, LabelParts};
 use palpate::stepping::work;
 
 /// `body` without its finest level.
@@ -11,12 +11,15 @@ fn without_finest(body: &Body) -> Arc<Body> {
     let parts = BodyParts {
         name: body.name().into(),
         surface: body.surface().clone(),
+        shape: body.parts().shape,
         material_of: vec![Vec::new(); levels.len()],
         levels,
         materials: vec![*body.material()],
+        labels: LabelParts::default(),
         holds: body.holds().to_vec(),
         maxwell: body.maxwell().to_vec(),
         slowest_mode: body.slowest_mode(),
+        organs: vec![],
     };
     Arc::new(Body::new(parts).unwrap())
 }

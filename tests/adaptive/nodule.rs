@@ -15,7 +15,8 @@ const CONTRAST: Real = 10.0;
 
 fn block(nodule: bool) -> Arc<Body> {
     let place = Reach::Ball(Vec3::new(BLOCK.x / 2.0, BLOCK.y / 2.0, BLOCK.z - DEPTH), RADIUS);
-    let inclusion = Inclusion { place, youngs_modulus: CONTRAST * SOFT, poisson_ratio: 0.45 };
+    let inclusion =
+        Inclusion { place: place.into(), youngs_modulus: CONTRAST * SOFT, poisson_ratio: 0.45, density: 1050.0 };
     let recipe = Recipe {
         name: "block".into(),
         shape: Shape::closed(box_surface(BLOCK, [16, 12, 8]), vec![0.016, 0.009, 0.005]),
@@ -84,7 +85,7 @@ fn a_stroke_feels_a_nodule_as_on_the_finest_level() {
     assert!(most(&expected) > 0.03 * most(&plain), "it is felt");
     assert!(3 * used < all, "{used} of {all}");
     assert!((most(&found) / most(&expected) - 1.0).abs() < 0.1 && rms < 0.1 * most(&expected));
-    assert!(most(&apart) < 0.15 * most(&expected));
+    assert!(most(&apart) < 0.1 * most(&expected));
     // Above it, in the middle of the stroke, more than before it.
     let (before, above) = (expected[0], expected[expected.len() / 2 + 1]);
     assert!(above > 2.0 * before.abs(), "{before} {above}");

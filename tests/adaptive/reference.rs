@@ -18,7 +18,7 @@ fn reference_cube(cells: [u32; 3], psi: Real) -> Arc<Body> {
     let clamp = Region { bounds: (Vec3::zeros(), Vec3::new(0.0, SIDE, SIDE)), stiffness: None, exact: true };
     let recipe = Recipe {
         name: "reference cube".into(),
-        shape: Shape::Meshes(cells.map(|n| box_mesh(Vec3::repeat(SIDE), [n; 3])).into()),
+        shape: Shape::meshes(cells.map(|n| box_mesh(Vec3::repeat(SIDE), [n; 3]))),
         material: Material { psi, ..Material::from_young(5e4, 0.35, 1000.0) },
         inclusions: vec![],
         holds: vec![clamp],

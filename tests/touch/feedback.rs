@@ -80,14 +80,14 @@ fn ask(setup: &Setup, coupling: Real, depth: Real, moments: usize) -> (Real, Rea
         );
         // Along a flat face a ball without friction is not held at all, or rolls off by itself. One that slips gives
         // nothing more ahead and all of it back, so that anything between is as true: there is nothing to compare, but
-        // no more may be told than what sticks, or a fourth of what is across.
+        // no more may be told than what sticks, within the same bounds, or a fourth of what is across.
         let largest = found_values[2];
         for k in 0..3 {
             let (told, found) = (told_values[k], found_values[k]);
             if found > 0.5 * largest {
                 (least, most) = (least.min(told / found), most.max(told / found));
             } else {
-                let allowed = if friction { found_values[1] } else { 0.25 * largest };
+                let allowed = if friction { 1.25 * found_values[1] } else { 0.25 * largest };
                 assert!(told < allowed, "{told} N/m told, {found} N/m found");
             }
         }
@@ -107,6 +107,5 @@ fn the_stiffness_told_is_what_a_hand_finds() {
 fn so_it_is_with_friction_and_through_a_coupling() {
     let setup = adaptive_cube(&["tool.radius=0.01", "material.damping_ratio=0.15", "tool.friction=0.5"]);
     let (least, most) = ask(&setup, 1.0 / 700.0, 0.005, 8);
-    // Seven of the eight moments lie within 0.89 and 1.19; at one, in the middle of the stroke, it is 0.80.
-    assert!(least > 0.79 && most < 1.25);
+    assert!(least > 0.8 && most < 1.25);
 }

@@ -147,7 +147,7 @@ fn two_jaws_squeeze_a_fold_with_opposite_forces() {
         jaws[1].as_slice(),
         jaws[2].as_slice()
     );
-    assert!(jaws[0].x < -0.2 && jaws[1].x > 0.2, "both are pushed outward");
+    assert!(jaws[0].x < -0.1 && jaws[1].x > 0.1, "both are pushed outward");
     assert!((jaws[0].x + jaws[1].x).abs() < 0.05 * jaws[1].x);
     assert!((jaws.iter().sum::<Vec3>() - total).norm() < 0.05 * jaws[1].x);
 }
@@ -169,9 +169,8 @@ fn what_tools_of_other_shapes_get_the_body_loses_tick_by_tick() {
         ]
     });
     println!("linear {:.1e} and {:.1e} of the momentum, angular {:.1e} and {:.1e}", pinch.0, two.0, pinch.1, two.1);
-    // The lever arm counts against the force of the whole tool, and what its jaws do to each other adds nothing to that.
-    for ((linear, angular), most) in [(pinch, 1.5), (two, 0.5)] {
-        assert!(linear <= 1e-12 && angular <= most);
+    for (linear, angular) in [pinch, two] {
+        assert!(linear <= 1e-12 && angular <= 0.5);
     }
 }
 
@@ -191,6 +190,7 @@ fn sliding(cube: &Setup) -> Real {
         }
     }
     let mean = forces.iter().sum::<Real>() / forces.len() as Real;
+    println!("{mean:.4} N on average");
     forces.iter().map(|f| (f / mean - 1.0).abs()).fold(0.0, Real::max)
 }
 
@@ -200,9 +200,9 @@ fn a_ball_that_slides_at_constant_depth_keeps_its_force_as_well_as_the_mesh_can(
     let with = |more: &[&str]| scene(&[&ball, more].concat());
     // What is left repeats with the elements under the ball, not with the triangles that are displayed.
     for (name, cube, most) in [
-        ("uniform 12.5 mm", with(&["body.cells=[[4,4,4],[8,8,8]]", "body.active_level=1"]), 0.05),
-        ("adaptive, 25 to 8.3 mm", with(&["body.cells=[[4,4,4],[7,7,7],[12,12,12]]"]), 0.05),
-        ("adaptive, 20 to 6.3 mm", with(&["body.cells=[[5,5,5],[9,9,9],[16,16,16]]"]), 0.05),
+        ("uniform 12.5 mm", with(&["body.cells=[[4,4,4],[8,8,8]]", "body.active_level=1"]), 0.035),
+        ("adaptive, 25 to 8.3 mm", with(&["body.cells=[[4,4,4],[7,7,7],[12,12,12]]"]), 0.03),
+        ("adaptive, 20 to 6.3 mm", with(&["body.cells=[[5,5,5],[9,9,9],[16,16,16]]"]), 0.03),
     ] {
         let away = sliding(&cube);
         println!("{name}: within {:.1} % of the mean", 1e2 * away);

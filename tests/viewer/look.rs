@@ -24,6 +24,11 @@ pub fn is_tissue([r, g, b]: [u8; 3]) -> bool {
     i32::from(r) > i32::from(g) + 40 && i32::from(r) > i32::from(b) + 40
 }
 
+/// Tissue of the second organ: between red and violet.
+pub fn is_second_tissue([r, g, b]: [u8; 3]) -> bool {
+    i32::from(r) > i32::from(g) + 20 && i32::from(b) > i32::from(g) + 12
+}
+
 /// The finest of three levels: yellow.
 pub fn is_fine([r, g, b]: [u8; 3]) -> bool {
     i32::from(r) > i32::from(b) + 70 && i32::from(g) > i32::from(b) + 50

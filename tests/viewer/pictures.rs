@@ -1,6 +1,6 @@
 //! Pictures of a recording, drawn without a display.
 
-use crate::look::{all, is_coarse, is_fine, is_force, is_tissue, mean, part};
+use crate::look::{all, is_coarse, is_fine, is_force, is_second_tissue, is_tissue, mean, part};
 use assert_cmd::Command;
 use palpate_viewer::app::App;
 use palpate_viewer::colour::Colouring;
@@ -105,6 +105,27 @@ fn levels_of_detail_are_blue_where_they_are_coarse_and_yellow_under_the_tool() {
     assert!(top > 0.1 && of(&pressed, foot, is_fine) < 0.01 && bottom > 0.02);
     // The legend has both.
     assert!(part(pressed.region(0.8, 0.9, 1.0, 1.0), is_fine) > 0.01);
+}
+
+#[test]
+fn two_organs_are_told_apart_and_either_can_be_hidden() {
+    let block = "organ=[{name=\"block\", position=[0.15, 0.02, 0.0], body={source=\"box\", size=[0.07, 0.06, 0.08], \
+                 cells=[[2, 2, 2], [3, 3, 3], [5, 5, 5]]}, hold=[{min=[0, 0, 0], max=[0.07, 0.06, 0], exact=true}]}]";
+    let (_folder, recording) = press("0.1", &["--set", block]);
+    let shown = |hidden: [bool; 2]| {
+        let picture = picture_of(&recording, 0.05, |app| app.hidden = hidden.into());
+        let first = part(all(&picture), |pixel| is_tissue(pixel) && !is_second_tissue(pixel));
+        (first, part(all(&picture), is_second_tissue))
+    };
+    let both = shown([false, false]);
+    println!("{both:?} of the picture");
+    assert!(both.0 > 0.05 && both.1 > 0.02, "{both:?}");
+    let (first, second) = (shown([false, true]), shown([true, false]));
+    assert!(first.0 > 0.95 * both.0 && first.1 < 0.1 * both.1, "{first:?}");
+    assert!(second.1 > 0.95 * both.1 && second.0 < 0.1 * both.0, "{second:?}");
+    // Levels are those of both, in the same colours.
+    let levels = picture_of(&recording, 0.05, |app| app.colouring = Colouring::Level);
+    assert!(part(all(&levels), is_coarse) > 0.9 * both.1);
 }
 
 /// Pixels in which two pictures differ, column by column.

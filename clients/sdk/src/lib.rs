@@ -36,7 +36,7 @@ pub use frame::Frame;
 pub use link::{Link, LinkConditions};
 pub use palpate_proto as proto;
 pub use palpate_proto::{
-    ControlReply, ControlRequest, Session, Status, SurfaceFrame, SurfaceTopology, ToolDescription, ToolPhase,
+    ControlReply, ControlRequest, Organ, Session, Status, SurfaceFrame, SurfaceTopology, ToolDescription, ToolPhase,
     ToolState, control_request,
 };
 pub use registration::{Clutch, Fit, Registration};

@@ -90,7 +90,17 @@ fn a_viewer_of_a_server_before_quantised_frames_is_told_both_versions() {
     let connection = Connection::open_surface(&server.endpoints).unwrap();
     connection.session().unwrap();
     let error = connection.watch_surface(WatchOptions::default()).err().unwrap();
-    assert_eq!(error.to_string(), "the server speaks version 1.0 of the contract, this client version 1.1");
+    assert_eq!(error.to_string(), "the server speaks version 1.0 of the contract, this client version 1.2");
+}
+
+#[test]
+fn a_server_that_knows_nothing_of_organs_shows_one() {
+    let server = FakeServer::start((1, 1));
+    let connection = Connection::open_surface(&server.endpoints).unwrap();
+    let watch = connection.watch_surface(WatchOptions::default()).unwrap();
+    let surface = watch.surface();
+    assert_eq!(surface.organs.len(), 1);
+    assert_eq!(surface.ranges().next(), Some([0..surface.rest_positions.len(), 0..surface.triangles.len()]));
 }
 
 #[test]

@@ -38,6 +38,8 @@ pub struct App {
     pub angle: Angle,
     /// Where the picture is taken from; fitted to the body when it is first seen.
     pub orbit: Option<Orbit>,
+    /// (organs) which of them are not drawn, and let the pointer through.
+    pub hidden: Vec<bool>,
     body: Option<Body>,
     moment: Moment,
     status: Status,
@@ -119,6 +121,7 @@ impl App {
             time: 0.0,
             angle: Angle::default(),
             orbit: None,
+            hidden: Vec::new(),
             body: None,
             moment: Moment::default(),
             status: Status::default(),
@@ -178,7 +181,9 @@ impl App {
             let same = self.body.as_ref().is_some_and(|old| old.bounds == body.bounds);
             if self.orbit.is_none() || !same {
                 self.orbit = Some(Orbit::around(&body.subject.surface.rest_positions, self.angle));
+                self.hidden.clear();
             }
+            self.hidden.resize(body.subject.surface.organs.len(), false);
             if self.moment.positions.len() != body.subject.surface.rest_positions.len() {
                 self.moment = Moment::at_rest(&body.subject.surface);
             }
@@ -189,6 +194,16 @@ impl App {
     /// The body that is looked at; `None` before the first connection.
     pub fn body(&self) -> Option<&Body> {
         self.body.as_ref()
+    }
+
+    /// The triangles of the organs that are shown; of the others, as many without any area.
+    pub fn shown_triangles(&self) -> Vec<[u32; 3]> {
+        let Some(body) = &self.body else { return Vec::new() };
+        let mut triangles = body.subject.surface.triangles.clone();
+        for ([_, own], _) in body.subject.surface.ranges().zip(&self.hidden).filter(|(_, hidden)| **hidden) {
+            triangles[own].fill([0; 3]);
+        }
+        triangles
     }
 
     /// How it looks.

@@ -38,8 +38,17 @@ pub enum Legend {
     },
 }
 
-/// Soft tissue.
-const TISSUE: Srgba = Srgba::new_opaque(176, 84, 76);
+/// Soft tissue, organ by organ: reds and browns, then what lies between them.
+const TISSUES: [Srgba; 8] = [
+    Srgba::new_opaque(176, 84, 76),
+    Srgba::new_opaque(138, 92, 128),
+    Srgba::new_opaque(214, 160, 104),
+    Srgba::new_opaque(132, 144, 92),
+    Srgba::new_opaque(226, 190, 178),
+    Srgba::new_opaque(112, 76, 60),
+    Srgba::new_opaque(104, 124, 150),
+    Srgba::new_opaque(206, 120, 130),
+];
 /// Where the source does not say what is asked for.
 const UNKNOWN: Srgba = Srgba::new_opaque(150, 152, 156);
 /// Strain at the end of its scale.
@@ -73,7 +82,10 @@ impl Colouring {
         let vertices = moment.positions.len();
         let scaled = |values: Vec<f32>, end: f32| values.iter().map(|value| scale(value / end)).collect();
         match self {
-            Self::Material => vec![TISSUE; vertices],
+            Self::Material => {
+                let organs = deformation.surface().organs.iter().enumerate();
+                organs.flat_map(|(i, organ)| vec![tissue(i); organ.vertices as usize]).collect()
+            }
             Self::Level if moment.levels.len() == vertices => moment.levels.iter().map(|&l| level(l.into())).collect(),
             Self::Level => vec![UNKNOWN; vertices],
             Self::Strain => scaled(deformation.strain(&moment.positions), LARGEST_STRAIN),
@@ -93,6 +105,11 @@ impl Colouring {
             }
         }
     }
+}
+
+/// The colour of an organ's tissue.
+pub fn tissue(organ: usize) -> Srgba {
+    TISSUES[organ % TISSUES.len()]
 }
 
 /// The colour of a level of resolution.

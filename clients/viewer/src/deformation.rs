@@ -33,6 +33,11 @@ impl Deformation {
         Self { surface: surface.clone(), triangles, area }
     }
 
+    /// The surface at rest.
+    pub fn surface(&self) -> &Surface {
+        &self.surface
+    }
+
     /// (vertices) unit normals out of the body: those of the triangles around each, weighted by area.
     pub fn normals(&self, positions: &[[f32; 3]]) -> Vec<Vec3> {
         let mut normals = vec![vec3(0.0, 0.0, 0.0); positions.len()];

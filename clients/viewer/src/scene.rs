@@ -30,7 +30,8 @@ const SIDES: u32 = 32;
 /// Meshes on the graphics card.
 pub struct Scene {
     context: Context,
-    organ: Option<(Arc<Subject>, Mesh)>,
+    /// With what it is made from: the subject, and which organs are hidden.
+    organs: Option<(Arc<Subject>, Vec<bool>, Mesh)>,
     tools: Vec<Mesh>,
     cylinder: Mesh,
     cone: Mesh,
@@ -42,7 +43,7 @@ impl Scene {
         let mesh = |cpu: CpuMesh| Mesh::new(context, &cpu);
         Self {
             context: context.clone(),
-            organ: None,
+            organs: None,
             tools: Vec::new(),
             cylinder: mesh(CpuMesh::cylinder(SIDES)),
             cone: mesh(CpuMesh::cone(SIDES)),
@@ -54,18 +55,21 @@ impl Scene {
         let Some(body) = app.body() else { return };
         let moment = app.moment();
         let vertices = moment.positions.len();
-        if self.organ.as_ref().is_none_or(|(subject, _)| !Arc::ptr_eq(subject, &body.subject)) {
+        let same = |(subject, hidden, _): &(Arc<Subject>, Vec<bool>, Mesh)| {
+            Arc::ptr_eq(subject, &body.subject) && *hidden == app.hidden
+        };
+        if !self.organs.as_ref().is_some_and(same) {
             let mesh = CpuMesh {
                 positions: Positions::F32(vec![vec3(0.0, 0.0, 0.0); vertices]),
-                indices: Indices::U32(body.subject.surface.triangles.concat()),
+                indices: Indices::U32(app.shown_triangles().concat()),
                 normals: Some(vec![Vec3::unit_z(); vertices]),
                 colors: Some(vec![Srgba::WHITE; vertices]),
                 ..Default::default()
             };
-            self.organ = Some((body.subject.clone(), Mesh::new(&self.context, &mesh)));
+            self.organs = Some((body.subject.clone(), app.hidden.clone(), Mesh::new(&self.context, &mesh)));
             self.tools = body.tools.iter().map(|shape| tool_mesh(&self.context, shape)).collect();
         }
-        let Some((_, mesh)) = &mut self.organ else { return };
+        let Some((.., mesh)) = &mut self.organs else { return };
         let positions: Vec<Vec3> = moment.positions.iter().map(|&position| position.into()).collect();
         let mut touch = vec![0.0; vertices];
         for tool in app.tools() {
@@ -90,8 +94,8 @@ impl Scene {
     /// Draws into the render target that is being written: the backdrop behind all of `whole`, the rest as `camera` sees it.
     pub fn draw(&mut self, app: &App, whole: &Camera, camera: &Camera) {
         apply_screen_material(&self.context, Backdrop, whole, &[]);
-        if let Some((_, organ)) = &self.organ {
-            organ.render_with_material(&Shaded { colour: Srgba::WHITE, gloss: 0.5, wrap: 0.3 }, camera, &[]);
+        if let Some((.., organs)) = &self.organs {
+            organs.render_with_material(&Shaded { colour: Srgba::WHITE, gloss: 0.5, wrap: 0.3 }, camera, &[]);
         }
         let Some(body) = app.body() else { return };
         let mut brush = Brush { scene: self, camera };

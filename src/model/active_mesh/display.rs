@@ -100,12 +100,12 @@ impl ActiveMesh {
             }
         }
         let host = host.unwrap_or_else(|| self.near_element(body, v));
-        let level = body.level_of_element(host.element);
+        let nodes = body.element(host.element);
         self.attachment[v as usize] = Attachment {
             element: host.element,
-            slots: body.element(host.element).map(|n| self.slot[n as usize]),
+            slots: nodes.map(|n| self.slot[n as usize]),
             weights: host.weights,
-            spacing: body.level(level).spacing,
+            spacing: body.spacing_at(nodes[0]),
         };
     }
 

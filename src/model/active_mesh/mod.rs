@@ -20,11 +20,12 @@ use super::body::{Body, NONE};
 use super::element_kernel::Padded;
 use super::element_pool::{CLASSES, ElementConstants, ElementPool, History};
 use super::interface::{InterfaceRow, Search};
+use super::organ::MOST_ORGANS;
 use super::state::State;
 use super::step_class::{self, Strained};
 use crate::math::{Mat3, Real, Vec3};
 
-/// Units of mass in the body's mass: sums of whole numbers do not depend on their order, so a node's mass does not
+/// Units of mass in an organ's mass: sums of whole numbers do not depend on their order, so a node's mass does not
 /// depend on how the set of active nodes came about.
 const MASS_UNITS: Real = (1u64 << 50) as Real;
 
@@ -79,7 +80,8 @@ pub struct ActiveMesh {
     pub fade: Vec<Padded>,
     /// Counts up with every change of a class's elements, and with every change of interface rows (all classes).
     revision: [u32; CLASSES],
-    mass_unit: Real,
+    /// By organ [kg].
+    mass_unit: Vec<Real>,
     /// Longest side of the surface's bounding box at rest [m].
     size: Real,
     row_entries: u32,
@@ -165,7 +167,7 @@ impl ActiveMesh {
             attachment: vec![nowhere; vertices],
             fade: vec![[0.0; 4]; vertices],
             revision: [0; CLASSES],
-            mass_unit: body.mass() / MASS_UNITS,
+            mass_unit: body.organs().iter().map(|organ| organ.mass / MASS_UNITS).collect(),
             size: (high - low).max(),
             row_entries: 0,
             stiffest_spring: 0.0,
@@ -494,10 +496,15 @@ impl ActiveMesh {
 
     /// Momenta of the active nodes.
     pub fn momenta(&self) -> Momenta {
+        self.momenta_of(|_| true)
+    }
+
+    /// Momenta of those of the active nodes that `counts`.
+    fn momenta_of(&self, counts: impl Fn(u32) -> bool) -> Momenta {
         let mut sum = Momenta::default();
-        for &slot in &self.active {
-            let (x, v) = (vec3(&self.motion.position[slot as usize]), vec3(&self.motion.velocity[slot as usize]));
-            let p = v * self.motion.mass[slot as usize];
+        for slot in self.active.iter().filter(|s| counts(self.node[**s as usize])) {
+            let (x, v) = (vec3(&self.motion.position[*slot as usize]), vec3(&self.motion.velocity[*slot as usize]));
+            let p = v * self.motion.mass[*slot as usize];
             sum.linear += p;
             sum.angular += x.cross(&p);
         }
@@ -607,9 +614,10 @@ impl ActiveMesh {
 
     /// Adds `more` active vertices' worth of the mass of element `e` to its nodes.
     fn weigh(&mut self, body: &Body, e: u32, more: i64) {
-        let mass = body.level(body.level_of_element(e)).density * body.volume(e);
-        let unit = (mass / 16.0 / self.mass_unit + 0.5) as i64;
-        for n in body.element(e) {
+        let mass = body.density(e) * body.volume(e);
+        let nodes = body.element(e);
+        let unit = (mass / 16.0 / self.mass_unit[body.organ_of(nodes[0])] + 0.5) as i64;
+        for n in nodes {
             self.own_mass[self.slot[n as usize] as usize] += more * unit;
         }
     }
@@ -641,27 +649,33 @@ impl ActiveMesh {
         }
     }
 
-    /// Masses in kg: the sums in units, times the one affine function of the rest position that gives the body its
+    /// Masses in kg: the sums in units, times the one affine function of the rest position that gives each organ its
     /// mass and its centre of mass whatever the active nodes are.
     fn normalise(&mut self, body: &Body) {
-        let centre = body.centre_of_mass();
-        let (mut sum, mut first, mut second) = (0.0, Vec3::zeros(), Mat3::zeros());
+        let mut sums = [(0.0, Vec3::zeros(), Mat3::zeros()); MOST_ORGANS];
         for &slot in &self.active {
             let s = slot as usize;
+            let organ = body.organ_of(self.node[s]);
             let m = self.raw_mass(body, s);
-            let d = body.rest(self.node[s]) - centre;
-            sum += m;
-            first += d * m;
-            second += d * d.transpose() * m;
+            let d = body.rest(self.node[s]) - body.organs()[organ].centre_of_mass;
+            let (sum, first, second) = &mut sums[organ];
+            *sum += m;
+            *first += d * m;
+            *second += d * d.transpose() * m;
         }
         // Σ m (q + b·d) = M and Σ m (q + b·d) d = 0.
-        let along = second.try_inverse().map_or(Vec3::zeros(), |inverse| -(inverse * first));
-        let q = body.mass() / (sum + along.dot(&first));
-        let b = along * q;
+        let mut affine = [(0.0, Vec3::zeros()); MOST_ORGANS];
+        for ((organ, (sum, first, second)), (q, b)) in body.organs().iter().zip(&sums).zip(&mut affine) {
+            let along = second.try_inverse().map_or(Vec3::zeros(), |inverse| -(inverse * first));
+            *q = organ.mass / (sum + along.dot(first));
+            *b = along * *q;
+        }
         for &slot in &self.active {
             let s = slot as usize;
+            let organ = body.organ_of(self.node[s]);
             let m = self.raw_mass(body, s);
-            let mass = m * (q + b.dot(&(body.rest(self.node[s]) - centre)));
+            let (q, b) = &affine[organ];
+            let mass = m * (q + b.dot(&(body.rest(self.node[s]) - body.organs()[organ].centre_of_mass)));
             self.motion.mass[s] = mass;
             self.motion.inverse_mass[s] = if body.is_fixed(self.node[s]) { 0.0 } else { 1.0 / mass };
         }
@@ -669,8 +683,8 @@ impl ActiveMesh {
 
     /// Mass [kg] of the active node in slot `s` before the body's mass and centre are restored.
     fn raw_mass(&self, body: &Body, s: usize) -> Real {
-        let mass = (self.own_mass[s] + self.gathered_mass[s]) as Real * self.mass_unit;
-        mass.max(body.least_mass(body.level_of(self.node[s])))
+        let unit = self.mass_unit[body.organ_of(self.node[s])];
+        ((self.own_mass[s] + self.gathered_mass[s]) as Real * unit).max(body.least_mass(self.node[s]))
     }
 }
 

@@ -7,6 +7,7 @@ use crate::model::active_set::Change;
 use crate::model::body::{Body, NONE};
 use crate::model::element_pool::{ElementConstants, History};
 use crate::model::interface::InterfaceRow;
+use crate::model::organ::MOST_ORGANS;
 use crate::model::step_class::{self, Strained};
 
 /// What a change cost, for the governor: counts of the same things that the budget is made of.
@@ -44,8 +45,8 @@ impl ActiveMesh {
 
     /// Makes `changes`, which are allowed side by side: splits or merges of nodes that are there.
     ///
-    /// New nodes take over position and velocity from what stood for them, then the body is given the one rigid motion
-    /// that leaves linear and angular momentum as they were. What the displayed surface would jump by goes
+    /// New nodes take over position and velocity from what stood for them, then each organ that changes is given the one
+    /// rigid motion that leaves its linear and angular momentum as they were. What the displayed surface would jump by goes
     /// into the fade.
     pub fn apply(&mut self, body: &Body, changes: &[Change]) -> Upkeep {
         if changes.is_empty() {
@@ -53,7 +54,11 @@ impl ActiveMesh {
         }
         let mut before = std::mem::take(&mut self.work.before);
         self.skin(&mut before);
-        let momenta = self.momenta();
+        // Of the organs that change.
+        let momenta: [Option<Momenta>; MOST_ORGANS] = std::array::from_fn(|organ| {
+            let changes = changes.iter().any(|(Change::Split(n) | Change::Merge(n))| body.organ_of(*n) == organ);
+            changes.then(|| self.momenta_of(|n| body.organ_of(n) == organ))
+        });
         self.next_turn();
         self.collect_arrivals(body, changes);
         for &change in changes {
@@ -64,7 +69,11 @@ impl ActiveMesh {
         self.remake_rows(body);
         self.normalise(body);
         self.place_interface();
-        self.correct_momenta(&momenta);
+        for (organ, before) in momenta.iter().enumerate() {
+            if let Some(before) = before {
+                self.correct_momenta(body, organ, before);
+            }
+        }
         self.reattach(body, &before);
         self.swap_elements(body);
         self.release_unused(body);
@@ -328,12 +337,13 @@ impl ActiveMesh {
         }
     }
 
-    /// One rigid motion of all nodes that can move, so that the momenta are what they were. Of all, because those near
-    /// the change may be so few, or so nearly in a line, that turning them takes any speed.
-    fn correct_momenta(&mut self, before: &Momenta) {
-        let now = self.momenta();
-        let motion = &mut self.motion;
-        let free = || self.active.iter().map(|s| *s as usize).filter(|s| motion.inverse_mass[*s] > 0.0);
+    /// One rigid motion of all nodes of `organ` that can move, so that its momenta are what they were. Of all, because
+    /// those near the change may be so few, or so nearly in a line, that turning them takes any speed.
+    fn correct_momenta(&mut self, body: &Body, organ: usize, before: &Momenta) {
+        let now = self.momenta_of(|n| body.organ_of(n) == organ);
+        let (motion, node) = (&mut self.motion, &self.node);
+        let own = |s: &usize| motion.inverse_mass[*s] > 0.0 && body.organ_of(node[*s]) == organ;
+        let free = || self.active.iter().map(|s| *s as usize).filter(own);
         let (mut mass, mut first) = (0.0, Vec3::zeros());
         for s in free() {
             mass += motion.mass[s];
@@ -356,7 +366,7 @@ impl ActiveMesh {
         let turn = if turns { inertia.try_inverse().map_or(Vec3::zeros(), |i| i * angular) } else { Vec3::zeros() };
         for &slot in &self.active {
             let s = slot as usize;
-            if motion.inverse_mass[s] > 0.0 {
+            if motion.inverse_mass[s] > 0.0 && body.organ_of(node[s]) == organ {
                 let d = vec3(&motion.position[s]) - centre;
                 let v = vec3(&motion.velocity[s]) + linear / mass + turn.cross(&d);
                 motion.velocity[s] = padded(v);

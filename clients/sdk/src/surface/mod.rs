@@ -10,7 +10,8 @@ pub use decoder::{Moment, SurfaceDecoder};
 pub use watch::{SurfaceWatch, WatchCounters, WatchOptions};
 
 use palpate_proto::surface::SurfaceCode;
-use palpate_proto::{SurfaceTopology, keys};
+use palpate_proto::{Organ, SurfaceTopology, keys};
+use std::ops::Range;
 
 use crate::{Connection, SdkError};
 
@@ -25,6 +26,8 @@ pub struct Surface {
     pub rest_positions: Vec<[f32; 3]>,
     /// Step of the grid on which frames' vertices stand [m]: no coordinate is off by more than half of it.
     pub step: f64,
+    /// The organs that it encloses, one at least: their vertices and triangles stand organ by organ.
+    pub organs: Vec<Organ>,
     code: SurfaceCode,
 }
 
@@ -40,7 +43,9 @@ impl Surface {
         let code = SurfaceCode::new(&triangles, &rest_positions, step).ok_or_else(|| {
             undecodable(format!("a triangle names a vertex that does not exist, or a grid of {step} m is none"))
         })?;
-        Ok(Self { topology, triangles, rest_positions, step, code })
+        let organ =
+            Organ { vertices: rest_positions.len() as u32, triangles: triangles.len() as u32, ..Organ::default() };
+        Ok(Self { topology, triangles, rest_positions, step, organs: vec![organ], code })
     }
 
     /// The surface whose topology came in `parts`, in any order. Errors: [`SdkError::Undecodable`] when some are missing
@@ -69,7 +74,29 @@ impl Surface {
         if rest_positions.len() != vertices as usize {
             return Err(undecodable(format!("{} positions for {vertices} vertices", rest_positions.len())));
         }
-        Self::new(topology, triangles, rest_positions, step)
+        let mut surface = Self::new(topology, triangles, rest_positions, step)?;
+        // A server of 1.1 says nothing of organs: all is one.
+        let organs = std::mem::take(&mut parts[0].organs);
+        if !organs.is_empty() {
+            let sum =
+                |count: fn(&Organ) -> u32| organs.iter().map(|organ| u64::from(count(organ))).sum::<u64>() as usize;
+            if (sum(|o| o.vertices), sum(|o| o.triangles)) != (surface.rest_positions.len(), surface.triangles.len()) {
+                return Err(undecodable("the organs are not those of the surface".into()));
+            }
+            surface.organs = organs;
+        }
+        Ok(surface)
+    }
+
+    /// Vertices and triangles of each organ.
+    pub fn ranges(&self) -> impl Iterator<Item = [Range<usize>; 2]> + '_ {
+        let next = |from: &mut usize, count: u32| {
+            *from += count as usize;
+            *from - count as usize..*from
+        };
+        self.organs.iter().scan([0, 0], move |[vertex, triangle], organ| {
+            Some([next(vertex, organ.vertices), next(triangle, organ.triangles)])
+        })
     }
 
     /// Messages that each of its frames comes in.
@@ -115,6 +142,7 @@ pub(super) mod tests {
             part: 0,
             parts: 2,
             step: 1e-4,
+            organs: vec![],
         };
         let second =
             SurfaceTopology { triangles: vec![], rest_positions: bytes(&positions[6..]), part: 1, ..first.clone() };
@@ -127,6 +155,24 @@ pub(super) mod tests {
         assert_eq!(surface.triangles, [[0, 1, 2]]);
         assert_eq!(surface.rest_positions[2], [0.0, 1.0, 0.5]);
         assert_eq!((surface.topology, surface.step), (4, 1e-4));
+        assert_eq!(surface.organs.len(), 1, "what says nothing of organs is one");
+    }
+
+    #[test]
+    fn a_surface_says_whose_its_vertices_and_triangles_are() {
+        let organ =
+            |name: &str, vertices, triangles| Organ { name: name.into(), vertices, triangles, ..Organ::default() };
+        let of = |organs: Vec<Organ>| {
+            let mut parts = one_triangle();
+            parts[1].organs = organs;
+            Surface::from_parts(parts)
+        };
+        let surface = of(vec![organ("liver", 1, 1), organ("kidney", 2, 0)]).unwrap();
+        assert_eq!(surface.organs[1].name, "kidney");
+        assert_eq!(surface.ranges().collect::<Vec<_>>(), [[0..1, 0..1], [1..3, 1..1]]);
+        for organs in [vec![organ("liver", 2, 1)], vec![organ("liver", u32::MAX, 1), organ("kidney", 4, 0)]] {
+            assert!(of(organs).unwrap_err().to_string().contains("not those of the surface"));
+        }
     }
 
     #[test]

@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use palpate_proto::surface::EVERY;
-use palpate_proto::{Message, SurfaceFrame, VERSION_MAJOR, VERSION_MINOR, keys};
+use palpate_proto::{Message, SURFACE_MINOR, SurfaceFrame, VERSION_MAJOR, VERSION_MINOR, keys};
 use zenoh::{Wait, bytes::ZBytes, pubsub::Subscriber};
 
 use super::{Moment, Surface, SurfaceDecoder};
@@ -71,7 +71,7 @@ impl Connection {
             return Err(SdkError::Unknown { what: "stream of frames with every", name, known });
         }
         let session = self.session()?;
-        if session.version_minor < VERSION_MINOR {
+        if session.version_minor < SURFACE_MINOR {
             return Err(SdkError::Version {
                 server: format!("{}.{}", session.version_major, session.version_minor),
                 client: format!("{VERSION_MAJOR}.{VERSION_MINOR}"),

@@ -85,7 +85,7 @@ fn poke(ui: &egui::Ui, response: &egui::Response, scroll: f32, app: &mut App) {
         let pixel = (pointer.x - rect.min.x, rect.max.y - pointer.y);
         let sight = camera.view_direction_at_pixel(pixel);
         let normals = body.deformation.normals(positions);
-        pick(camera.position(), sight, positions, &body.subject.surface.triangles, &normals)
+        pick(camera.position(), sight, positions, &app.shown_triangles(), &normals)
     };
     let began = ui.input(|input| input.pointer.primary_pressed()) && response.contains_pointer();
     let held = response.is_pointer_button_down_on() && ui.input(|input| input.pointer.primary_down());

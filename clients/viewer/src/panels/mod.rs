@@ -1,6 +1,7 @@
 //! What is written around and over the body, and what mouse and keyboard do.
 
 mod input;
+mod organs;
 mod overlay;
 mod plots;
 mod side;

@@ -1,6 +1,6 @@
 //! The panel at the side: what to choose, how the server fares, who is there.
 
-use super::{FAINT, WARNING, plots};
+use super::{FAINT, WARNING, organs, plots};
 use crate::app::App;
 use crate::colour::Colouring;
 use crate::poke::Felt;
@@ -17,6 +17,7 @@ pub fn show(ui: &mut egui::Ui, app: &mut App) {
     if app.recorded().is_none() {
         live(ui, app);
     }
+    organs::show(ui, app);
     ui.separator();
     if app.recorded().is_none() {
         plots::forces(ui, app, 92.0);

@@ -1,9 +1,9 @@
 //! Panels, mouse and keyboard.
 
 use crate::fake_server::FakeServer;
-use crate::pressed_ball::record;
+use crate::pressed_ball::{record, record_organs};
 use crate::screen::{Screen, button, readable, said};
-use palpate_sdk::Endpoints;
+use palpate_sdk::{Endpoints, Organ};
 use palpate_viewer::app::App;
 use palpate_viewer::colour::Colouring;
 use palpate_viewer::source::Recording;
@@ -110,6 +110,43 @@ fn the_time_line_is_dragged_and_a_recording_ends_at_its_end() {
     assert!((app.time - app.recorded().unwrap().duration()).abs() < 1e-9);
     app.toggle_pause();
     assert_eq!(app.time, 0.0, "from the end it begins again");
+}
+
+#[test]
+fn organs_are_listed_and_each_can_be_hidden() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("organs.mcap");
+    let organ = |name: &str, vertices, volume| Organ {
+        name: name.into(),
+        vertices,
+        triangles: 700,
+        volume,
+        youngs_modulus: 5e3,
+        ..Organ::default()
+    };
+    record_organs(&path, 20, 10, &[organ("upper half", 400, 2e-4), organ("lower", 0, 1.5e-4)]);
+    let (mut app, mut screen) = (App::recording(Recording::open(&path).unwrap()).unwrap(), Screen::new());
+    app.paused = true;
+    app.advance(0.0).unwrap();
+    screen.show(&mut app, vec![]);
+    let (_, texts) = screen.show(&mut app, vec![]);
+    for part in ["upper half", "lower", "200 mL", "150 mL", "5 kPa", "400 vertices", "362 vertices"] {
+        assert!(said(&texts, part), "{part} of {texts:#?}");
+    }
+    readable(&texts);
+    let triangles = app.body().unwrap().subject.surface.triangles.clone();
+    assert_eq!(app.shown_triangles(), triangles);
+    let lower = texts.iter().find(|text| text.words == "lower").unwrap().rect.center();
+    let mut click = |app: &mut App| {
+        screen.show(app, button(lower, PointerButton::Primary, true));
+        screen.show(app, button(lower, PointerButton::Primary, false));
+    };
+    click(&mut app);
+    assert_eq!(app.hidden, [false, true]);
+    let shown = app.shown_triangles();
+    assert!(shown[..700] == triangles[..700] && shown[700..].iter().all(|t| *t == [0; 3]));
+    click(&mut app);
+    assert_eq!(app.shown_triangles(), triangles);
 }
 
 /// Looks at the server at `endpoints` until `words` are on the screen.

@@ -3,7 +3,7 @@
 use palpate_sdk::proto::keys::topics;
 use palpate_sdk::proto::surface::{KEY_INTERVAL, SurfaceCode};
 use palpate_sdk::proto::{
-    BodyDescription, Limits, Message, RecordingStart, Session, SurfaceFrame, SurfaceTopology, ToolDescription,
+    BodyDescription, Limits, Message, Organ, RecordingStart, Session, SurfaceFrame, SurfaceTopology, ToolDescription,
     ToolPart, ToolPhase, ToolState,
 };
 use std::collections::BTreeMap;
@@ -70,6 +70,11 @@ pub fn record(path: &Path, frames: u64) {
 
 /// As [`record`], with another number of rings.
 pub fn record_ball(path: &Path, rings: u32, frames: u64) {
+    record_organs(path, rings, frames, &[]);
+}
+
+/// As [`record_ball`], of `organs` that follow one another as vertices and triangles do; the last has what is left.
+pub fn record_organs(path: &Path, rings: u32, frames: u64, organs: &[Organ]) {
     let options = mcap::WriteOptions::new().chunk_size(Some(4_000)).compression(Some(mcap::Compression::Lz4));
     let mut writer = options.create(File::create(path).unwrap()).unwrap();
     let mut say = |topic: &str, tick: u64, bytes: Vec<u8>| {
@@ -96,6 +101,11 @@ pub fn record_ball(path: &Path, rings: u32, frames: u64) {
     let start = RecordingStart { palpate_version: "7".into(), session: Some(session), ..Default::default() };
     say(topics::START, 0, start.encode_to_vec());
     let (rest, triangles) = (rest(rings), triangles(rings));
+    let mut organs = organs.to_vec();
+    if let Some((last, others)) = organs.split_last_mut() {
+        last.vertices = rest.len() as u32 - others.iter().map(|organ| organ.vertices).sum::<u32>();
+        last.triangles = triangles.len() as u32 - others.iter().map(|organ| organ.triangles).sum::<u32>();
+    }
     let topology = SurfaceTopology {
         topology: 3,
         vertices: rest.len() as u32,
@@ -104,6 +114,7 @@ pub fn record_ball(path: &Path, rings: u32, frames: u64) {
         part: 0,
         parts: 1,
         step: STEP,
+        organs,
     };
     let code = SurfaceCode::new(&triangles, &rest, STEP).unwrap();
     let mut key = (0, code.rest().to_vec());
