@@ -38,12 +38,13 @@ struct Running {
 
 /// A small cube that adapts its resolution, clamped at the bottom, with two ball tools.
 fn serve() -> Running {
-    let given = [
-        "body.cells=[[3,3,3],[5,5,5]]",
-        "world.gravity=[0,0,0]",
-        "tool=[{name=\"left\", radius=0.02}, {name=\"right\", radius=0.02}]",
-    ]
-    .map(String::from);
+    serve_cells("[[3,3,3],[5,5,5]]")
+}
+
+/// A server of a cube that has levels of these cells.
+fn serve_cells(cells: &str) -> Running {
+    let tools = "tool=[{name=\"left\", radius=0.02}, {name=\"right\", radius=0.02}]";
+    let given = [format!("body.cells={cells}"), "world.gravity=[0,0,0]".to_owned(), tools.to_owned()];
     let loaded = LoadedScene::load(Path::new("cube"), &given).unwrap();
     let body = Arc::new(loaded.build(&mut |_, _, _| {}).unwrap());
     let start = loaded.scene.at_rest(&body);

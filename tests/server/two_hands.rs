@@ -1,6 +1,6 @@
 //! Two virtual Phantoms in one body over the real network, and one of them killed in the middle of its press.
 
-use crate::{Running, serve, wait_for};
+use crate::{Running, serve, serve_cells, wait_for};
 use palpate::contact::tool::ToolEvent;
 use palpate::recording::Recording;
 use palpate::simulation::{Inputs, Simulation};
@@ -147,8 +147,9 @@ fn kill_one_of_two(running: &Running) -> (Recording, Report) {
 #[test]
 fn when_one_of_two_phantoms_is_killed_the_other_feels_nothing_but_the_tissue() {
     // A machine too busy to keep a client awake takes the survivor's force away as well: that says nothing of the other.
+    // Nor does a change of resolution, which such a machine asks for, too: the body has one level.
     let attempt = || {
-        let running = serve();
+        let running = serve_cells("[[5,5,5]]");
         let (recording, report) = kill_one_of_two(&running);
         assert_eq!(running.stop().restored_states, 0);
         (recording, report)
