@@ -176,10 +176,9 @@ pub fn run(args: &PrepareArgs) -> anyhow::Result<ExitCode> {
     for (r, (level, forecast)) in report.levels.iter().zip(&forecast).enumerate() {
         println!("level {r}: {}", in_words(level, forecast));
         for (what, thin) in [("walls thinner than an element", thin[r].walls), ("gaps that it bridges", thin[r].gaps)] {
-            // Sharp rims are thin for any element.
-            if let Some(Thin { part, thickness, at }) = thin.filter(|thin| thin.part > 1e-3) {
+            if let Some(Thin { part, thickness, at }) = thin {
                 println!(
-                    "level {r}: {what}: {:.1} % of the surface, the thinnest {:.2} mm at ({:.4}, {:.4}, {:.4}) m",
+                    "level {r}: {what}: {:.3} % of the surface, the thinnest {:.2} mm at ({:.4}, {:.4}, {:.4}) m",
                     100.0 * part,
                     1e3 * thickness,
                     at.x,

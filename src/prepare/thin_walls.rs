@@ -9,10 +9,13 @@ use crate::math::{Real, Vec3, from_parry, to_parry};
 use parry3d_f64::query::{Ray, RayCast};
 use rayon::prelude::*;
 
+/// Cosine of the angle between two sheets up to which they run side by side.
+const FACING: Real = 0.7;
+
 /// Most points looked from along an edge of a triangle.
 const MOST_POINTS: usize = 32;
 
-/// Two sheets in one element.
+/// Two sheets in one element, or, where they are close to each other, in none.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Thin {
     /// Part of the surface from which another sheet lies in the same element.
@@ -44,13 +47,17 @@ pub fn thin_places(surface: &Surface, level: &Level) -> ThinPlaces {
         let hit = around.cast_local_ray_and_get_normal(&ray, level.spacing, false)?;
         let outward = surface_normal(surface, hit.subshape as usize);
         let distance = hit.time_of_impact + start;
-        // Going in, one leaves through the next sheet; going out, one enters.
-        if (outward.dot(&direction) > 0.0) != leaves {
+        // Going in, one leaves through the next sheet; going out, one enters. A rim's two sides are sheets of their own only
+        // where they run side by side: elsewhere any rim would be thin for any element.
+        let along = outward.dot(&direction);
+        if (along > 0.0) != leaves || along.abs() < FACING {
             return None;
         }
         let corners = level.mesh.corners(locator.host(p).element as usize);
         let within = |x: Vec3| barycentric(&corners, x).iter().all(|w| *w >= -1e-9);
-        (within(p) && within(from_parry(ray.point_at(hit.time_of_impact)))).then_some(distance)
+        // So little of a very thin wall lies in an element that the level has none there.
+        let lost = leaves && !within(p);
+        (lost || within(p) && within(from_parry(ray.point_at(hit.time_of_impact)))).then_some(distance)
     };
     // Area looked from, and of it with another sheet in the element; the nearest two sheets.
     let of_triangle = |t: usize| {
@@ -134,5 +141,24 @@ mod tests {
         let gaps = looked(&block, 0.02).gaps.unwrap();
         assert!(gaps.thickness < 0.003 && (gaps.at.x - 0.05).abs() < 0.002 && gaps.at.z > 0.03, "{gaps:?}");
         assert_eq!(looked(&box_surface(Vec3::repeat(0.1), [4; 3]), 0.02).gaps, None);
+    }
+
+    #[test]
+    fn a_fin_is_found_however_small_and_a_rim_is_none() {
+        // A block with a fin beside it that makes up less than a thousandth of the surface.
+        let mut finned = box_surface(Vec3::repeat(0.1), [4; 3]);
+        let fin = box_surface(Vec3::new(0.004, 0.004, 0.0005), [2, 2, 1]);
+        let first = finned.vertices.len() as u32;
+        finned.vertices.extend(fin.vertices.iter().map(|v| v + Vec3::new(0.12, 0.05, 0.05)));
+        finned.triangles.extend(fin.triangles.iter().map(|t| t.map(|v| v + first)));
+        let walls = looked(&finned, 0.02).walls.unwrap();
+        assert!(walls.part < 1e-3 && (walls.thickness - 0.0005).abs() < 1e-9 && walls.at.x > 0.12, "{walls:?}");
+        // A prism of 60 degrees.
+        let mut prism = box_surface(Vec3::repeat(0.1), [8; 3]);
+        for v in &mut prism.vertices {
+            (v.x, v.z) = (0.05 + (v.x - 0.05) * (1.0 - 9.9 * v.z), v.z * 0.866);
+        }
+        let near_the_ridge = |thin: &Thin| thin.at.z > 0.07;
+        assert!(!looked(&prism, 0.02).walls.is_some_and(|walls| near_the_ridge(&walls)));
     }
 }
