@@ -173,7 +173,7 @@ const LEAST_FACTOR: Real = 0.78;
 const MOST_FACTOR: Real = 1.22;
 /// Most that is taken off the inertia, as a part of it. Where two hundred nodes lost all that they have too much, bodies of
 /// mixed levels would twist 2.5 % too fast.
-const MOST_TAKEN: Real = 0.06;
+const MOST_TAKEN: Real = 0.07;
 /// Most often that the polynomial is mended; fine levels need it three times.
 const ROUNDS: usize = 30;
 
