@@ -169,8 +169,8 @@ const LEAST_MASS: Real = 0.1;
 type Ten = SVector<Real, 10>;
 /// Factors on the density of an element. Farther from 1 levels of few nodes would no longer answer as the others do: with
 /// 0.5 to 1.5 a cube of 149 nodes stretches 5 % otherwise under its weight, and light elements take short steps.
-const LEAST_FACTOR: Real = 0.78;
-const MOST_FACTOR: Real = 1.22;
+const LEAST_FACTOR: Real = 0.75;
+const MOST_FACTOR: Real = 1.25;
 /// Most that is taken off the inertia, as a part of it. Where two hundred nodes lost all that they have too much, bodies of
 /// mixed levels would twist 2.5 % too fast.
 const MOST_TAKEN: Real = 0.07;
