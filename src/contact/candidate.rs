@@ -164,7 +164,8 @@ impl Touch<'_> {
         let (normal, gap) = if front { (normal, distance - radius) } else { (-normal, -distance - radius) };
         let side = Side { point, normal, gap, core, sheet };
         let side = if inside || !front { pushed_out(at, place, side, known.filter(|_| inside)) } else { side };
-        Some(side).filter(|side| side.gap <= self.margin)
+        // In a dent, what is beside the wall of a vertex's triangles may be below it all the same: `follow_sunk` finds out.
+        Some(side).filter(|side| side.gap <= self.margin || side.sheet == Sheet::Turned)
     }
 }
 
@@ -198,8 +199,10 @@ fn is_behind(on: &Touchable, p: Vec3, stencil: &[(u32, Real)]) -> bool {
 /// be lost at the next triangle. An axis that is inside the body, although nothing says how it got there, has come through the
 /// sheet that it is the least behind of. Of edges and corners only those nearest to it count.
 ///
-/// That holds down to `deepest` [m] only: a surface that still clung to a tool deep inside would be turned inside out by it.
-pub(super) fn follow_sunk(on: &Touchable, parts: &[Posed], deepest: Real, candidates: &mut Vec<Candidate>) {
+/// That holds down to twice the `margin` [m] only: a surface that still clung to a tool deep inside would be turned inside
+/// out by it.
+pub(super) fn follow_sunk(on: &Touchable, parts: &[Posed], margin: Real, candidates: &mut Vec<Candidate>) {
+    let deepest = 2.0 * margin;
     spread(deepest, candidates);
     for (part, at) in parts.iter().enumerate() {
         let own = |c: &Candidate| c.part as usize == part;
@@ -224,7 +227,7 @@ pub(super) fn follow_sunk(on: &Touchable, parts: &[Posed], deepest: Real, candid
             spread(deepest, candidates);
         }
     }
-    candidates.retain(|c| !matches!(c.sheet, Sheet::Behind | Sheet::Beside));
+    candidates.retain(|c| !matches!(c.sheet, Sheet::Behind | Sheet::Beside) && c.gap <= margin);
     let mut i = 0;
     while i < candidates.len() {
         let c = candidates[i];

@@ -130,7 +130,7 @@ pub fn detect(
     }
     near_triangles(on, &touch, &work.near, (&mut work.seen, work.turn), candidates);
 
-    follow_sunk(on, &all[..parts], 2.0 * margin, candidates);
+    follow_sunk(on, &all[..parts], margin, candidates);
     thin_out(candidates, memory, on.vertices.len() as u32, per_part);
     recall(on, candidates, memory, per_part, parts as u32);
 

@@ -1,15 +1,18 @@
 //! A thin tip does not pass through the displayed surface, whatever the stroke; edges are felt as tips are.
 //!
-//! 1,000 strokes of each tool; `PALPATE_SEEDS=10000` runs as many. Passing through means: after it has been outside, the
-//! centre of the tip is more than a quarter of a millimetre below the displayed surface, and nothing is felt, for three
-//! ticks or more. (What a tip touches anew may need a tick or two to push; what the mesh is too coarse to show lets a tip
-//! of half a millimetre sink by millimetres under some newtons, and it feels them.)
+//! 1,000 strokes of each tool, and those that once passed; `PALPATE_SEEDS=10000` runs as many. Passing through means:
+//! after it has been outside, the centre of the tip is more than a quarter of a millimetre below the displayed surface, and
+//! nothing is felt, for three ticks or more. (What a tip touches anew may need a tick or two to push; what the mesh is too
+//! coarse to show lets a tip of half a millimetre sink by millimetres under some newtons, and it feels them.)
 
 use super::*;
 
 fn seeds() -> u64 {
     std::env::var("PALPATE_SEEDS").ok().and_then(|s| s.parse().ok()).unwrap_or(1_000)
 }
+
+/// Strokes that press a vertex so deep that the walls of its dent stand up around the tip.
+const ONCE_PASSED: [u64; 2] = [2594, 8627];
 
 /// Of the displayed surface as it is now: parts of the full solid angle seen from `p` (1 inside, 0 outside), and
 /// distance of the nearest triangle [m].
@@ -83,7 +86,7 @@ fn no_thin_tip_passes_through_the_surface_unfelt() {
     for (t, name) in ["fine", "tip", "rod"].iter().enumerate() {
         let (mut felt, mut lost, mut deepest) = (0, Vec::new(), 0.0 as Real);
         let mut runs = cubes.each_ref().map(|(_, cube)| simulation(cube));
-        for seed in 0..seeds() {
+        for seed in (0..seeds()).chain(ONCE_PASSED) {
             // Every tenth on the finer one, which costs ten times as much.
             let press = &mut runs[usize::from(seed % 10 == 9)];
             let mut vertices = vec![Vec3::zeros(); press.body().surface().vertices.len()];
@@ -124,11 +127,11 @@ fn no_thin_tip_passes_through_the_surface_unfelt() {
         let passed = lost.iter().filter(|l| l.1 > 2).count();
         println!(
             "{name}: {felt} of {} strokes touch; centre up to {:.2} mm deep; {passed} pass, of {lost:?}",
-            seeds(),
+            seeds() + ONCE_PASSED.len() as u64,
             deepest * 1e3
         );
         assert!(felt * 10 > seeds() * 9, "strokes that mean something");
-        assert!(passed as u64 * 500 <= seeds(), "{name}: {passed} pass");
+        assert!(passed == 0, "{name}: {passed} pass");
     }
     println!("{ticks} ticks");
 }
