@@ -78,6 +78,15 @@ pub fn report(body: &Body) -> Report {
                 warnings.push(format!("level {r}: its {what} is {:+.1} % off the body's", 100.0 * error));
             }
         }
+        let nested = shared_places(body, r);
+        if nested > MOST_SHARED {
+            warnings.push(format!(
+                "level {r} has a node where {:.0} % of level {}'s nodes are: in a body of both resolutions such levels are \
+                 far too soft; mesh them apart, the one 1.6 to 1.8 times as fine as the other",
+                100.0 * nested,
+                r - 1
+            ));
+        }
         if !level.can_be_stepped() {
             let (element, at) = level.stiffest;
             warnings.push(format!(
@@ -124,6 +133,17 @@ fn level_report(body: &Body, r: usize, wanted: &Moments) -> LevelReport {
         memory: memory(level),
     }
 }
+
+/// Part of the next coarser level's nodes that have a node of level `r` at their place.
+fn shared_places(body: &Body, r: usize) -> Real {
+    let Some(coarser) = r.checked_sub(1) else { return 0.0 };
+    let near = 1e-6 * body.level(r).spacing;
+    let at_home = |n: &u32| body.children(*n).iter().any(|child| (body.rest(*child) - body.rest(*n)).norm() < near);
+    body.nodes_of(coarser).filter(at_home).count() as Real / body.nodes_of(coarser).len() as Real
+}
+
+/// Part of a level's nodes that the next finer one may share: boxes have their corners in common.
+const MOST_SHARED: Real = 0.3;
 
 /// Labels and their parts of the volume, on the finest whole level.
 fn labels(body: &Body) -> Vec<(i64, Real)> {
@@ -223,5 +243,30 @@ impl fmt::Display for Report {
             writeln!(f, "{}", cells.join("  "))?;
         }
         self.warnings.iter().try_for_each(|warning| writeln!(f, "warning: {warning}"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::primitives::box_mesh;
+    use crate::model::Material;
+    use crate::prepare::{Recipe, Shape, prepare};
+
+    #[test]
+    fn nested_levels_are_warned_of() {
+        let warnings = |cells: [u32; 2]| {
+            let recipe = Recipe {
+                name: "cube".into(),
+                shape: Shape::meshes(cells.map(|n| box_mesh(Vec3::repeat(0.1), [n; 3]))),
+                material: Material::from_young(1e4, 0.3, 1000.0),
+                inclusions: vec![],
+                holds: vec![],
+                damping_ratio: 0.0,
+            };
+            report(&prepare(&recipe, &mut |_, _, _| {}).unwrap()).warnings
+        };
+        assert!(warnings([4, 8]).iter().any(|w| w.contains("level 1 has a node where 100 % of level 0's")));
+        assert_eq!(warnings([5, 8]), [""; 0]);
     }
 }

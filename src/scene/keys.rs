@@ -378,7 +378,7 @@ fn decimetre() -> [Real; 3] {
     [0.1; 3]
 }
 fn two_levels() -> Vec<[u32; 3]> {
-    vec![[2; 3], [4; 3]]
+    vec![[3; 3], [5; 3]]
 }
 fn display_vertices() -> usize {
     2_500
