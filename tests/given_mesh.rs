@@ -84,7 +84,7 @@ fn press(body: &Arc<Body>, gravity: Vec3, patch: &[u32], pressed: Vec3) -> Simul
         adaptivity: None,
         most_elements: usize::MAX,
     };
-    let mut simulation = Simulation::new(body.clone(), settings, Snapshot::at_rest(&body, 0, 0)).unwrap();
+    let mut simulation = Simulation::new(body.clone(), settings, Snapshot::at_rest(body, 0, 0)).unwrap();
     // In steps: an element is never crushed on the way.
     for step in 1..=5 {
         let now = pressed * (Real::from(step) / 5.0);

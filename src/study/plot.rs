@@ -289,7 +289,7 @@ fn draw_chart(area: &Area, chart: &Chart) -> Drawn {
         .axis_desc_style(font(19))
         .x_label_formatter(&|v| number(if chart.log_x { v.exp2() } else { *v }))
         .set_all_tick_mark_size(size(5))
-        .y_label_formatter(&|v| if chart.powers { format!("1e{}", number(*v)) } else { number(*v) })
+        .y_label_formatter(&|v| if chart.powers { power(*v) } else { number(*v) })
         .x_desc(&chart.x_label)
         .y_desc(&chart.y_label)
         .draw()?;
@@ -304,6 +304,16 @@ fn draw_chart(area: &Area, chart: &Chart) -> Drawn {
         axes.draw_series(dots.map(|p| Circle::new(p, size(5), colour.filled())))?;
     }
     Ok(())
+}
+
+/// The label of ten to the power of `v`: half powers read as 3, 30, 300.
+fn power(v: Real) -> String {
+    let whole = v.floor();
+    match (v - whole, whole) {
+        (half, 0.0..4.0) if (half - 0.5).abs() < 1e-9 => number(3.0 * Real::powi(10.0, whole as i32)),
+        (0.0, 0.0..4.0) => number(Real::powi(10.0, whole as i32)),
+        _ => format!("1e{}", number(v)),
+    }
 }
 
 /// A label without needless digits.
