@@ -255,7 +255,7 @@ mod tests {
 
     #[test]
     fn nested_levels_are_warned_of() {
-        let warnings = |cells: [u32; 2]| {
+        let warned = |cells: [u32; 2]| {
             let recipe = Recipe {
                 name: "cube".into(),
                 shape: Shape::meshes(cells.map(|n| box_mesh(Vec3::repeat(0.1), [n; 3]))),
@@ -264,9 +264,9 @@ mod tests {
                 holds: vec![],
                 damping_ratio: 0.0,
             };
-            report(&prepare(&recipe, &mut |_, _, _| {}).unwrap()).warnings
+            let warnings = report(&prepare(&recipe, &mut |_, _, _| {}).unwrap()).warnings;
+            warnings.iter().any(|w| w.contains("level 1 has a node where 100 % of level 0's nodes are"))
         };
-        assert!(warnings([4, 8]).iter().any(|w| w.contains("level 1 has a node where 100 % of level 0's")));
-        assert_eq!(warnings([5, 8]), [""; 0]);
+        assert!(warned([4, 8]) && !warned([5, 8]));
     }
 }
