@@ -224,9 +224,10 @@ pub fn detect(
 /// Of the points of the last tick, those up to this far apart [m] count as touching where not all can be kept.
 const LET_GO: Real = 2e-4;
 
-/// Keeps as many points as the solver may take, in the order of their numbers: those of the last tick, so that a wide
-/// tool's points do not take turns, then vertices before triangles and the deepest first, ties to the smaller number.
-/// Those left out that touch leave their area to the nearest that is kept, so that the surface is as stiff as before.
+/// Keeps as many points as the solver may take, in the order of their numbers: spread over all that is touched, and of
+/// those near each other the ones of the last tick, so that a wide tool's points do not take turns, then vertices before
+/// triangles and the deepest first, ties to the smaller number. Those left out that touch leave their area to the nearest
+/// that is kept, so that the surface is as stiff as before.
 fn thin_out(candidates: &mut Vec<Candidate>, memory: &[PointMemory], vertices: u32, per_part: u32) {
     if candidates.len() > MOST_POINTS {
         let known = |c: &Candidate| memory.binary_search_by_key(&c.point, |m| m.point).is_ok();
@@ -234,6 +235,18 @@ fn thin_out(candidates: &mut Vec<Candidate>, memory: &[PointMemory], vertices: u
         let last = |c: &Candidate| (apart(c), !known(c), c.point % per_part >= vertices);
         candidates
             .sort_unstable_by(|a, b| last(a).cmp(&last(b)).then(a.gap.total_cmp(&b.gap)).then(a.point.cmp(&b.point)));
+        // The deepest alone would leave the rim of a wide contact without a force.
+        let touched: Real = candidates.iter().filter(|c| c.gap < 0.0).map(|c| c.area).sum();
+        let spread = SPREAD * touched / MOST_POINTS as Real;
+        let mut kept = 0;
+        for i in 0..candidates.len() {
+            let place = candidates[i].place;
+            let crowded = |c: &Candidate| (c.place - place).norm_squared() < spread;
+            if kept < MOST_POINTS && !candidates[..kept].iter().any(crowded) {
+                candidates[kept..=i].rotate_right(1);
+                kept += 1;
+            }
+        }
         let (kept, others) = candidates.split_at_mut(MOST_POINTS);
         let places: [Vec3; MOST_POINTS] = std::array::from_fn(|i| kept[i].place);
         for other in others.iter().filter(|o| o.gap < 0.0) {
@@ -245,6 +258,9 @@ fn thin_out(candidates: &mut Vec<Candidate>, memory: &[PointMemory], vertices: u
     }
     candidates.sort_unstable_by_key(|c| c.point);
 }
+
+/// Squared distance of points that are kept over the area that each has to stand for: as many as there may be find room.
+const SPREAD: Real = 0.8;
 
 /// Finds what is remembered of each candidate. A point that has gone from one part of a tool to the next keeps its force
 /// and its anchor; a tip that has sunk below one triangle and slid below the next takes them along.

@@ -33,7 +33,7 @@ const FINER: [Real; 3] = [0.0032, 0.00225, 0.0016];
 const AS_FINE: Real = 8e-3;
 /// ... and how many of them away the elements are e times as wide.
 const GROWN: Real = 10.0 / 3.0;
-/// Width of the displayed triangles there over the radius of the contact. More than 64 vertices would not all be touched.
+/// Width of the displayed triangles there over the radius of the contact: larger ones are felt one by one.
 const TRIANGLES: Real = 0.4;
 /// Damping ratio of the slowest mode.
 const DAMPING: Real = 0.3;
@@ -314,6 +314,14 @@ mod tests {
             // Without the dent even these elements are too stiff.
             assert!(spacing < 0.6 * contact_radius(row.0) || felt(&body, &[row.0], false).unwrap()[0] > 1.05 * row.1);
         }
+    }
+
+    /// The points that are kept stand for all that the ball touches, not for the deepest.
+    #[test]
+    fn of_more_points_than_a_tool_may_touch_a_ball_is_pushed_back_alike() {
+        let (spacing, row) = (0.00225, CONTINUUM[2]);
+        let force = felt(&drawn_out(spacing, 6.25e-4).unwrap(), &[row.0], true).unwrap()[0];
+        assert!(error(spacing, row, force) < 0.05);
     }
 
     /// R4's rows of displacement-driven contact: 0.0436 N at 1 mm, two thirds of what a ball without friction feels.
