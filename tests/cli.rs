@@ -52,7 +52,7 @@ fn simulate_writes_samples_a_summary_and_a_recording_that_replays() {
         rows.iter().map(move |r| r[at])
     };
     assert!(column("ball_force_z_N").fold(0.0, f64::max) > 0.1);
-    assert_eq!(column("active_nodes_level1").next(), Some(125.0));
+    assert_eq!(column("active_nodes_level1").next(), Some(216.0));
     assert_eq!(column("active_nodes_level2").next(), Some(0.0));
     // The probe under the ball is pushed down, and the parts of the energy add up.
     assert!(column("top_uz_m").fold(0.0, f64::min) < -0.003);
