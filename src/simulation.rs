@@ -480,7 +480,10 @@ impl Simulation {
         let needed = work::of_tick(&self.mesh, self.constraints.len());
         // A body that takes more than a tick affords saves up for it, and moves every few ticks.
         let left = i64::from(budget) + self.credit - i64::from(self.outputs.adapted.work);
-        let moves = i64::from(needed) <= left && !self.outputs.adapted.saving;
+        // Beside a body that fits the budget a change of resolution may take more, which later ticks make up for.
+        let with_change = needed.saturating_add(self.outputs.adapted.work);
+        let fits = needed <= budget && with_change <= work::with_change(budget);
+        let moves = (i64::from(needed) <= left || fits) && !self.outputs.adapted.saving;
         // What is left of a tick in which the body moves is lost, what was saved before is not.
         self.credit = if moves { (left - i64::from(needed)).min(self.credit.max(0)) } else { left };
         self.outputs.plan = Plan { needed, taken: if moves { needed } else { 0 } };

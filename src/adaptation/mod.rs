@@ -66,12 +66,20 @@ const STAY: Real = 1.3;
 /// Where the material is uneven, nodes are split from this much farther away: large elements show too little of what is
 /// smaller than they are, and what they show is felt from afar.
 const UNEVEN: Real = 1.5;
-/// Values from here on are those of nodes that a tool is close to.
+/// Values from here on are those of nodes that a tool is close to, and the most that strain alone is worth: at the limit of
+/// the budget it gives way to touch.
 const TOUCHED: Real = 2.0;
+const STRAINED: Real = 1.9;
+/// What is near a tool gives way to what is worth this much more.
+const WORTH_MORE: Real = 0.5;
 /// Part of the budget that changes of resolution may take in one tick, one in this many, where that pays for a change.
 const UPKEEP_PART: u32 = 6;
-/// Part of the budget, in 1/16, up to which refinement fills it: the rest is for strains that shorten steps.
+/// Contact points that room is kept for once a tool is there.
+const EXPECTED_CONTACTS: usize = 20;
+/// Part of the budget, in 1/16, up to which refinement fills it, and up to which strain alone does: the rest is for
+/// strains that shorten steps, and what a tool makes room for must not fill up again with what it was taken from.
 const FILLED: u32 = 11;
+const STRAIN_FILLED: u32 = 9;
 
 /// What was done in one tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -145,34 +153,47 @@ pub fn adapt(
     if work.finest == 0 {
         return Adapted::default();
     }
+
     work.wanted.clear();
     work.spare.clear();
     work.changes.clear();
-    let (budget, load) = (means.budget, work::of_tick(mesh, means.contacts));
-    let full = (u64::from(budget) * u64::from(FILLED) / 16) as u32;
+    let contacts = if focus.is_empty() { means.contacts } else { means.contacts.max(EXPECTED_CONTACTS) };
+    let (budget, load) = (means.budget, work::of_tick(mesh, contacts));
     let look = Look { body, adaptivity, focus };
-    let shedding = load > budget;
+    let shedding = work::of_tick(mesh, means.contacts) > budget;
     // Under a tool, what changes put out of balance is eased; a body that has too much to do cannot afford that.
     let eases = !shedding && loads.points.iter().flatten().any(|p| p.multiplier > 0.0);
     let each = CHANGE_UPKEEP + if eases { EASED_CHANGE } else { 0 };
+    // A body without room for a change could not follow a tool.
+    let spare = work::with_change(budget).saturating_sub(BATCH_UPKEEP + CHANGE_UPKEEP + EASED_CHANGE);
+    let part = |of: u32| ((u64::from(budget) * u64::from(of) / 16) as u32).min(spare);
+    let full = part(FILLED);
     if shedding {
         // Before it moves again the body sheds what is too much, in batches as large as may be: they share the rows that
         // they make, so few large ones take less than many small ones, even if they have to be saved up for.
         look.spare_families(mesh, 0, 1, Real::INFINITY, &mut work.spare);
-        plan_merges(body, mesh, MOST_CHANGES, load - full, work);
+        plan_merges(body, mesh, MOST_CHANGES, load.saturating_sub(full), 0.0, work);
         let needed = BATCH_UPKEEP + SHED_UPKEEP * work.changes.len() as u32;
         if !work.changes.is_empty() && needed > means.allowed {
             return Adapted { saving: true, ..Adapted::default() };
         }
     } else {
-        let upkeep = means.allowed.saturating_sub(load).min((budget / UPKEEP_PART).max(BATCH_UPKEEP + each));
+        // What the last change took has to be made up for first.
+        let left = if means.allowed < budget { 0 } else { work::with_change(budget).saturating_sub(load) };
+        let upkeep = left.min((budget / UPKEEP_PART).max(BATCH_UPKEEP + each));
+        let most = most_changes(upkeep, each);
         look.wanted_nodes(mesh, ticks, work.finest, &mut work.wanted);
-        plan_splits(&look, mesh, most_changes(upkeep, each), full.saturating_sub(load), work);
+        let room = [full, part(STRAIN_FILLED)].map(|filled| filled.saturating_sub(load));
+        let short = plan_splits(&look, mesh, most, room, work);
         if work.changes.is_empty() {
             // What is wanted and does not fit may take the place of what is worth less.
-            let limit = work.wanted.first().map_or(adaptivity.merge, |w| 0.5 * w.0);
+            let limit = match work.wanted.first() {
+                Some((value, _)) if *value > TOUCHED => (value - WORTH_MORE).max(TOUCHED),
+                Some((value, _)) => 0.5 * value,
+                None => adaptivity.merge,
+            };
             look.spare_families(mesh, ticks % INDICATOR_TICKS, INDICATOR_TICKS, limit, &mut work.spare);
-            plan_merges(body, mesh, most_changes(upkeep, each), u32::MAX, work);
+            plan_merges(body, mesh, most, short, adaptivity.merge, work);
         }
     }
     if work.changes.is_empty() {
@@ -194,10 +215,11 @@ fn most_changes(units: u32, each: u32) -> usize {
     ((units.saturating_sub(BATCH_UPKEEP) / each) as usize).min(MOST_CHANGES)
 }
 
-/// Splits at most `most` nodes whose elements take no more than `room` units of work a tick.
-fn plan_splits(look: &Look, mesh: &mut ActiveMesh, most: usize, mut room: u32, work: &mut Workspace) {
-    let mut elements = 0;
-    for &(_, wanted) in &work.wanted {
+/// Splits at most `most` nodes whose elements take no more than `room` units of work a tick, those that only strain asks for
+/// no more than the second. Units that the best of those that do not fit is short of.
+fn plan_splits(look: &Look, mesh: &mut ActiveMesh, most: usize, room: [u32; 2], work: &mut Workspace) -> u32 {
+    let (mut elements, mut taken, mut short) = (0, 0, 0);
+    for &(value, wanted) in &work.wanted {
         if work.changes.len() >= most {
             break;
         }
@@ -210,14 +232,26 @@ fn plan_splits(look: &Look, mesh: &mut ActiveMesh, most: usize, mut room: u32, w
             continue;
         }
         let added = mesh.added_by_split(look.body, n);
-        // Nodes and rows come with them.
-        let cost = (added << class_of_level(look.body, n)) * 3 / 2;
-        if cost <= room && mesh.has_room(elements + added) {
-            room -= cost;
+        let mut cost = cost_of_split(look.body, n, added);
+        let room = room[usize::from(value < TOUCHED)];
+        if n != wanted {
+            // Without room for what it is for, it would be merged again.
+            cost += cost_of_split(look.body, wanted, mesh.added_by_split(look.body, wanted));
+        }
+        if taken + cost <= room && mesh.has_room(elements + added) {
+            taken += cost;
             elements += added;
             work.changes.push(Change::Split(n));
+        } else if short == 0 {
+            short = (taken + cost).saturating_sub(room);
         }
     }
+    short
+}
+
+/// Units of work a tick that a split of `n` costs which adds `elements`, with the nodes and rows that come with them.
+fn cost_of_split(body: &Body, n: u32, elements: u32) -> u32 {
+    (elements << class_of_level(body, n)) * 3 / 2
 }
 
 /// Class at rest of the level that the children of `n` are on, from any of their elements.
@@ -226,11 +260,12 @@ fn class_of_level(body: &Body, n: u32) -> usize {
     element.map_or(0, |e| step_class::class_at_rest(body, *e))
 }
 
-/// Merges at most `most` families, the least valuable first, until about `excess` units of work a tick are saved.
-fn plan_merges(body: &Body, mesh: &ActiveMesh, most: usize, excess: u32, work: &mut Workspace) {
+/// Merges at most `most` families, the least valuable first: those worth less than `merge`, and others until about `excess`
+/// units of work a tick are saved.
+fn plan_merges(body: &Body, mesh: &ActiveMesh, most: usize, excess: u32, merge: Real, work: &mut Workspace) {
     let (mut saved, mut added) = (0, 0);
-    for &(_, parent) in &work.spare {
-        if work.changes.len() >= most || saved >= excess {
+    for &(value, parent) in &work.spare {
+        if work.changes.len() >= most || (saved >= excess && value >= merge) {
             break;
         }
         let elements = body.elements_around(parent).len() as u32;
@@ -263,6 +298,11 @@ impl Look<'_> {
         if distance < reach { TOUCHED + (1.0 - distance / reach).min(2.0) } else { 0.0 }
     }
 
+    /// The widest spacing of any level [m].
+    fn widest(&self) -> Real {
+        self.body.organs().iter().flat_map(|o| &o.levels).map(|l| l.spacing).fold(0.0, Real::max)
+    }
+
     /// How much farther than elsewhere a tool is felt around node `n`.
     fn farther(&self, n: u32) -> Real {
         if self.body.is_uneven(n) { UNEVEN } else { 1.0 }
@@ -273,25 +313,36 @@ impl Look<'_> {
         self.body.level_of(n) < finest && !self.body.children(n).is_empty()
     }
 
+    /// False where nothing around the children of `n` can move: they show no strain, whatever there is around `n`.
+    fn can_strain(&self, n: u32) -> bool {
+        let elements = self.body.children(n).iter().flat_map(|c| self.body.elements_around(*c));
+        elements.flat_map(|e| self.body.element(*e)).any(|m| !self.body.is_fixed(m))
+    }
+
     /// Nodes worth splitting, of the slices of this tick.
     fn wanted_nodes(&self, mesh: &ActiveMesh, ticks: u64, finest: usize, wanted: &mut Vec<(Real, u32)>) {
         for slot in slice(mesh.active(), ticks % INDICATOR_TICKS, INDICATOR_TICKS) {
             let n = mesh.node(*slot);
             if self.may_split(n, finest) {
                 let value = indicator::strain_jump(self.body, mesh, n) / self.adaptivity.split;
-                if value > 1.0 {
-                    keep(wanted, value.min(TOUCHED), n);
+                if value > 1.0 && self.can_strain(n) {
+                    keep(wanted, value.min(STRAINED), n);
                 }
             }
         }
         if self.focus.is_empty() {
             return;
         }
+        let farthest = self.adaptivity.reach * UNEVEN * self.widest();
         for slot in slice(mesh.active(), ticks % FOCUS_TICKS, FOCUS_TICKS) {
+            let distance = self.distance(mesh.position(*slot));
+            // Most are far away, and where a node lies is at hand while the body's tables are not.
+            if distance >= farthest {
+                continue;
+            }
             let n = mesh.node(*slot);
             if self.may_split(n, finest) {
-                let x = mesh.position(*slot);
-                let value = self.worth(self.distance(x), self.body.spacing_at(n), self.farther(n));
+                let value = self.worth(distance, self.body.spacing_at(n), self.farther(n));
                 if value > 0.0 {
                     keep(wanted, value, n);
                 }
@@ -313,14 +364,19 @@ impl Look<'_> {
             }
             let spacing = self.body.spacing_at(parent);
             let mut distance = Real::INFINITY;
-            let mut value: Real = 0.0;
-            for &c in family {
-                value = value.max(indicator::strain_jump(self.body, mesh, c) / self.adaptivity.split);
-                if !self.focus.is_empty() {
-                    distance = distance.min(mesh.position_of(c).map_or(Real::INFINITY, |x| self.distance(x)));
-                }
+            if !self.focus.is_empty() {
+                let from_tools = |c: &u32| mesh.position_of(*c).map_or(Real::INFINITY, |x| self.distance(x));
+                distance = family.iter().map(from_tools).fold(Real::INFINITY, Real::min);
             }
-            let value = value.min(TOUCHED).max(self.worth(distance, spacing, STAY * self.farther(parent)));
+            let mut value = self.worth(distance, spacing, STAY * self.farther(parent));
+            for &c in family {
+                // Strain takes a while to weigh, and a family that is worth too much anyhow is not asked for more.
+                if value >= limit {
+                    break;
+                }
+                let strain = indicator::strain_jump(self.body, mesh, c) / self.adaptivity.split;
+                value = value.max(strain.min(STRAINED));
+            }
             if value < limit && spare.len() < spare.capacity() {
                 spare.push((value, parent));
             }

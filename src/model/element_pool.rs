@@ -209,7 +209,14 @@ impl ElementPool {
 
     /// Strain of element `id` at its last evaluation: xx, yy, zz, yz, xz, xy.
     pub fn strain(&self, id: u32) -> Option<[Real; 6]> {
-        self.find(id).map(|(block, lane)| self.read_history(block, lane).strain)
+        // Not by way of the whole history: the branches lie elsewhere, and this is asked for often.
+        self.find(id).map(|(block, lane)| self.blocks[block].strain.map(|row| 0.5 * row[lane]))
+    }
+
+    /// [`ElementPool::strain`], and the determinant of the deformation gradient then.
+    pub fn strain_and_det(&self, id: u32) -> Option<([Real; 6], Real)> {
+        let det = self.find(id).map(|(block, lane)| self.blocks[block].det[lane]);
+        self.strain(id).zip(det)
     }
 
     /// Element at `place` in the sequence of `class`.

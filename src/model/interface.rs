@@ -19,7 +19,7 @@ pub struct InterfaceRow {
     node: [u32; MOST_MASTERS],
     weight: [Real; MOST_MASTERS],
     len: u8,
-    /// Squared distance [m²] of the farthest node that was looked at: a change beyond it does not change the row.
+    /// Squared distance [m²] beyond which a change of active nodes does not change the row.
     pub reach_squared: Real,
 }
 
@@ -66,7 +66,9 @@ pub struct Search {
     stamp: Vec<u32>,
     turn: u32,
     origin: Vec3,
+    /// Squared distance [m²] of the farthest node that was looked at, and of the farthest of the host's.
     reach_squared: Real,
+    host_squared: Real,
 }
 
 impl Search {
@@ -79,6 +81,7 @@ impl Search {
             turn: 0,
             origin: Vec3::zeros(),
             reach_squared: 0.0,
+            host_squared: 0.0,
         }
     }
 
@@ -91,7 +94,7 @@ impl Search {
             self.turn = 1;
         }
         self.origin = origin;
-        self.reach_squared = 0.0;
+        (self.reach_squared, self.host_squared) = (0.0, 0.0);
     }
 
     /// Looks at `n`: notes how far away it is; the first time, whether it is active.
@@ -145,6 +148,7 @@ impl Search {
                 nodes.iter().zip(host.weights).for_each(|(v, w)| row.push(*v, w));
                 return InterfaceRow { reach_squared: self.reach_squared, ..row };
             }
+            self.host_squared = self.reach_squared;
             nodes.iter().for_each(|v| self.stand_in(body, set, *v));
         }
         self.neighbours(body, set, n);
@@ -216,7 +220,10 @@ impl Search {
             }
         }
         let y = solve(a)?;
-        let mut row = InterfaceRow { reach_squared: self.reach_squared, ..InterfaceRow::EMPTY };
+        // The nearest of all that were found stay the nearest, whatever changes farther away.
+        let full = stride == 1 && count == MOST_MASTERS;
+        let reach_squared = if full { self.host_squared.max(used[count - 1].0) } else { self.reach_squared };
+        let mut row = InterfaceRow { reach_squared, ..InterfaceRow::EMPTY };
         for &(_, n) in used {
             let (m, theta) = moment(n);
             row.push(n, theta * (m[0] * y[0] + m[1] * y[1] + m[2] * y[2] + m[3] * y[3]));

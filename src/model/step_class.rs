@@ -5,7 +5,7 @@
 //! accuracy: energy errors grow with the square of the step, and a hand would feel elements that answer late.
 
 use super::body::Body;
-use super::element_pool::{CLASSES, History};
+use super::element_pool::CLASSES;
 use super::material::{COLLAPSE_ONSET, COLLAPSE_STIFFNESS, Material};
 use crate::math::Real;
 
@@ -50,12 +50,11 @@ impl Strained {
     /// Not at all.
     pub const REST: Strained = Strained { growth: 1.0, stretch: 1.0 };
 
-    /// From the last strain and determinant of an element of `material`.
+    /// From the last strain `s` (xx, yy, zz, yz, xz, xy) and determinant of an element of `material`.
     ///
     /// The tangent along any pair of directions is at most `(λ+2μ) |F|² + λ tr E + 2μ e`, `e` the largest principal
     /// strain and `|F|² = 1 + 2e`; `e ≤ tr E/3 + √(2/3) |dev E|`. The compression term adds `k |cof F|²`.
-    pub fn of(material: &Material, history: &History) -> Self {
-        let s = &history.strain;
+    pub fn of(material: &Material, s: &[Real; 6], det: Real) -> Self {
         let trace = s[0] + s[1] + s[2];
         let squared = s[0] * s[0] + s[1] * s[1] + s[2] * s[2] + 2.0 * (s[3] * s[3] + s[4] * s[4] + s[5] * s[5]);
         let deviator = (squared - trace * trace / 3.0).max(0.0).sqrt();
@@ -63,7 +62,7 @@ impl Strained {
         let stretch = (1.0 + 2.0 * largest).max(1.0);
         let stress = (material.lambda * trace + 2.0 * material.mu * largest) / material.pressure_modulus();
         let mut growth = (1.0 + 2.0 * largest + stress).max(1.0);
-        if history.det < COLLAPSE_ONSET {
+        if det < COLLAPSE_ONSET {
             // C = I + 2E; |cof F|² is its second invariant.
             let first = 3.0 + 2.0 * trace;
             let second = 3.0 + 4.0 * trace + 4.0 * squared;

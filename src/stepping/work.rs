@@ -18,7 +18,7 @@ const POINT: u32 = 150;
 /// Units per element put in or taken out.
 pub const ELEMENT_UPKEEP: u32 = 20;
 /// Units per element whose forces are weighed before and after a change under a load.
-pub const EASE_UPKEEP: u32 = 30;
+pub const EASE_UPKEEP: u32 = 20;
 /// Units per interface row made.
 pub const ROW_UPKEEP: u32 = 80;
 /// Units of a batch of changes of resolution, whatever is in it: momenta, masses and the surface before and after.
@@ -26,7 +26,7 @@ pub const BATCH_UPKEEP: u32 = 7_000;
 /// Units of one change in a batch, for plans.
 pub const CHANGE_UPKEEP: u32 = 4_500;
 /// Units of weighing the forces of one change under a load, for plans.
-pub const EASED_CHANGE: u32 = 2_500;
+pub const EASED_CHANGE: u32 = 6_500;
 /// Units of one merge among many, which share the rows that they make, for plans.
 pub const SHED_UPKEEP: u32 = 1_500;
 
@@ -49,6 +49,12 @@ pub fn of_tick(mesh: &ActiveMesh, contacts: usize) -> u32 {
 /// Element evaluations of a tick.
 pub fn evaluations(mesh: &ActiveMesh) -> u32 {
     (0..CLASSES).map(|c| (mesh.pool().count(c) as u32) << c).sum()
+}
+
+/// Units that a tick with a change of resolution may take where `budget` is what ticks take: the rest of a tick is there for
+/// a late wake-up, and changes are few.
+pub fn with_change(budget: u32) -> u32 {
+    budget.saturating_add(budget / 3)
 }
 
 /// Units of work of a tick, at rest, in which only the coarsest level is used, with room for strains and for one change of

@@ -97,3 +97,44 @@ fn a_small_body_is_refined_as_far_as_a_large_one() {
         assert!(count[body.finest()] >= 8, "the contact is not on the finest level: {count:?}");
     }
 }
+
+/// Where the budget is the limit, what strain asks for elsewhere gives way to where the tool is.
+#[test]
+fn on_a_short_budget_the_fine_levels_follow_a_stroke() {
+    let body = liver(0.45, vec![0.023, 0.015, 0.0085, 0.005], 5e3, 0.15);
+    report(&body);
+    // Down by 12 mm, then to and fro over 50 mm, at up to 0.1 m/s.
+    let stroke = |i: u64| {
+        let t = i as Real * TICK;
+        let x = -0.025 * (4.0 * (t - 0.6).max(0.0)).cos();
+        if i == 0 { inputs(ATTACH) } else { inputs(ball_at(Vec3::new(x, 0.002, 0.12 - 0.02 * ease(t, 0.1, 0.6)))) }
+    };
+    let mut needed = 0;
+    for budget in [u32::MAX, 30_000] {
+        let mut press = simulation(&body, &settings(Some(Adaptivity::default())), uniform(&body, 0));
+        let mut under = vec![0; body.levels().len()];
+        let (mut changes, mut still) = (0, 0);
+        for i in 0..4000 {
+            let o = press.advance(&Inputs { budget, ..stroke(i) }).clone();
+            if i < 600 {
+                continue;
+            }
+            (changes, still) = (changes + o.adapted.splits + o.adapted.merges, still + u32::from(o.plan.taken == 0));
+            needed = o.plan.needed.max(if budget == u32::MAX { needed } else { 0 });
+            let (centre, mesh) = (o.tools[0].state.pose.position, press.mesh());
+            let distance = |s: u32| (mesh.position(s) - centre).norm();
+            let near = mesh.active().iter().min_by(|a, b| distance(**a).total_cmp(&distance(**b)));
+            under[body.level_of(mesh.node(*near.unwrap()))] += 1;
+        }
+        println!(
+            "{budget} units a tick: ticks by level under the tool {under:?}; {changes} changes, {still} without a step"
+        );
+        if budget == u32::MAX {
+            assert!(needed > 45_000, "{needed} units: the budget is not short");
+        }
+        // One change a tick is all that such a budget has: the finest may be late where the tool turns up.
+        assert!(under[body.finest()] > 3400 * 3 / 4, "the fine levels stay behind: {under:?}");
+        assert!(under[0] + under[1] < 3400 / 5, "the tool is on coarse levels: {under:?}");
+        assert!(still < 3400 / 8, "{still} ticks without a step");
+    }
+}

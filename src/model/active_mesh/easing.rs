@@ -32,7 +32,6 @@ impl ActiveMesh {
     /// Makes `changes` as [`ActiveMesh::apply`] does, under `loads`.
     pub fn apply_under(&mut self, body: &Body, changes: &[Change], loads: &Loads) -> Upkeep {
         self.find_concerned(body, changes);
-        self.work.balance.fill(Vec3::zeros());
         for &slot in &self.active {
             self.work.balance[slot as usize] = vec3(&self.motion.ease[slot as usize]);
         }
@@ -114,6 +113,7 @@ impl ActiveMesh {
                 (0..3).for_each(|c| self.motion.force[s][c] += f[c]);
             }
         }
+
         self.hand_back_all();
         let vertices = body.surface().vertices.len() as u32;
         let per_part = vertices + body.surface().triangles.len() as u32;

@@ -425,6 +425,9 @@ impl ActiveMesh {
     pub fn hand_back(&mut self, slots: &[u32]) {
         for &slot in slots {
             let f = std::mem::replace(&mut self.motion.force[slot as usize], [0.0; 4]);
+            if f == [0.0; 4] {
+                continue;
+            }
             for (master, weight) in self.row[slot as usize].entries() {
                 let to = &mut self.motion.force[master as usize];
                 for c in 0..4 {
@@ -519,9 +522,9 @@ impl ActiveMesh {
     /// Moves element `e` to the class of its longest stable step; lengthening asks for some margin, so that elements do
     /// not flutter.
     pub fn reclass(&mut self, body: &Body, e: u32) {
-        let (Some(class), Some(history)) = (self.pool.class_of(e), self.pool.history(e)) else { return };
+        let (Some(class), Some((strain, det))) = (self.pool.class_of(e), self.pool.strain_and_det(e)) else { return };
         let springs = self.springs_at(body.element(e).map(|n| self.slot[n as usize]));
-        let strained = Strained::of(body.material_of(e), &history);
+        let strained = Strained::of(body.material_of(e), &strain, det);
         let step = step_class::stable_step(self.omega_squared[e as usize], strained, body.damping_time(), springs);
         let mut wanted = step_class::class_in(body, step);
         if wanted < class {
@@ -657,6 +660,7 @@ impl ActiveMesh {
             let s = slot as usize;
             let organ = body.organ_of(self.node[s]);
             let m = self.raw_mass(body, s);
+            self.motion.mass[s] = m;
             let d = body.rest(self.node[s]) - body.organs()[organ].centre_of_mass;
             let (sum, first, second) = &mut sums[organ];
             *sum += m;
@@ -673,9 +677,9 @@ impl ActiveMesh {
         for &slot in &self.active {
             let s = slot as usize;
             let organ = body.organ_of(self.node[s]);
-            let m = self.raw_mass(body, s);
             let (q, b) = &affine[organ];
-            let mass = m * (q + b.dot(&(body.rest(self.node[s]) - body.organs()[organ].centre_of_mass)));
+            let mass =
+                self.motion.mass[s] * (q + b.dot(&(body.rest(self.node[s]) - body.organs()[organ].centre_of_mass)));
             self.motion.mass[s] = mass;
             self.motion.inverse_mass[s] = if body.is_fixed(self.node[s]) { 0.0 } else { 1.0 / mass };
         }

@@ -52,6 +52,7 @@ impl ActiveMesh {
         if changes.is_empty() {
             return Upkeep::default();
         }
+
         let mut before = std::mem::take(&mut self.work.before);
         self.skin(&mut before);
         // Of the organs that change.
@@ -275,7 +276,7 @@ impl ActiveMesh {
             let (strain, det) = self.strain(&constants, slots);
             let history = History { strain, det, branch: self.inherited_branches(body, e) };
             self.omega_squared[e as usize] = step_class::omega_squared(body, e);
-            let strained = Strained::of(body.material_of(e), &history);
+            let strained = Strained::of(body.material_of(e), &strain, det);
             let step = step_class::stable_step(
                 self.omega_squared[e as usize],
                 strained,
