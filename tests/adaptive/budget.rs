@@ -113,12 +113,15 @@ fn on_a_short_budget_the_fine_levels_follow_a_stroke() {
     for budget in [u32::MAX, 30_000] {
         let mut press = simulation(&body, &settings(Some(Adaptivity::default())), uniform(&body, 0));
         let mut under = vec![0; body.levels().len()];
-        let (mut changes, mut still) = (0, 0);
+        let (mut changes, mut still, mut last, mut step) = (0, 0, Vec3::zeros(), 0.0 as Real);
         for i in 0..4000 {
             let o = press.advance(&Inputs { budget, ..stroke(i) }).clone();
+            let force = o.tools[0].state.force;
+            let changed = (force - std::mem::replace(&mut last, force)).norm();
             if i < 600 {
                 continue;
             }
+            step = step.max(changed / (0.05 * force.norm()).max(0.01));
             (changes, still) = (changes + o.adapted.splits + o.adapted.merges, still + u32::from(o.plan.taken == 0));
             needed = o.plan.needed.max(if budget == u32::MAX { needed } else { 0 });
             let (centre, mesh) = (o.tools[0].state.pose.position, press.mesh());
@@ -127,7 +130,8 @@ fn on_a_short_budget_the_fine_levels_follow_a_stroke() {
             under[body.level_of(mesh.node(*near.unwrap()))] += 1;
         }
         println!(
-            "{budget} units a tick: ticks by level under the tool {under:?}; {changes} changes, {still} without a step"
+            "{budget} units a tick: ticks by level under the tool {under:?}; {changes} changes, {still} without a step; \
+             largest step of the force {step:.2} of what may be felt"
         );
         if budget == u32::MAX {
             assert!(needed > 45_000, "{needed} units: the budget is not short");
@@ -136,5 +140,7 @@ fn on_a_short_budget_the_fine_levels_follow_a_stroke() {
         assert!(under[body.finest()] > 3400 * 3 / 4, "the fine levels stay behind: {under:?}");
         assert!(under[0] + under[1] < 3400 / 5, "the tool is on coarse levels: {under:?}");
         assert!(still < 3400 / 8, "{still} ticks without a step");
+        // Up to 0.27 of it is the motion's own.
+        assert!(step < 1.27, "the force changes by {step} of 5 % or 10 mN in a tick");
     }
 }
