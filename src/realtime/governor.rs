@@ -2,7 +2,7 @@
 //!
 //! The budget is an input of the core and is recorded, so a replay does not depend on how fast its machine is.
 
-/// Part of a tick that may be spent [ns]; the rest is for a late wake-up.
+/// Part of a tick that may be spent [ns]; the rest is for a late wake-up, and a third of this for changes of resolution.
 pub const WORK_TIME: f64 = 700_000.0;
 /// Ticks before the measured cost is trusted: caches and clocks have to warm up.
 const WARM_UP: u32 = 64;
