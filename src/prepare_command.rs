@@ -149,7 +149,10 @@ pub fn run(args: &PrepareArgs) -> anyhow::Result<ExitCode> {
     progress.show("looking at the levels", 1, 1);
     let report = report(body);
     let thin = match &recipe.shape {
-        Shape::Closed { surface, .. } => body.levels().iter().map(|level| thin_places(surface, level)).collect(),
+        Shape::Closed { surface, .. } => {
+            let around = surface.to_trimesh();
+            body.levels().iter().map(|level| thin_places(surface, &around, level)).collect()
+        }
         Shape::Meshes(_) => vec![ThinPlaces::default(); body.levels().len()],
     };
     let forecast = forecast(body, unit_time(body), WORK_TIME * 1e-9);

@@ -13,7 +13,7 @@
 //! | `.msh` | tetrahedra | Gmsh 4.1 and 2.x, binary or text; Gmsh 1 (`$NOD`, `$ELM`) |
 //! | `.ele`, `.node` | tetrahedra | TetGen's two files, by the name of either |
 //!
-//! Polygons become fans of triangles; a file that holds tetrahedra is a volume, and its triangles are left out.
+//! Polygons become triangles; a file that holds tetrahedra is a volume, and its triangles are left out.
 //!
 //! Bytes are not trusted: whatever they say, a reader answers with a shape or a [`MeshError`], in memory proportional
 //! to the bytes there are. Nothing here touches the file system except the functions whose names begin with

@@ -13,6 +13,7 @@ mod mesh_error;
 pub mod mesh_io;
 pub mod moments;
 mod msh;
+pub mod pieces;
 mod ply;
 pub mod primitives;
 mod reader;

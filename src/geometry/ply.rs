@@ -67,7 +67,7 @@ impl PropertyAccess for Other {
     }
 }
 
-/// Vertices and faces of a PLY file; polygons become fans of triangles.
+/// Vertices and faces of a PLY file; polygons become triangles.
 pub(super) fn parse_ply(bytes: &[u8]) -> Result<Cells, MeshError> {
     let mut reader = Reader::new(bytes);
     let header = Parser::<Other>::new().read_header(&mut reader).map_err(|e| wrong(&e, Encoding::Ascii))?;

@@ -14,6 +14,9 @@ pub struct Surface {
     pub triangles: Vec<[u32; 3]>,
 }
 
+/// How many times its size a surface may be away from the origin before its volume is reckoned from its middle.
+const FAR: Real = 100.0;
+
 impl Surface {
     /// Corners of triangle `t` [m].
     pub fn corners(&self, t: usize) -> [Vec3; 3] {
@@ -27,9 +30,14 @@ impl Surface {
 
     /// Signed volume [m³] that these triangles enclose by themselves.
     pub fn volume_within(&self, triangles: Range<usize>) -> Real {
+        // Far from the origin large volumes would cancel: 1 km away those of an organ are a thousandth off.
+        let (low, high) = self.bounds();
+        let centre = (low + high) / 2.0;
+        let is_far = centre.norm() > FAR * (high - low).norm();
+        let origin = if is_far { centre } else { Vec3::zeros() };
         triangles
             .map(|t| {
-                let [a, b, c] = self.corners(t);
+                let [a, b, c] = self.corners(t).map(|corner| corner - origin);
                 a.dot(&b.cross(&c)) / 6.0
             })
             .sum()
@@ -75,6 +83,46 @@ impl Surface {
         surface
     }
 
+    /// The same with the longest edges cut in halves, one after the other, until there are `vertices` or none is longer
+    /// than `longest` [m]. The surface must be closed.
+    pub fn refined(&self, vertices: usize, longest: Real) -> Surface {
+        let mut surface = self.clone();
+        let squared = |surface: &Surface, [a, b]: [u32; 2]| {
+            (surface.vertices[a as usize] - surface.vertices[b as usize]).norm_squared()
+        };
+        let edges = |[a, b, c]: [u32; 3]| [[a, b], [b, c], [c, a]];
+        // The triangle to the left of each edge, and the edges by length; lengths above zero are in the order of their bits.
+        let mut left = std::collections::HashMap::new();
+        let mut open = std::collections::BinaryHeap::new();
+        for (t, triangle) in self.triangles.iter().enumerate() {
+            for [a, b] in edges(*triangle) {
+                left.insert([a, b], t);
+                if a < b {
+                    open.push((squared(self, [a, b]).to_bits(), [a, b]));
+                }
+            }
+        }
+        while let Some((length, [a, b])) = open.pop() {
+            if surface.vertices.len() >= vertices || Real::from_bits(length) <= longest * longest {
+                break;
+            }
+            let (Some(s), Some(t)) = (left.remove(&[a, b]), left.remove(&[b, a])) else { continue };
+            let middle = surface.vertices.len() as u32;
+            surface.vertices.push((surface.vertices[a as usize] + surface.vertices[b as usize]) * 0.5);
+            open.extend([[a, middle], [b, middle]].map(|edge| (squared(&surface, edge).to_bits(), edge)));
+            for (t, [from, to]) in [(s, [a, b]), (t, [b, a])] {
+                let apex = surface.triangles[t].into_iter().find(|v| *v != a && *v != b).unwrap_or(middle);
+                let other = surface.triangles.len();
+                surface.triangles[t] = [from, middle, apex];
+                surface.triangles.push([middle, to, apex]);
+                edges([from, middle, apex]).into_iter().for_each(|edge| _ = left.insert(edge, t));
+                edges([middle, to, apex]).into_iter().for_each(|edge| _ = left.insert(edge, other));
+                open.push((squared(&surface, [apex, middle]).to_bits(), [apex, middle]));
+            }
+        }
+        surface
+    }
+
     /// Smallest and largest coordinates [m].
     pub fn bounds(&self) -> (Vec3, Vec3) {
         self.vertices.iter().fold((Vec3::repeat(Real::INFINITY), Vec3::repeat(Real::NEG_INFINITY)), |(low, high), v| {
@@ -111,6 +159,30 @@ mod tests {
     use super::*;
     use crate::geometry::primitives::box_surface;
     use crate::geometry::soundness::check_closed;
+
+    #[test]
+    fn a_volume_far_from_the_origin_is_as_near_it() {
+        let near = box_surface(Vec3::new(0.1, 0.2, 0.3), [3, 5, 7]);
+        let mut far = near.clone();
+        far.vertices.iter_mut().for_each(|v| *v += Vec3::new(1e5, -2e5, 3e5));
+        assert!((far.volume() / near.volume() - 1.0).abs() < 1e-8, "{}", far.volume());
+    }
+
+    #[test]
+    fn a_refined_surface_is_the_same_one_closed_with_its_long_edges_cut() {
+        let whole = box_surface(Vec3::new(0.1, 0.01, 0.01), [1, 1, 1]);
+        let mut fine = whole.refined(400, 0.003);
+        check_closed(&mut fine).unwrap();
+        assert!((fine.volume() / whole.volume() - 1.0).abs() < 1e-12);
+        assert!((300..=400).contains(&fine.vertices.len()), "{}", fine.vertices.len());
+        let longest = |s: &Surface| {
+            let edges = s.triangles.iter().flat_map(|[a, b, c]| [[a, b], [b, c], [c, a]]);
+            edges.map(|[a, b]| (s.vertices[*a as usize] - s.vertices[*b as usize]).norm()).fold(0.0, Real::max)
+        };
+        assert!(longest(&fine) < 0.01, "{}", longest(&fine));
+        assert!(longest(&whole.refined(5_000, 0.003)) <= 0.003);
+        assert_eq!(whole.refined(8, 0.0), whole);
+    }
 
     #[test]
     fn a_subdivided_surface_is_the_same_one_in_smaller_triangles() {

@@ -1,17 +1,19 @@
 //! Levels from a closed surface: a lattice cover whose elements are weighted by the part of them inside.
 //!
-//! parry's body-centred cubic cover takes any closed surface, and all its elements are alike, with every altitude
-//! a/√2 for the lattice constant `a`. Each level turns and shifts the lattice by its own seeded motion, which makes
-//! the levels independent: parry's lattices of ratio two would otherwise share vertices.
+//! A body-centred cubic lattice takes any closed surface, and all its elements are alike. Each level turns and shifts
+//! the lattice by its own seeded motion, which makes the levels independent: lattices of ratio two would otherwise share
+//! vertices.
 
+use super::lattice::{Lattice, signed_distance};
 use super::level::Level;
 use crate::geometry::Surface;
+use crate::geometry::pieces::{Groups, NO_ELEMENT, neighbours};
 use crate::geometry::tet_mesh::TetMesh;
-use crate::math::{Mat3, Pose, Real, Vec3, from_parry, normalized_quaternion, to_parry};
-use parry3d_f64::query::PointQuery;
+use crate::math::{Pose, Real, Vec3, normalized_quaternion};
 use parry3d_f64::shape::TriMesh;
-use parry3d_f64::transformation::{VolumeMeshParameters, volume_mesh};
 use rayon::prelude::*;
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
 
 /// Elements with less than this part inside are dropped: nearly empty ones invert after seconds and blow up even a
 /// uniform level.
@@ -49,25 +51,33 @@ pub const MOST_ELEMENTS: usize = 4_000_000;
 /// # Errors
 /// When nothing of the lattice lies inside, or far too much does.
 pub fn cover(surface: &Surface, spacing: Real, index: u32, density: Real) -> Result<Level, CoverError> {
+    cover_within(surface, &surface.to_trimesh(), spacing, index, density)
+}
+
+/// [`cover`] of a surface of which `around` is parry's mesh: for one of a million triangles that takes seconds to make.
+///
+/// # Errors
+/// As [`cover`].
+pub fn cover_within(
+    surface: &Surface,
+    around: &TriMesh,
+    spacing: Real,
+    index: u32,
+    density: Real,
+) -> Result<Level, CoverError> {
     let volume = surface.volume();
     let elements = 12.0 * volume / (spacing * spacing * spacing);
     #[expect(clippy::neg_cmp_op_on_partial_ord, reason = "NaN is far too much, too")]
     if !(elements <= MOST_ELEMENTS as Real) {
         return Err(CoverError::TooFine { spacing, elements, limit: MOST_ELEMENTS });
     }
-    let motion = seeded_motion(index, spacing);
-    let turn = rotation(&motion);
-    let moved: Vec<_> = surface.vertices.iter().map(|v| to_parry(turn * v + motion.position)).collect();
-    let lattice = volume_mesh(&moved, &surface.triangles, &VolumeMeshParameters::new(spacing))
-        .ok_or(CoverError::Empty { spacing })?;
-    let back = turn.transpose();
-    let nodes = lattice.vertices.iter().map(|v| back * (from_parry(*v) - motion.position)).collect();
-    let mesh = TetMesh { nodes, elements: lattice.cells };
-
-    let mut fraction = fractions_inside(&mesh, &surface.to_trimesh());
-    give_on_what_is_dropped(&mesh, &mut fraction);
-    fill_up(&mesh, &mut fraction, volume);
-    let (mesh, fraction) = keep_largest_piece(&mesh, &fraction);
+    let lattice = Lattice::around(surface, around, spacing, &seeded_motion(index, spacing));
+    let mut fraction = fractions_inside(&lattice, around, halvings(surface, spacing));
+    let mesh = lattice.mesh;
+    let kept = keep_one_piece(&mesh, &mut fraction);
+    give_on_what_is_dropped(&mesh, &kept, &mut fraction);
+    fill_up(&mesh, &kept, &mut fraction, volume);
+    let (mesh, fraction) = only(&mesh, &kept, &fraction);
     if mesh.elements.is_empty() {
         return Err(CoverError::Empty { spacing });
     }
@@ -97,26 +107,23 @@ fn seeded_motion(index: u32, spacing: Real) -> Pose {
     }
 }
 
-fn rotation(pose: &Pose) -> Mat3 {
-    Mat3::from_columns(&[pose.rotate(Vec3::x()), pose.rotate(Vec3::y()), pose.rotate(Vec3::z())])
-}
-
-/// Signed distance of `p` from the surface [m], negative inside.
-fn signed_distance(surface: &TriMesh, p: Vec3) -> Real {
-    let projection = surface.project_local_point(to_parry(p), false);
-    let distance = (from_parry(projection.point) - p).norm();
-    if projection.is_inside { -distance } else { distance }
-}
-
 /// Part of each element inside the surface, (n_elements).
-fn fractions_inside(mesh: &TetMesh, surface: &TriMesh) -> Vec<Real> {
-    let at_nodes: Vec<Real> = mesh.nodes.par_iter().map(|u| signed_distance(surface, *u)).collect();
+fn fractions_inside(lattice: &Lattice, surface: &TriMesh, halvings: u32) -> Vec<Real> {
+    let Lattice { mesh, inside } = lattice;
+    let mut is_cut = vec![false; mesh.nodes.len()];
+    let cut = mesh.elements.iter().zip(inside).filter(|(_, inside)| !**inside);
+    cut.for_each(|(element, _)| element.iter().for_each(|n| is_cut[*n as usize] = true));
+    let at_node = |(u, is_cut): (&Vec3, &bool)| if *is_cut { signed_distance(surface, *u) } else { 0.0 };
+    let at_nodes: Vec<Real> = mesh.nodes.par_iter().zip(&is_cut).map(at_node).collect();
     (0..mesh.elements.len())
         .into_par_iter()
         .map(|e| {
+            if inside[e] {
+                return 1.0;
+            }
             let u = mesh.corners(e);
             let d = mesh.elements[e].map(|n| at_nodes[n as usize]);
-            part_inside(surface, &u, &d, HALVINGS)
+            part_inside(surface, &u, &d, halvings)
         })
         .collect()
 }
@@ -124,6 +131,15 @@ fn fractions_inside(mesh: &TetMesh, surface: &TriMesh) -> Vec<Real> {
 /// How often a cut element is split into eight before it is cut linearly: twice brings a sphere of 60 elements within
 /// 1 % of its volume, where once misses 2 %.
 const HALVINGS: u32 = 2;
+/// The same for sheets that would slip between the places looked at: 4,096 parts for an element.
+const MOST_HALVINGS: u32 = 4;
+
+/// How often elements are split where the body of `surface` is on the average so thin: parts are to be no wider than that.
+fn halvings(surface: &Surface, spacing: Real) -> u32 {
+    // Of a sheet of thickness t, twice the volume over the area is t.
+    let thickness = 2.0 * surface.volume() / surface.vertex_areas().iter().sum::<Real>();
+    (HALVINGS..MOST_HALVINGS).find(|n| Real::from(1 << n) * thickness >= spacing).unwrap_or(MOST_HALVINGS)
+}
 
 /// Part of the tetrahedron `u` inside the surface, from the signed distances `d` at its corners.
 fn part_inside(surface: &TriMesh, u: &[Vec3; 4], d: &[Real; 4], halvings: u32) -> Real {
@@ -176,31 +192,113 @@ fn linear_cut(mut d: [Real; 4]) -> Real {
     }
 }
 
-/// Gives what is inside of the elements that will be dropped to cut elements that share a node with them, in proportion to
+/// Which elements are kept: those with enough inside, and few more that join pieces of them across faces (of which
+/// `fraction` is made what elements have at least). A piece that hung on a corner or an edge would turn freely there; pieces
+/// too small to be worth it are dropped.
+fn keep_one_piece(mesh: &TetMesh, fraction: &mut [Real]) -> Vec<bool> {
+    let mut kept: Vec<bool> = fraction.iter().map(|f| *f >= LEAST_FRACTION).collect();
+    let across = neighbours(&mesh.elements);
+    let next = |e: usize| across[e].iter().filter(|other| **other != NO_ELEMENT).map(|other| *other as usize);
+    let mut pieces = Groups::new(kept.len());
+    for e in (0..kept.len()).filter(|e| kept[*e]) {
+        next(e).filter(|other| kept[*other]).for_each(|other| {
+            pieces.join(e as u32, other as u32);
+        });
+    }
+    let piece_of: Vec<u32> = (0..kept.len() as u32).map(|e| pieces.of(e)).collect();
+    let mut size = vec![0; kept.len()];
+    (0..kept.len()).filter(|e| kept[*e]).for_each(|e| size[piece_of[e] as usize] += 1);
+    let largest = (0..size.len()).max_by_key(|n| (size[*n], Reverse(*n))).unwrap_or(0) as u32;
+    if size.iter().filter(|size| **size > 0).count() <= 1 {
+        return kept;
+    }
+
+    // The way from the largest piece to each element that takes least: nothing through what is kept, one through an
+    // element with something inside, more through one with nothing.
+    let cost_of = |e: usize| match fraction[e] {
+        f if f >= LEAST_FRACTION => 0,
+        f if f > 0.0 => 1,
+        _ => OUTSIDE,
+    };
+    let mut cost = vec![u32::MAX; kept.len()];
+    let mut from = vec![NO_ELEMENT; kept.len()];
+    let mut open = BinaryHeap::new();
+    for e in (0..kept.len()).filter(|e| kept[*e] && piece_of[*e] == largest) {
+        cost[e] = 0;
+        open.push((Reverse(0), e));
+    }
+    while let Some((Reverse(so_far), e)) = open.pop() {
+        if so_far > cost[e] {
+            continue;
+        }
+        for other in next(e) {
+            let through = so_far + cost_of(other);
+            if through < cost[other] {
+                (cost[other], from[other]) = (through, e as u32);
+                open.push((Reverse(through), other));
+            }
+        }
+    }
+
+    // The element of each piece that is nearest, the smallest piece last: its way may lead through others.
+    let mut nearest: Vec<u32> = vec![NO_ELEMENT; kept.len()];
+    for e in (0..kept.len()).filter(|e| kept[*e]) {
+        let best = &mut nearest[piece_of[e] as usize];
+        if *best == NO_ELEMENT || cost[e] < cost[*best as usize] {
+            *best = e as u32;
+        }
+    }
+    let mut others: Vec<u32> = (0..kept.len() as u32).filter(|p| size[*p as usize] > 0 && *p != largest).collect();
+    others.sort_by_key(|p| (Reverse(size[*p as usize]), *p));
+    let mut is_joined = vec![false; kept.len()];
+    is_joined[largest as usize] = true;
+    for piece in others {
+        let mut e = nearest[piece as usize];
+        if is_joined[piece as usize] || cost[e as usize] > size[piece as usize] {
+            continue;
+        }
+        while e != NO_ELEMENT {
+            if fraction[e as usize] >= LEAST_FRACTION {
+                is_joined[piece_of[e as usize] as usize] |= kept[e as usize];
+            } else {
+                fraction[e as usize] = LEAST_FRACTION;
+                kept[e as usize] = true;
+            }
+            e = from[e as usize];
+        }
+    }
+    (0..kept.len()).for_each(|e| kept[e] &= size[piece_of[e] as usize] == 0 || is_joined[piece_of[e] as usize]);
+    kept
+}
+
+/// What it costs to join pieces by an element with nothing of the body inside, over one with something.
+const OUTSIDE: u32 = 4;
+
+/// Gives what is inside of the elements that are dropped to cut elements that share a node with them, in proportion to
 /// the room that they have: a coarse level would lose a hundredth of the body.
-fn give_on_what_is_dropped(mesh: &TetMesh, fraction: &mut [Real]) {
+fn give_on_what_is_dropped(mesh: &TetMesh, kept: &[bool], fraction: &mut [Real]) {
     let room_of = |e: usize, fraction: &[Real]| (1.0 - fraction[e]) * mesh.volume(e);
     let mut room = vec![0.0; mesh.nodes.len()];
-    for e in (0..fraction.len()).filter(|e| fraction[*e] >= LEAST_FRACTION) {
+    for e in (0..fraction.len()).filter(|e| kept[*e]) {
         mesh.elements[e].iter().for_each(|n| room[*n as usize] += room_of(e, fraction));
     }
     let mut given = vec![0.0; mesh.nodes.len()];
-    for e in (0..fraction.len()).filter(|e| fraction[*e] > 0.0 && fraction[*e] < LEAST_FRACTION) {
+    for e in (0..fraction.len()).filter(|e| fraction[*e] > 0.0 && !kept[*e]) {
         let takers = || mesh.elements[e].iter().map(|n| *n as usize).filter(|n| room[*n] > 0.0);
         let share = fraction[e] * mesh.volume(e) / takers().count() as Real;
         takers().for_each(|n| given[n] += share);
     }
-    for (e, fraction) in fraction.iter_mut().enumerate().filter(|(_, fraction)| **fraction >= LEAST_FRACTION) {
+    for (e, fraction) in fraction.iter_mut().enumerate().filter(|(e, _)| kept[*e]) {
         let of_room = |n: &u32| if given[*n as usize] > 0.0 { given[*n as usize] / room[*n as usize] } else { 0.0 };
         let part: Real = mesh.elements[e].iter().map(of_room).sum();
         *fraction += (1.0 - *fraction) * part.min(1.0);
     }
 }
 
-/// Brings the elements that will be kept to `volume` [m³]: cuts are linear within a part of an element, and miss what a
+/// Brings the elements that are kept to `volume` [m³]: cuts are linear within a part of an element, and miss what a
 /// round or sharp surface has beyond, most where an element is cut in halves.
-fn fill_up(mesh: &TetMesh, fraction: &mut [Real], volume: Real) {
-    let kept: Vec<usize> = (0..fraction.len()).filter(|e| fraction[*e] >= LEAST_FRACTION).collect();
+fn fill_up(mesh: &TetMesh, kept: &[bool], fraction: &mut [Real], volume: Real) {
+    let kept: Vec<usize> = (0..fraction.len()).filter(|e| kept[*e]).collect();
     let sum = |of: &dyn Fn(Real) -> Real| kept.iter().map(|e| of(fraction[*e]) * mesh.volume(*e)).sum::<Real>();
     let (filled, cut) = (sum(&|f| f), sum(&|f| f * (1.0 - f)));
     if cut > 0.0 {
@@ -213,37 +311,12 @@ fn fill_up(mesh: &TetMesh, fraction: &mut [Real], volume: Real) {
 /// Most that a cut element is filled up by, as a part of `f(1−f)`: what is missing beyond it is missing elsewhere.
 const MOST_MISSED: Real = 0.25;
 
-/// The elements with enough inside, of the largest piece that hangs together by nodes, with unused nodes removed.
-fn keep_largest_piece(mesh: &TetMesh, fraction: &[Real]) -> (TetMesh, Vec<Real>) {
-    let kept: Vec<usize> = (0..mesh.elements.len()).filter(|&e| fraction[e] >= LEAST_FRACTION).collect();
-    let mut root: Vec<u32> = (0..mesh.nodes.len() as u32).collect();
-    fn find(root: &mut [u32], mut n: u32) -> u32 {
-        while root[n as usize] != n {
-            root[n as usize] = root[root[n as usize] as usize];
-            n = root[n as usize];
-        }
-        n
-    }
-    for &e in &kept {
-        let first = find(&mut root, mesh.elements[e][0]);
-        for &n in &mesh.elements[e][1..] {
-            let other = find(&mut root, n);
-            root[other as usize] = first;
-        }
-    }
-    let mut size = vec![0usize; mesh.nodes.len()];
-    for &e in &kept {
-        size[find(&mut root, mesh.elements[e][0]) as usize] += 1;
-    }
-    let largest = (0..size.len()).max_by_key(|&n| (size[n], std::cmp::Reverse(n))).unwrap_or(0) as u32;
-
+/// The elements that are kept, with unused nodes removed.
+fn only(mesh: &TetMesh, kept: &[bool], fraction: &[Real]) -> (TetMesh, Vec<Real>) {
     let mut number = vec![u32::MAX; mesh.nodes.len()];
     let mut piece = TetMesh::default();
-    let mut inside = Vec::with_capacity(kept.len());
-    for &e in &kept {
-        if find(&mut root, mesh.elements[e][0]) != largest {
-            continue;
-        }
+    let mut inside = Vec::new();
+    for e in (0..kept.len()).filter(|e| kept[*e]) {
         let element = mesh.elements[e].map(|n| {
             if number[n as usize] == u32::MAX {
                 number[n as usize] = piece.nodes.len() as u32;
@@ -288,6 +361,57 @@ mod tests {
             assert!((mass / (1000.0 * surface.volume()) - 1.0).abs() < 1e-12);
             assert!((level.altitude / (spacing / 2.0f64.sqrt()) - 1.0).abs() < 1e-9);
         }
+    }
+
+    /// Two cubes of 40 mm and between them a square bar of `width` [m], 40 mm long, all along x.
+    fn dumbbell(width: Real) -> Surface {
+        let mut surface = box_surface(Vec3::new(0.12, 0.04, 0.04), [3, 3, 3]);
+        for v in &mut surface.vertices {
+            // Sections at 0, 40, 80 and 120 mm, with lines at thirds: the middle two are drawn in to the bar.
+            let is_bar = (0.03..0.09).contains(&v.x);
+            let drawn = |y: Real| 0.02 + (y - 0.02) * if is_bar { width / 0.04 } else { 1.0 };
+            (v.y, v.z) = (drawn(v.y), drawn(v.z));
+        }
+        surface
+    }
+
+    #[test]
+    fn a_level_hangs_together_by_faces_also_where_the_body_is_thinner_than_its_elements() {
+        let mut pieces_before = 0;
+        for width in [0.001, 0.002, 0.004, 0.006] {
+            let surface = dumbbell(width);
+            for (index, spacing) in [(0, 0.015), (1, 0.011), (2, 0.008)] {
+                let lattice = Lattice::around(&surface, &surface.to_trimesh(), spacing, &seeded_motion(index, spacing));
+                let fraction = fractions_inside(&lattice, &surface.to_trimesh(), halvings(&surface, spacing));
+                let kept: Vec<bool> = fraction.iter().map(|f| *f >= LEAST_FRACTION).collect();
+                pieces_before += pieces(&only(&lattice.mesh, &kept, &fraction).0) - 1;
+                let level = cover(&surface, spacing, index, 1000.0).unwrap();
+                assert_eq!(pieces(&level.mesh), 1, "{width} at {spacing}");
+                assert!((level.volume() / surface.volume() - 1.0).abs() < 0.01, "{width} at {spacing}");
+                // Both cubes are there.
+                let ends =
+                    level.mesh.nodes.iter().fold((1.0 as Real, 0.0 as Real), |(a, b), u| (a.min(u.x), b.max(u.x)));
+                assert!(ends.0 < 0.005 && ends.1 > 0.115, "{width} at {spacing}: {ends:?}");
+            }
+        }
+        assert!(pieces_before > 5, "{pieces_before}");
+    }
+
+    /// How many pieces hang together by faces.
+    fn pieces(mesh: &TetMesh) -> usize {
+        let mut groups = Groups::new(mesh.elements.len());
+        let mut count = mesh.elements.len();
+        for (e, across) in (0..).zip(neighbours(&mesh.elements)) {
+            count -= across.iter().filter(|other| **other != NO_ELEMENT && groups.join(e, **other)).count();
+        }
+        count
+    }
+
+    #[test]
+    fn a_sheet_a_tenth_of_an_element_thick_has_its_volume() {
+        let sheet = box_surface(Vec3::new(0.05, 0.05, 0.0005), [1; 3]);
+        let level = cover(&sheet, 0.005, 0, 1000.0).unwrap();
+        assert!((level.volume() / sheet.volume() - 1.0).abs() < 0.01, "{}", level.volume() / sheet.volume());
     }
 
     #[test]

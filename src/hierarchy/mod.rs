@@ -4,6 +4,7 @@
 
 pub mod cover;
 pub mod embedding;
+mod lattice;
 pub mod level;
 pub mod parentage;
 

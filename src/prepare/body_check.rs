@@ -2,6 +2,7 @@
 
 use crate::geometry::crossings::crossings;
 use crate::geometry::mesh_io::{LengthUnit, Solid};
+use crate::geometry::pieces::firm_pieces;
 use crate::geometry::{LabelledMesh, Moments, Surface, TetMesh};
 use crate::math::{Real, Vec3, to_parry};
 use parry3d_f64::query::PointQuery;
@@ -28,6 +29,13 @@ pub enum ShapeFault {
         place(second)
     )]
     SeveralBodies { count: usize, first: Vec3, second: Vec3 },
+    #[error(
+        "{count} pieces of the mesh touch in a corner or an edge at most, where they would turn freely: one around {}, another \
+         around {}; join them by faces, or leave all but one out",
+        place(first),
+        place(second)
+    )]
+    Hinged { count: usize, first: Vec3, second: Vec3 },
     #[error(
         "the surface crosses itself: {count} pairs of triangles meet, the first around {}; repair it, in Blender with \
          the Remesh modifier, or go on with --allow-crossings: what lies inside is then uncertain there",
@@ -180,26 +188,32 @@ fn check_one_body(surface: &Surface) -> Result<(), ShapeFault> {
     }
 }
 
-/// Refuses meshes of several pieces.
+/// Refuses meshes of several pieces, also of such as hang together by a hinge.
 fn check_one_piece(mesh: &TetMesh) -> Result<(), ShapeFault> {
-    let pieces = pieces(mesh.nodes.len(), &mesh.elements);
-    let piece_of: Vec<u32> = mesh.elements.iter().map(|e| pieces[e[0] as usize]).collect();
-    let mut numbers = piece_of.clone();
-    numbers.sort_unstable();
-    numbers.dedup();
-    let centre = |number: u32| {
-        let own = (0..mesh.elements.len()).filter(|e| piece_of[*e] == number);
-        let (sum, count) = own.fold((Vec3::zeros(), 0.0), |(sum, count), e| {
-            (sum + mesh.corners(e).iter().sum::<Vec3>() / 4.0, count + 1.0)
-        });
-        sum / count
-    };
-    match numbers[..] {
-        [first, second, ..] => {
-            Err(ShapeFault::SeveralBodies { count: numbers.len(), first: centre(first), second: centre(second) })
+    let apart = pieces(mesh.nodes.len(), &mesh.elements);
+    let apart: Vec<u32> = mesh.elements.iter().map(|e| apart[e[0] as usize]).collect();
+    // How many pieces, and the middles of two.
+    let several = |piece_of: &[u32]| {
+        let mut numbers = piece_of.to_vec();
+        numbers.sort_unstable();
+        numbers.dedup();
+        let centre = |number: u32| {
+            let own = (0..mesh.elements.len()).filter(|e| piece_of[*e] == number);
+            let (sum, count) = own.fold((Vec3::zeros(), 0.0), |(sum, count), e| {
+                (sum + mesh.corners(e).iter().sum::<Vec3>() / 4.0, count + 1.0)
+            });
+            sum / count
+        };
+        match numbers[..] {
+            [first, second, ..] => Some((numbers.len(), centre(first), centre(second))),
+            _ => None,
         }
-        _ => Ok(()),
+    };
+    if let Some((count, first, second)) = several(&apart) {
+        return Err(ShapeFault::SeveralBodies { count, first, second });
     }
+    several(&firm_pieces(mesh))
+        .map_or(Ok(()), |(count, first, second)| Err(ShapeFault::Hinged { count, first, second }))
 }
 
 fn check_crossings(surface: &Surface) -> Result<(), ShapeFault> {
@@ -276,6 +290,31 @@ mod tests {
         mesh.nodes.extend(mesh.nodes.clone().iter().map(|u| u + Vec3::x()));
         mesh.elements.extend(mesh.elements.clone().iter().map(|e| e.map(|n| n + nodes)));
         assert!(checked(Solid::Volume(mesh.into()), LengthUnit::Metre).unwrap_err().contains("2 bodies"));
+    }
+
+    #[test]
+    fn pieces_of_a_mesh_that_hang_on_a_corner_or_an_edge_are_refused_with_their_places() {
+        for (at, refused) in
+            [(Vec3::new(0.1, 0.1, 0.1), true), (Vec3::new(0.1, 0.1, 0.0), true), (Vec3::x() * 0.1, false)]
+        {
+            let cube = box_mesh(Vec3::repeat(0.1), [2; 3]);
+            let mut both = cube.clone();
+            let number: Vec<u32> = (cube.nodes.iter().map(|u| u + at))
+                .map(|u| {
+                    let known = cube.nodes.iter().position(|v| (u - v).norm() < 1e-9);
+                    known.unwrap_or_else(|| {
+                        both.nodes.push(u);
+                        both.nodes.len() - 1
+                    }) as u32
+                })
+                .collect();
+            both.elements.extend(cube.elements.iter().map(|e| e.map(|n| number[n as usize])));
+            let checked = checked(Solid::Volume(both.into()), LengthUnit::Metre);
+            assert_eq!(checked.is_err(), refused, "{checked:?}");
+            if let Err(e) = checked {
+                assert!(e.contains("2 pieces") && e.contains("(0.0500, 0.0500, 0.0500)"), "{e}");
+            }
+        }
     }
 
     #[test]

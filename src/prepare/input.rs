@@ -89,6 +89,25 @@ pub fn shape(solids: Vec<Solid>, fineness: &Fineness, display_vertices: usize) -
         Fineness::Finest(finest) => spacings::down_to(*finest, surface.volume()),
         Fineness::Levels(spacings) => spacings.clone(),
     };
-    let display = Some(decimate(&surface, display_vertices)).filter(|small| *small != surface);
+    // Between the vertices of large triangles nothing would be held, seen to move or felt as it is.
+    let finest = spacings.last().copied().unwrap_or_default();
+    let display = decimate(&surface, display_vertices).refined(display_vertices, finest);
+    let display = Some(display).filter(|display| *display != surface);
     Ok(Shape::Closed { surface, spacings, display, labelled })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::primitives::box_surface;
+    use crate::math::Vec3;
+
+    #[test]
+    fn a_surface_of_few_large_triangles_is_shown_in_small_ones_and_covered_as_it_is() {
+        let box_of_twelve = box_surface(Vec3::new(0.2, 0.05, 0.05), [1; 3]);
+        let shape = shape(vec![Solid::Surface(box_of_twelve.clone())], &Fineness::Automatic, 2500).unwrap();
+        let Shape::Closed { surface, display: Some(display), .. } = shape else { panic!("{shape:?}") };
+        assert_eq!(surface, box_of_twelve);
+        assert!((1000..=2500).contains(&display.vertices.len()), "{}", display.vertices.len());
+    }
 }

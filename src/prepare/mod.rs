@@ -16,7 +16,7 @@ pub mod spacings;
 pub mod thin_walls;
 
 use crate::geometry::{LabelledMesh, Moments, Surface, TetMesh};
-use crate::hierarchy::cover::{CoverError, cover};
+use crate::hierarchy::cover::{CoverError, cover_within};
 use crate::hierarchy::level::{Level, mean_edge};
 use crate::hierarchy::{embedding, parentage};
 use crate::math::{Real, Vec3};
@@ -254,11 +254,12 @@ fn tied_levels(
         Shape::Closed { surface, spacings, display, .. } => {
             let automatic = spacings::automatic(surface.volume());
             let spacings = if spacings.is_empty() { &automatic[..] } else { &spacings[..] };
+            let around = surface.to_trimesh();
             let mut levels = Vec::new();
             for (i, &spacing) in spacings.iter().enumerate() {
                 progress(&format!("covering level {i} at {:.1} mm", spacing * 1e3), i, spacings.len() + 4);
                 levels.push(
-                    cover(surface, spacing, i as u32, density)
+                    cover_within(surface, &around, spacing, i as u32, density)
                         .map_err(|source| PrepareError::Cover { level: i, source })?,
                 );
             }

@@ -7,6 +7,7 @@ use crate::geometry::tet_mesh::barycentric;
 use crate::hierarchy::Level;
 use crate::math::{Real, Vec3, from_parry, to_parry};
 use parry3d_f64::query::{Ray, RayCast};
+use parry3d_f64::shape::TriMesh;
 use rayon::prelude::*;
 
 /// Cosine of the angle between two sheets up to which they run side by side.
@@ -35,10 +36,9 @@ pub struct ThinPlaces {
     pub gaps: Option<Thin>,
 }
 
-/// What of `surface` (closed, outward) is thin for `level`, a cover of it: looked for along the normals, from points half
+/// What of `surface` (closed, outward; `around` is parry's mesh of it) is thin for `level`, a cover of it: looked for along the normals, from points half
 /// a spacing apart.
-pub fn thin_places(surface: &Surface, level: &Level) -> ThinPlaces {
-    let around = surface.to_trimesh();
+pub fn thin_places(surface: &Surface, around: &TriMesh, level: &Level) -> ThinPlaces {
     let locator = Locator::new(&level.mesh, level.spacing);
     // How far it is from `p` along `direction` to the next sheet, if that runs through the same element.
     let next_sheet = |p: Vec3, direction: Vec3, leaves: bool| {
@@ -114,7 +114,7 @@ mod tests {
     use crate::hierarchy::cover::cover;
 
     fn looked(surface: &Surface, spacing: Real) -> ThinPlaces {
-        thin_places(surface, &cover(surface, spacing, 0, 1000.0).unwrap())
+        thin_places(surface, &surface.to_trimesh(), &cover(surface, spacing, 0, 1000.0).unwrap())
     }
 
     #[test]

@@ -19,6 +19,7 @@
 //! over nodes run in chunks of fixed length.
 
 mod block;
+mod direct;
 mod grid;
 mod load;
 mod rigid;
@@ -33,7 +34,7 @@ use block::{Block, ZERO, add_scaled, columns, product};
 use load::{balanced_load, weight};
 use rigid::{holds_firmly, mean_motion};
 use softness::local_factors;
-use solver::{TOLERANCE, solve};
+use solver::{SLOW, TOLERANCE, solve};
 use system::{System, row};
 
 /// Smallest factor ever returned: with a smaller one the level's own shape and holds are wrong, not its stiffness.
@@ -58,6 +59,20 @@ pub enum CalibrationError {
         level: usize,
         /// Unbalanced force over the load, both as root of the sum of squares.
         residual: Real,
+        /// Iterations done.
+        iterations: usize,
+    },
+    /// The elastic solution would take too long: coarse levels cannot bend as fine ones do.
+    #[error(
+        "level {level} does not come to rest under its weight within {iterations} iterations: much of the body is too thin \
+         or slender for elements of {:.1} mm; give finer levels (--finest or --levels), or thicken or leave out what is thin",
+        1e3 * spacing
+    )]
+    TooThin {
+        /// Level, coarsest first.
+        level: usize,
+        /// Its spacing [m].
+        spacing: Real,
         /// Iterations done.
         iterations: usize,
     },
@@ -122,7 +137,8 @@ pub fn calibrate(
         if !wanted.is_empty() && (LEAST_FACTOR..LARGEST_FACTOR).contains(&factor) {
             factors[l].fill(factor);
             now = respond(&mut systems, levels, l, &material, &factors[l], now.displacement)?;
-            for _ in 0..ROUNDS {
+            // Changes from place to place take twenty answers more, which would be minutes.
+            for _ in 0..if now.is_slow { 0 } else { ROUNDS } {
                 factors[l] = local_factors(&systems, l, &material, &factors[l], &now, wanted, factor.max(stiffest(l)))?;
                 now = respond(&mut systems, levels, l, &material, &factors[l], now.displacement)?;
             }
@@ -236,6 +252,8 @@ struct Answer {
     deforming: Vec<Block>,
     /// Root of the sum over the mass of its square, all axes together [m √kg].
     amplitude: Real,
+    /// Whether it took long to find.
+    is_slow: bool,
 }
 
 /// The answer of level `l` to its load when its elements are stiffer than `material` by `factors`, from the displacements
@@ -261,7 +279,7 @@ fn answer(
     tolerance: Real,
 ) -> Result<Answer, CalibrationError> {
     let system = &systems[l];
-    let displacement = solve(systems, l, load, guess, tolerance)?;
+    let (displacement, iterations) = solve(systems, l, load, guess, tolerance)?;
     // Where little or nothing holds the body, it may have drifted; what deforms it leaves the holds in balance.
     let drift = match system.holds {
         Some(_) => {
@@ -276,7 +294,7 @@ fn answer(
         add_scaled(drift, -1.0, u);
         squares += m * product(drift, drift);
     }
-    Ok(Answer { displacement, deforming, amplitude: squares.sqrt() })
+    Ok(Answer { displacement, deforming, amplitude: squares.sqrt(), is_slow: iterations > SLOW })
 }
 
 #[cfg(test)]

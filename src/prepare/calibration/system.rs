@@ -1,6 +1,7 @@
 //! The equations of one level at rest.
 
 use super::block::{Block, ZERO, add_scaled, columns, for_each_node};
+use super::direct::Direct;
 use super::grid::Grid;
 use super::rigid::{Arms, RigidMotion, held_points, rigid_modes, rigid_stiffness};
 use crate::geometry::TetMesh;
@@ -35,8 +36,9 @@ pub(super) struct System<'a> {
     /// The same by coarser node: starts (n_coarser_nodes + 1) into node and weight.
     finer_start: Vec<u32>,
     finer: Vec<(u32, Real)>,
-    /// On the coarsest level.
+    /// On the coarsest level, one of these.
     pub(super) grid: Option<Grid>,
+    pub(super) direct: Option<Direct>,
 }
 
 impl<'a> System<'a> {
@@ -90,9 +92,13 @@ impl<'a> System<'a> {
             finer_start,
             finer,
             grid: None,
+            direct: None,
         };
         if l == 0 {
-            system.grid = Grid::new(level, &system);
+            system.direct = Direct::new(&system);
+            if system.direct.is_none() {
+                system.grid = Grid::new(level, &system);
+            }
         }
         system
     }

@@ -284,3 +284,45 @@ fn every_node_fixed_or_a_broken_material_is_no_panic() {
     let ones: Vec<_> = levels.iter().map(|level| vec![1.0; level.mesh.elements.len()]).collect();
     assert_eq!(factors(&levels, |_, _| jelly(), &[]), Ok(ones));
 }
+
+#[test]
+fn a_slender_coarsest_level_is_solved_directly() {
+    let rod = box_surface(Vec3::new(0.004, 0.004, 0.3), [1, 1, 60]);
+    let levels = covers(&rod, &[0.0035]);
+    let holds = clamp(&rod, 1e6);
+    let system = System::new(&levels, 0, &|_, _| jelly(), Some(&holds));
+    let direct = system.direct.as_ref().unwrap();
+    let load = load::weight(&levels[0]);
+    let u = direct.correction(&load);
+    let left: Real = (0..u.len())
+        .map(|n| {
+            let mut left = load[n];
+            add_scaled(&mut left, -1.0, &system.force(n, &u));
+            product(&left, &left)
+        })
+        .sum();
+    let whole: Real = load.iter().map(|f| product(f, f)).sum();
+    assert!((left / whole).sqrt() < 1e-2, "{}", (left / whole).sqrt());
+    let cube = box_surface(Vec3::repeat(0.1), [4; 3]);
+    let (compact, holds) = (covers(&cube, &[0.014]), clamp(&cube, 1e6));
+    assert!(compact[0].mesh.nodes.len() > 700);
+    assert!(System::new(&compact, 0, &|_, _| jelly(), Some(&holds)).direct.is_none());
+}
+
+#[test]
+fn a_slender_body_that_nothing_holds_is_calibrated() {
+    let rod = box_surface(Vec3::new(0.004, 0.004, 0.35), [1, 1, 60]);
+    let levels = covers(&rod, &[0.0036, 0.002]);
+    let factors = factors(&levels, |_, _| jelly(), &[]).unwrap();
+    assert!((LEAST_FACTOR..1.0).contains(&means(&factors)[0]), "{:?}", means(&factors));
+}
+
+#[test]
+fn a_plate_thinner_than_its_elements_is_calibrated_in_a_few_answers() {
+    let plate = box_surface(Vec3::new(0.06, 0.06, 0.0004), [20, 20, 1]);
+    let levels = covers(&plate, &[0.003, 0.0014, 0.001]);
+    let factors = factors(&levels, |_, _| jelly(), &clamp(&plate, 1e6)).unwrap();
+    // Softer by as much everywhere: to find where more and where less takes twenty answers.
+    let first = factors[1][0];
+    assert!(first > LEAST_FACTOR && first < LARGEST_FACTOR && factors[1].iter().all(|f| *f == first), "{first}");
+}
