@@ -36,8 +36,8 @@ pub struct ThinPlaces {
     pub gaps: Option<Thin>,
 }
 
-/// What of `surface` (closed, outward; `around` is parry's mesh of it) is thin for `level`, a cover of it: looked for along the normals, from points half
-/// a spacing apart.
+/// What of `surface` (closed, outward; `around` is parry's mesh of it) is thin for `level`, a cover of it: looked for along
+/// the normals, from points half a spacing apart.
 pub fn thin_places(surface: &Surface, around: &TriMesh, level: &Level) -> ThinPlaces {
     let locator = Locator::new(&level.mesh, level.spacing);
     // How far it is from `p` along `direction` to the next sheet, if that runs through the same element.

@@ -1,4 +1,7 @@
 //! The coarsest level of a slender or branched body, solved directly.
+//!
+//! Of our own because libraries' factors take the instructions that a machine has: the same input is to give the same
+//! bytes on all of them.
 
 use super::block::Block;
 use super::system::System;
