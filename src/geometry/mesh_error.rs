@@ -10,10 +10,11 @@ pub enum MeshError {
     #[error("cannot read {}: {reason}", path.display())]
     Io { path: PathBuf, reason: std::io::Error },
     #[error(
-        "this kind of file is not read here; surfaces come as .obj, .stl, .ply, .glb, .gltf, .vtk, .vtp or .mesh, \
-         tetrahedra as .msh, .vtk, .vtu, .mesh or .ele with .node"
+        "{}: this kind of file is not read here; surfaces come as .obj, .stl, .ply, .glb, .gltf, .vtk, .vtp or .mesh, \
+         tetrahedra as .msh, .vtk, .vtu, .mesh or .ele with .node",
+        path.display()
     )]
-    UnknownFormat,
+    UnknownFormat { path: PathBuf },
     #[error("'{given}' is no unit of length: write m, cm, mm or in")]
     UnknownUnit { given: String },
     #[error("the file holds more than {limit} {what}: decimate the mesh before loading it")]

@@ -173,7 +173,7 @@ pub fn parse(
             "vtu" | "vtp" => parse_vtk_xml(bytes)?,
             "mesh" => parse_medit(bytes)?,
             "msh" => parse_msh(bytes)?,
-            _ => return Err(MeshError::UnknownFormat),
+            _ => return Err(MeshError::UnknownFormat { path: name.clone() }),
         },
         [] => Cells::default(),
     };
