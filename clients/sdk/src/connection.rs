@@ -17,6 +17,8 @@ use crate::{SdkError, error::reason};
 
 /// How long a query may take.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(2);
+/// How long to wait before a query that nobody takes is sent again.
+const ASK_AGAIN: Duration = Duration::from_millis(50);
 
 /// Where a server is and how it is called.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -121,7 +123,26 @@ impl Connection {
     }
 
     /// Asks one queryable of the surface endpoint and decodes its answers, at least one, each on a key of its own.
+    ///
+    /// A server that has just come up takes connections before it offers its keys: where nobody does, it is asked again.
     pub(crate) fn ask_all<M: Message + Default>(
+        &self,
+        key: String,
+        payload: Option<ZBytes>,
+        message: &'static str,
+    ) -> Result<Vec<M>, SdkError> {
+        let begun = Instant::now();
+        loop {
+            let answer = self.ask_once(key.clone(), payload.clone(), message);
+            match answer {
+                Err(SdkError::NoAnswer { .. }) if begun.elapsed() < ANSWER_TIMEOUT => std::thread::sleep(ASK_AGAIN),
+                _ => return answer,
+            }
+        }
+    }
+
+    /// [`Connection::ask_all`], which gives up at once where nobody offers the key.
+    pub(crate) fn ask_once<M: Message + Default>(
         &self,
         key: String,
         payload: Option<ZBytes>,

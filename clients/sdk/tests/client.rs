@@ -104,6 +104,13 @@ fn a_server_that_knows_nothing_of_organs_shows_one() {
 }
 
 #[test]
+fn a_server_that_is_just_coming_up_is_waited_for() {
+    let server = FakeServer::start_slowly((1, 1), Duration::from_millis(700));
+    let connection = Connection::open_surface(&server.endpoints).unwrap();
+    assert_eq!(connection.session().unwrap().version_minor, 1);
+}
+
+#[test]
 fn no_answer_names_the_key_and_the_endpoint() {
     let server = FakeServer::current();
     let elsewhere = Endpoints { session: "elsewhere".to_owned(), ..server.endpoints.clone() };

@@ -194,7 +194,7 @@ impl Decoding {
     fn ask_for_key(&mut self, key: u64) {
         self.asked = Some(key);
         let name = keys::surface_key(&self.connection.endpoints().session);
-        let Ok(parts) = self.connection.ask_all::<SurfaceFrame>(name, None, "SurfaceFrame") else { return };
+        let Ok(parts) = self.connection.ask_once::<SurfaceFrame>(name, None, "SurfaceFrame") else { return };
         let topology = self.decoder.surface().topology;
         for mut part in parts.into_iter().filter(|part| part.topology == topology) {
             self.asked = Some(part.sequence.max(key));

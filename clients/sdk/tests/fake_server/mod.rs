@@ -7,6 +7,7 @@ use std::{
         Arc,
         atomic::{AtomicBool, AtomicU64, Ordering::Relaxed},
     },
+    time::Duration,
 };
 
 use palpate_proto::{
@@ -68,12 +69,26 @@ pub struct FakeServer {
 impl FakeServer {
     /// Listens on two free ports of the loopback interface and speaks `version` (major, minor) of the contract.
     pub fn start(version: (u32, u32)) -> Self {
+        Self::start_slowly(version, Duration::ZERO)
+    }
+
+    /// As [`start`](Self::start), but takes queries only `after` it takes connections.
+    pub fn start_slowly(version: (u32, u32), after: Duration) -> Self {
         let endpoints = Endpoints { force: free_endpoint(), surface: free_endpoint(), session: "fake".to_owned() };
         let (force, surface) = (open_router(&endpoints.force), open_router(&endpoints.surface));
         let mute = Arc::new(AtomicBool::new(false));
         answer_poses(&force, &endpoints.session, mute.clone());
         let coupling = Arc::new(AtomicU64::new(0));
-        answer_queries(&surface, &endpoints.session, version, coupling.clone());
+        let (session, name, to) = (surface.clone(), endpoints.session.clone(), coupling.clone());
+        let offer = move || answer_queries(&session, &name, version, to);
+        if after.is_zero() {
+            offer();
+        } else {
+            std::thread::spawn(move || {
+                std::thread::sleep(after);
+                offer();
+            });
+        }
         let (newest_key, keys_asked_for) = <(Arc<AtomicU64>, Arc<AtomicU64>)>::default();
         answer_surface(&surface, &endpoints.session, newest_key.clone(), keys_asked_for.clone());
         Self { endpoints, mute, coupling, newest_key, keys_asked_for, surface, _force: force }
