@@ -36,7 +36,11 @@ impl Direct {
         let order = order(system);
         let mut place = vec![0; nodes];
         order.iter().enumerate().for_each(|(i, n)| place[*n as usize] = i);
-        let entries = |n: u32| system.start[n as usize] as usize..system.start[n as usize + 1] as usize;
+        // Rows of fixed nodes are empty, and what rows of others have of them has no effect.
+        let entries = |n: u32| {
+            let row = system.start[n as usize] as usize..system.start[n as usize + 1] as usize;
+            row.filter(|entry| is_free(system, system.column[*entry]))
+        };
         let (mut first, mut start) = (Vec::with_capacity(3 * nodes), vec![0]);
         for (i, n) in order.iter().enumerate() {
             let least = entries(*n).map(|entry| place[system.column[entry] as usize]).fold(i, usize::min);
@@ -60,10 +64,11 @@ impl Direct {
                 }
             }
         }
-        // Rows of fixed nodes are empty, and soft holds would leave pivots of rounding errors.
+        // Soft holds would leave pivots of rounding errors; and fixed nodes do not give way at all.
         let diagonal = |row: usize| start[row + 1] - 1;
         let mean = (0..3 * nodes).map(|row| factor[diagonal(row)]).sum::<Real>() / (3 * nodes) as Real;
-        (0..3 * nodes).for_each(|row| factor[diagonal(row)] += ADDED * mean);
+        let added = |row: usize| if is_free(system, order[row / 3]) { ADDED * mean } else { Real::INFINITY };
+        (0..3 * nodes).for_each(|row| factor[diagonal(row)] += added(row));
         let mut direct = Direct { order, first, start, factor };
         direct.factorize().then_some(direct)
     }
@@ -93,7 +98,7 @@ impl Direct {
         true
     }
 
-    /// The displacement that balances the forces `r`; none of fixed nodes, on which there is no force.
+    /// The displacement that balances the forces `r`; none of fixed nodes.
     pub(super) fn correction(&self, r: &[Block]) -> Vec<Block> {
         let mut x: Vec<[Real; 3]> = self.order.iter().flat_map(|n| r[*n as usize]).collect();
         for i in 0..x.len() {
@@ -139,6 +144,11 @@ fn product(a: &[Real], b: &[Real]) -> Real {
     sums.iter().sum::<Real>() + rest
 }
 
+/// False for fixed nodes.
+fn is_free(system: &System, n: u32) -> bool {
+    system.start[n as usize] < system.start[n as usize + 1]
+}
+
 /// Nodes so that neighbours are close to each other [Cuthill and McKee 1969, reversed]: from one end of the body to the
 /// other, pieces that fixed nodes cut off one after the other.
 fn order(system: &System) -> Vec<u32> {
@@ -154,7 +164,7 @@ fn order(system: &System) -> Vec<u32> {
         while let Some(n) = open.pop_front() {
             order.push(n);
             let mut next: Vec<u32> = Vec::new();
-            for m in around(n) {
+            for m in around(n).iter().filter(|m| is_free(system, **m)) {
                 if std::mem::replace(&mut reached[*m as usize], round) != round {
                     next.push(*m);
                 }
