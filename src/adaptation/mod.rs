@@ -153,7 +153,6 @@ pub fn adapt(
     if work.finest == 0 {
         return Adapted::default();
     }
-
     work.wanted.clear();
     work.spare.clear();
     work.changes.clear();

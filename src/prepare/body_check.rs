@@ -2,7 +2,7 @@
 
 use crate::geometry::crossings::crossings;
 use crate::geometry::mesh_io::{LengthUnit, Solid};
-use crate::geometry::pieces::firm_pieces;
+use crate::geometry::pieces::{Groups, firm_pieces};
 use crate::geometry::{LabelledMesh, Moments, Surface, TetMesh};
 use crate::math::{Real, Vec3, to_parry};
 use parry3d_f64::query::PointQuery;
@@ -116,22 +116,13 @@ fn size(length: Real) -> String {
 
 /// Numbers of the pieces to which each of `points` points belongs: those that one of `cells` names are of one piece.
 fn pieces<const N: usize>(points: usize, cells: &[[u32; N]]) -> Vec<u32> {
-    let mut root: Vec<u32> = (0..points as u32).collect();
-    fn find(root: &mut [u32], mut n: u32) -> u32 {
-        while root[n as usize] != n {
-            root[n as usize] = root[root[n as usize] as usize];
-            n = root[n as usize];
-        }
-        n
-    }
+    let mut groups = Groups::new(points);
     for cell in cells {
-        let first = find(&mut root, cell[0]);
-        for &n in &cell[1..] {
-            let other = find(&mut root, n);
-            root[other as usize] = first;
-        }
+        cell[1..].iter().for_each(|n| {
+            groups.join(cell[0], *n);
+        });
     }
-    (0..points as u32).map(|n| find(&mut root, n)).collect()
+    (0..points as u32).map(|n| groups.of(n)).collect()
 }
 
 /// Numbers of the shells that the triangles belong to: those that share an edge are of one. Shells that touch in a point do

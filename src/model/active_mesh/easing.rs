@@ -113,7 +113,6 @@ impl ActiveMesh {
                 (0..3).for_each(|c| self.motion.force[s][c] += f[c]);
             }
         }
-
         self.hand_back_all();
         let vertices = body.surface().vertices.len() as u32;
         let per_part = vertices + body.surface().triangles.len() as u32;

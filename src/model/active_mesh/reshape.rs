@@ -52,7 +52,6 @@ impl ActiveMesh {
         if changes.is_empty() {
             return Upkeep::default();
         }
-
         let mut before = std::mem::take(&mut self.work.before);
         self.skin(&mut before);
         // Of the organs that change.

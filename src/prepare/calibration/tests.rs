@@ -288,21 +288,30 @@ fn every_node_fixed_or_a_broken_material_is_no_panic() {
 #[test]
 fn a_slender_coarsest_level_is_solved_directly() {
     let rod = box_surface(Vec3::new(0.004, 0.004, 0.3), [1, 1, 60]);
-    let levels = covers(&rod, &[0.0035]);
+    let mut levels = covers(&rod, &[0.0035]);
     let holds = clamp(&rod, 1e6);
-    let system = System::new(&levels, 0, &|_, _| jelly(), Some(&holds));
-    let direct = system.direct.as_ref().unwrap();
-    let load = load::weight(&levels[0]);
-    let u = direct.correction(&load);
-    let left: Real = (0..u.len())
-        .map(|n| {
-            let mut left = load[n];
-            add_scaled(&mut left, -1.0, &system.force(n, &u));
-            product(&left, &left)
-        })
-        .sum();
-    let whole: Real = load.iter().map(|f| product(f, f)).sum();
-    assert!((left / whole).sqrt() < 1e-2, "{}", (left / whole).sqrt());
+    // Nothing fixed, and a part in the middle, which cuts the rod in two.
+    let middle: Vec<u32> =
+        (0..).zip(&levels[0].mesh.nodes).filter(|(_, u)| (0.14..0.16).contains(&u.z)).map(|(n, _)| n).collect();
+    assert!(middle.len() > 10);
+    for fixed in [vec![], middle] {
+        levels[0].fixed = fixed.clone();
+        let system = System::new(&levels, 0, &|_, _| jelly(), Some(&holds));
+        let load = load::weight(&levels[0]);
+        let u = system.direct.as_ref().unwrap().correction(&load);
+        let (mut left, mut whole) = (0.0, 0.0);
+        for n in 0..u.len() {
+            if fixed.contains(&(n as u32)) {
+                assert_eq!(u[n], ZERO);
+                continue;
+            }
+            let mut unbalanced = load[n];
+            add_scaled(&mut unbalanced, -1.0, &system.force(n, &u));
+            left += product(&unbalanced, &unbalanced);
+            whole += product(&load[n], &load[n]);
+        }
+        assert!((left / whole).sqrt() < 1e-2, "{} with {} fixed nodes", (left / whole).sqrt(), fixed.len());
+    }
     let cube = box_surface(Vec3::repeat(0.1), [4; 3]);
     let (compact, holds) = (covers(&cube, &[0.014]), clamp(&cube, 1e6));
     assert!(compact[0].mesh.nodes.len() > 700);
