@@ -47,6 +47,9 @@ struct Arguments {
     /// Poses per second [Hz], up to 1000; about 80 for a headset.
     #[arg(long, default_value_t = Options::default().rate_hz)]
     rate_hz: f64,
+    /// How much faster the device's clock runs than this machine's, as a fraction; crystals differ by up to 1e-4.
+    #[arg(long, default_value_t = Options::default().clock_drift, allow_hyphen_values = true)]
+    clock_drift: f64,
     /// Length of the run [s]; without it the run goes on until Ctrl-C.
     #[arg(long)]
     seconds: Option<f64>,
@@ -82,6 +85,7 @@ fn main() -> Result<()> {
         pattern: arguments.pattern,
         depth: arguments.depth,
         rate_hz: arguments.rate_hz,
+        clock_drift: arguments.clock_drift,
         seconds: arguments.seconds,
         tool: arguments.tool,
         site: arguments.site.zip(arguments.normal),

@@ -24,10 +24,11 @@ use crate::{
     wrench_log::{WrenchLog, locked},
 };
 
-/// Rate of the device loop [Hz] and its period [s], [ns].
+/// Rate of the device loop [Hz] and its period [s], by the device's clock.
 const RATE_HZ: f64 = 1000.0;
 const DT: f64 = 1e-3;
-const DT_NS: u64 = 1_000_000;
+/// Largest drift of the device's clock [1].
+const MOST_DRIFT: f64 = 0.01;
 /// Height of the tool above the body at the start [m].
 const STANDOFF: f64 = 0.02;
 /// Silence after which the server counts as gone [ns].
@@ -54,6 +55,9 @@ pub struct Options {
     pub depth: f64,
     /// Poses per second [Hz], up to 1000. The device loop runs at 1000 Hz in any case.
     pub rate_hz: f64,
+    /// How much faster the device's clock runs than this machine's [1], up to 0.01 either way: crystals differ by up to
+    /// 1e-4. Without drift the poses of a run all come at the same time before the server's tick.
+    pub clock_drift: f64,
     /// Length of the run [s]; `None` runs until stopped.
     pub seconds: Option<f64>,
     /// Tool to take, by name; empty for any free one.
@@ -82,6 +86,7 @@ impl Default for Options {
             pattern: Pattern::Press,
             depth: 0.008,
             rate_hz: 1000.0,
+            clock_drift: 0.0,
             seconds: None,
             tool: String::new(),
             site: None,
@@ -103,6 +108,7 @@ impl Default for Options {
 /// server, or no wrench comes for 2 s.
 pub fn run(options: &Options, stop: &AtomicBool, live: &mut dyn FnMut(&Live)) -> Result<Report> {
     ensure!(options.rate_hz > 0.0 && options.rate_hz <= RATE_HZ, "the pose rate must be above 0 and at most 1000 Hz");
+    ensure!(options.clock_drift.abs() <= MOST_DRIFT, "the clock's drift must be -{MOST_DRIFT} to {MOST_DRIFT}");
     ensure!(options.depth > 0.0 && options.depth.is_finite(), "the depth must be above 0");
     options.link.check()?;
     let scheduling = raise_this_thread();
@@ -145,6 +151,8 @@ pub fn run(options: &Options, stop: &AtomicBool, live: &mut dyn FnMut(&Live)) ->
         phase: ToolPhase::Waiting,
         contact_points: 0,
         pose_slots: 0,
+        start_ns: 0,
+        period_ns: (DT * 1e9 / (1.0 + options.clock_drift)).round() as u64,
         report: Report {
             device: options.device.name.to_string(),
             pattern: options.pattern.name().to_owned(),
@@ -189,23 +197,27 @@ struct DeviceLoop<'a> {
     contact_points: u32,
     /// Poses that the rate has given room for so far.
     pose_slots: u64,
+    /// Start of the loop and length of its tick, by this machine's clock [ns].
+    start_ns: u64,
+    period_ns: u64,
     report: Report,
 }
 
 impl DeviceLoop<'_> {
     fn run(mut self, stop: &AtomicBool, live: &mut dyn FnMut(&Live)) -> Result<Report> {
         let ticks = self.options.seconds.map_or(u64::MAX, |seconds| (seconds / DT).round() as u64);
-        let (start, start_ns) = (Instant::now(), self.tool.now_ns());
+        let start = Instant::now();
+        self.start_ns = self.tool.now_ns();
         let mut tick = 0;
         while tick < ticks && !stop.load(Relaxed) {
             // Absolute deadlines: a late wake-up never shifts the next one.
-            let deadline = start + Duration::from_millis(tick);
+            let deadline = start + Duration::from_nanos(tick * self.period_ns);
             thread::sleep(deadline.saturating_duration_since(Instant::now()));
             let late = deadline.elapsed();
             self.lateness.saturating_record(late.as_nanos() as u64);
             // Ticks that were slept through are made up for at once: device and hand have moved on meanwhile.
-            let due = 1 + late.as_millis() as u64;
-            self.wake(tick, due, start_ns)?;
+            let due = 1 + late.as_nanos() as u64 / self.period_ns;
+            self.wake(tick, due)?;
             tick += due;
             if tick % LIVE_TICKS < due {
                 live(&self.live());
@@ -216,11 +228,11 @@ impl DeviceLoop<'_> {
     }
 
     /// One wake-up: reads the newest wrench, moves device and hand through `due` ticks from `tick`, sends the pose.
-    fn wake(&mut self, tick: u64, due: u64, start_ns: u64) -> Result<()> {
+    fn wake(&mut self, tick: u64, due: u64) -> Result<()> {
         // Link and renderer live by the loop's deadlines, so that ticks made up for are as long as all others.
-        let tick_ns = start_ns + tick * DT_NS;
+        let tick_ns = self.start_ns + tick * self.period_ns;
         let received = self.tool.latest_wrench();
-        let age_ns = self.tool.now_ns().saturating_sub(received.map_or(start_ns, |received| received.arrival_ns));
+        let age_ns = self.tool.now_ns().saturating_sub(received.map_or(self.start_ns, |received| received.arrival_ns));
         if age_ns > SILENCE_NS {
             bail!("no wrench for 2 s from {}: the server is gone or has stopped", self.options.endpoints.force);
         }
@@ -234,7 +246,7 @@ impl DeviceLoop<'_> {
         self.report.stale_ticks += u64::from(received.is_none_or(|received| !received.fresh));
 
         for tick in tick..tick + due {
-            let (time, now_ns) = (tick as f64 * DT, start_ns + tick * DT_NS);
+            let (time, now_ns) = (tick as f64 * DT, self.start_ns + tick * self.period_ns);
             while let Some(wrench) = self.wrenches.poll(now_ns) {
                 self.renderer.receive(&wrench, now_ns);
             }

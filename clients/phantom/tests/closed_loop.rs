@@ -109,11 +109,26 @@ fn stopping_ends_the_run_with_its_report() {
 }
 
 #[test]
+fn a_device_whose_clock_runs_slow_ticks_by_that_clock() {
+    let server = FakeServer::current();
+    let options = Options {
+        endpoints: server.endpoints.clone(),
+        clock_drift: -0.01,
+        seconds: Some(2.0),
+        ..Options::default()
+    };
+    let report = run(&options, &never(), &mut |_| ()).unwrap();
+    // The last of its 2000 ticks is due when 1999 / 0.99 ms have passed, and never woken early.
+    assert!(report.seconds > 2.019, "{} s", report.seconds);
+}
+
+#[test]
 fn options_that_make_no_sense_are_refused() {
     let server = FakeServer::current();
     let good = Options { endpoints: server.endpoints.clone(), ..Options::default() };
     let refused = |options: Options| run(&options, &never(), &mut |_| ()).unwrap_err().to_string();
     assert!(refused(Options { rate_hz: 2000.0, ..good.clone() }).contains("1000 Hz"));
+    assert!(refused(Options { clock_drift: f64::NAN, ..good.clone() }).contains("drift"));
     let link = LinkConditions { loss: 1.5, ..LinkConditions::default() };
     assert!(refused(Options { link, ..good.clone() }).contains("loss is 1.5"));
     assert!(refused(Options { depth: f64::NAN, ..good.clone() }).contains("depth"));
