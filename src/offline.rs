@@ -1,6 +1,6 @@
 //! Simulations without a network: any scene, for any time, under a recorded tool trajectory, as fast as it goes.
 
-use crate::contact::tool::{MOST_TOOLS, PoseSample, ToolEvent};
+use crate::contact::tool::{Coupling, MOST_TOOLS, PoseSample, ToolEvent};
 use crate::geometry::locate::Host;
 use crate::math::{Pose, Real, Vec3, normalized_quaternion};
 use crate::model::energy::energy;
@@ -120,7 +120,7 @@ fn events_of(poses: Vec<(u64, usize, PoseSample)>) -> Vec<(u64, usize, ToolEvent
         gaps.sort_unstable();
         let period_ticks = gaps.get(gaps.len() / 2).copied().unwrap_or(1) as u32;
         // The tool is taken one tick before its first pose, so everything moves one tick later.
-        events.push((first.0, tool, ToolEvent::Attach { epoch: 1, period_ticks, coupling: 0.0 }));
+        events.push((first.0, tool, ToolEvent::Attach { epoch: 1, period_ticks, coupling: Coupling::RIGID }));
         for (i, (tick, sample)) in mine.into_iter().enumerate() {
             let sample = PoseSample { sequence: i as u32 + 1, ..sample };
             events.push((tick + 1, tool, ToolEvent::Pose(sample)));
@@ -327,7 +327,7 @@ mod tests {
         let trajectory = Trajectory::parse(&text, "t.csv", 1).unwrap();
         assert_eq!(
             trajectory.inputs(1).tools[0],
-            Some(ToolEvent::Attach { epoch: 1, period_ticks: 10, coupling: 0.0 })
+            Some(ToolEvent::Attach { epoch: 1, period_ticks: 10, coupling: Coupling::RIGID })
         );
         let Some(ToolEvent::Pose(pose)) = trajectory.inputs(2).tools[0] else { panic!("a pose") };
         assert_eq!((pose.pose.position.z, pose.sequence), (0.2, 1));

@@ -3,7 +3,7 @@
 
 use palpate::adaptation::Adaptivity;
 use palpate::contact::safety::ForceLimits;
-use palpate::contact::tool::{Following, PoseSample, Shape as ToolShape, Tool, ToolEvent};
+use palpate::contact::tool::{Coupling, Following, PoseSample, Shape as ToolShape, Tool, ToolEvent};
 use palpate::geometry::primitives::{box_mesh, box_surface};
 use palpate::math::{Pose, Real, Vec3};
 use palpate::model::{Body, Material};
@@ -136,7 +136,7 @@ fn a_ball_is_felt_as_the_continuum_says() {
         )
         .unwrap();
         let mut attach = Inputs::default();
-        attach.tools[0] = Some(ToolEvent::Attach { epoch: 1, period_ticks: 1, coupling: 0.0 });
+        attach.tools[0] = Some(ToolEvent::Attach { epoch: 1, period_ticks: 1, coupling: Coupling::RIGID });
         press.advance(&attach);
         let (mut tick, mut before) = (0, -1e-3);
         for (depth, expected) in [(5e-4, 0.0232092), (1e-3, 0.0640657), (2e-3, 0.1751750)] {

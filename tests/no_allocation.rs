@@ -2,7 +2,7 @@
 //! attaches, presses, is lost, a recording starts and stops, and the body is reset, and while all that refines and
 //! coarsens the body. And what a body and its simulation hold grows no faster than the body has nodes.
 
-use palpate::contact::tool::PoseSample;
+use palpate::contact::tool::{Coupling, PoseSample};
 use palpate::geometry::primitives::box_surface;
 use palpate::math::{Pose, Real, Vec3};
 use palpate::model::body::{BodyParts, LabelParts};
@@ -109,9 +109,11 @@ fn the_simulation_thread_allocates_nothing() {
     let (stopped, surface_area) = (stop.clone(), 0.1);
     let script = |tick: u64| {
         match tick {
-            100 => {
-                ends.commands.push(Command::Attach { tool: 0, epoch: 9, period_ticks: 1, coupling: 0.0 }).ok().unwrap()
-            }
+            100 => ends
+                .commands
+                .push(Command::Attach { tool: 0, epoch: 9, period_ticks: 1, coupling: Coupling::RIGID })
+                .ok()
+                .unwrap(),
             600 => {
                 let (start_in, start_out) = rtrb::RingBuffer::new(1);
                 let (ticks_in, ticks_out) = rtrb::RingBuffer::new(4096);

@@ -1,6 +1,6 @@
 //! Bodies of several organs: each moves as it would alone, and all share the clock, the tools and the work budget.
 
-use palpate::contact::tool::{PoseSample, ToolEvent};
+use palpate::contact::tool::{Coupling, PoseSample, ToolEvent};
 use palpate::math::{Pose, Real, Vec3, is_finite};
 use palpate::model::active_set::Change;
 use palpate::model::element_kernel::Path as KernelPath;
@@ -105,7 +105,7 @@ fn press(loaded: &LoadedScene, used: &[usize], tick: u64) -> Inputs {
             buttons: 0,
         };
         inputs.tools[tool] = Some(match tick {
-            0 => ToolEvent::Attach { epoch: 1, period_ticks: 1, coupling: 0.0 },
+            0 => ToolEvent::Attach { epoch: 1, period_ticks: 1, coupling: Coupling::RIGID },
             _ => ToolEvent::Pose(pose),
         });
     }

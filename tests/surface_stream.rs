@@ -1,6 +1,6 @@
 //! The coded surface on bodies that move: how far it is off, how many bytes it takes, what is decodable from what.
 
-use palpate::contact::tool::{PoseSample, ToolEvent};
+use palpate::contact::tool::{Coupling, PoseSample, ToolEvent};
 use palpate::math::{Pose, Vec3};
 use palpate::model::Body;
 use palpate::scene::LoadedScene;
@@ -26,7 +26,7 @@ fn run(
     let start = loaded.scene.at_rest(&body);
     let mut simulation = Simulation::new(body.clone(), loaded.scene.settings(), start).unwrap();
     let mut inputs = Inputs::default();
-    inputs.tools[0] = Some(ToolEvent::Attach { epoch: 1, period_ticks: 1, coupling: 0.0 });
+    inputs.tools[0] = Some(ToolEvent::Attach { epoch: 1, period_ticks: 1, coupling: Coupling::RIGID });
     simulation.advance(&inputs);
     for tick in 1..ticks {
         let pose = Pose { position: place(&body, tick), ..Pose::default() };

@@ -10,7 +10,7 @@ use super::shape::posed;
 use super::tool::{MOST_POINTS, Tool, ToolState};
 use super::wrench::middle_pose;
 use crate::math::{Real, Vec3};
-use crate::model::constraint::{Constraint, Coupling, PointMemory};
+use crate::model::constraint::{Constraint, PointMemory, Pushed};
 use crate::model::{ActiveMesh, Body, Friction};
 
 /// Points this far from the tool [m] become constraints, so that contact begins with an open gap, and no tool passes
@@ -108,8 +108,9 @@ pub fn detect(
     let candidates = &mut work.candidates;
     candidates.clear();
     let per_part = points_of_a_part(on.body);
+    let middle = middle_pose(tool);
     let ((all, parts), (start, _), (end, _)) =
-        (posed(&middle_pose(tool), &of.shape), posed(&tool.previous, &of.shape), posed(&tool.pose, &of.shape));
+        (posed(&middle, &of.shape), posed(&tool.previous, &of.shape), posed(&tool.pose, &of.shape));
     let way = |i: usize| start[i].frame.farthest_move(&end[i].frame, all[i].part);
     let margin = (0..parts).map(|i| way(i) + FASTEST_SURFACE * on.tick).fold(MARGIN, Real::max);
     let deep = sunk_depth(on, &all[..parts], per_part, memory);
@@ -140,8 +141,8 @@ pub fn detect(
     work.loads.extend(candidates.iter().map(|c| Load::new(on, c, memory, work.followed)));
     share_discs(&all[..parts], candidates, &mut work.loads);
     let first = constraints.len() as u32;
-    // The pose is where the coupling's spring is as long as the last force made it.
-    let coupling = Coupling { compliance: tool.coupling, allowed_for: -tool.physical_force };
+    // The pose is where the coupling's springs are as long as the last force and torque made them.
+    let allowed_for = Pushed { force: -tool.physical_force, torque: -tool.physical_torque };
     for (i, candidate) in candidates.iter().enumerate() {
         let (n, core) = (candidate.normal, candidate.core);
         let [start, end] = [&start, &end].map(|posed| posed[candidate.part as usize].frame.at(core));
@@ -201,7 +202,9 @@ pub fn detect(
                 multiplier: tangential,
                 mean_multiplier: Vec3::zeros(),
             },
-            coupling,
+            arm: candidate.place - middle.position,
+            coupling: tool.coupling,
+            allowed_for,
         });
         // The surface's own point, not the tool's: that is where the body gets the force.
         points_of_action.push(candidate.place);

@@ -6,7 +6,7 @@ use crate::math::{Pose, Real, Vec3, is_finite};
 use serde::{Deserialize, Serialize};
 
 pub use super::shape::{Part, Shape};
-pub use crate::model::constraint::{MOST_POINTS, MOST_TOOLS};
+pub use crate::model::constraint::{Coupling, MOST_POINTS, MOST_TOOLS};
 
 /// A tool as the scene gives it.
 #[derive(Clone, Debug, PartialEq)]
@@ -59,8 +59,8 @@ pub enum ToolEvent {
         epoch: u32,
         /// Ticks between two poses, at least 1.
         period_ticks: u32,
-        /// Compliance of the virtual coupling [m/N], see [`ToolState::coupling`].
-        coupling: Real,
+        /// What the tool hangs on, see [`ToolState::coupling`].
+        coupling: Coupling,
     },
     /// The client is gone.
     Detach,
@@ -100,12 +100,10 @@ pub struct ToolState {
     pub pose: Pose,
     /// Where it was at its start.
     pub previous: Pose,
-    /// Where the client holds it: what moves towards [`ToolState::target`]. The simulated tool hangs on it by the
-    /// coupling, with the same orientation.
+    /// Where the client holds it: what moves towards [`ToolState::target`].
     pub handle: Pose,
-    /// Compliance of the virtual coupling [m/N]: a spring without mass between device and simulated tool, so that nothing
-    /// feels stiffer than the device can render [Colgate et al. 1995]. 0 holds the tool rigidly.
-    pub coupling: Real,
+    /// By what the simulated tool hangs on it.
+    pub coupling: Coupling,
     /// Newest pose from the client.
     pub target: Pose,
     /// Ticks until it should be reached.
@@ -257,21 +255,30 @@ impl ToolState {
         }
         self.speed_limited = allowed < fraction;
         self.handle = self.handle.towards(&self.target, allowed);
-        // The spring keeps its length until the contacts of this tick are solved.
-        self.pose = self.handle;
-        self.pose.position += self.stretch();
+        // The springs keep their lengths until the contacts of this tick are solved.
+        self.pose = self.hung();
     }
 
-    /// What the coupling's spring gives way by under the last contact force [m].
-    fn stretch(&self) -> Vec3 {
-        self.physical_force * if self.touches() { self.coupling } else { 0.0 }
+    /// The handle's pose, moved and turned by what the coupling gives way by under the last contact force and torque.
+    fn hung(&self) -> Pose {
+        if !self.touches() {
+            return self.handle;
+        }
+        let Coupling { compliance, angular_compliance } = self.coupling;
+        let mut pose = self.handle;
+        pose.position += self.physical_force * compliance;
+        if angular_compliance > 0.0 {
+            pose = pose.turned(self.physical_torque * angular_compliance);
+        }
+        pose
     }
 
-    /// Takes in the contact force of this tick [N], under which the simulated tool hangs back from the handle.
+    /// Takes in the contact force [N] and torque [N·m] of this tick, under which the simulated tool hangs back from the
+    /// handle.
     pub fn hang_back(&mut self, force: Vec3, torque: Vec3) {
         let sound = is_finite(&force) && is_finite(&torque);
         (self.physical_force, self.physical_torque) = if sound { (force, torque) } else { Default::default() };
-        self.pose.position = self.handle.position + self.stretch();
+        self.pose = self.hung();
     }
 
     /// Feeds every bit to `hash`.
@@ -304,7 +311,7 @@ mod tests {
 
     fn engaged(period_ticks: u32) -> ToolState {
         let mut tool = ToolState::default();
-        tool.follow(Some(&ToolEvent::Attach { epoch: 1, period_ticks, coupling: 0.0 }), 1e-3, &BOUNDS);
+        tool.follow(Some(&ToolEvent::Attach { epoch: 1, period_ticks, coupling: Coupling::RIGID }), 1e-3, &BOUNDS);
         tool.follow(Some(&at(0.0, 1)), 1e-3, &BOUNDS);
         tool.phase = Phase::Engaged;
         tool

@@ -25,7 +25,7 @@ pub(super) fn ahead(body: &Body, vertices: &[Vec3], shape: &Shape, tool: &ToolSt
     let material = body.material_at(vertex);
     let plane_strain = material.youngs_modulus() / (1.0 - material.poisson_ratio() * material.poisson_ratio());
     let contact = 4.0 / 3.0 * plane_strain * (radius * DEPTH).sqrt();
-    let along = 1.0 / (1.0 / contact + tool.coupling);
+    let along = 1.0 / (1.0 / contact + tool.coupling.compliance);
     Some(Stiffness {
         matrix: normal * normal.transpose() * along,
         normal,

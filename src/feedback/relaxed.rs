@@ -16,6 +16,7 @@
 use super::approach::ahead;
 use crate::contact::tool::{MOST_TOOLS, Shape};
 use crate::math::{Mat3, Pose, Real, Vec3};
+use crate::model::constraint::Coupling;
 use crate::model::constraint::Row;
 use crate::model::element_kernel::Path;
 use crate::model::{ActiveMesh, Body, Constraint};
@@ -175,7 +176,7 @@ impl Contact {
                 dent > c.most_dent + c.firm * c.multiplier
             })
             .collect();
-        let coupling = own.first()?.coupling.compliance;
+        let Coupling { compliance, angular_compliance } = own.first()?.coupling;
         let between = |a: usize, b: usize| {
             let ((p, d), (q, e)) = (rows[a], rows[b]);
             let ((i, c), (j, other)) = (pushing[p], pushing[q]);
@@ -190,7 +191,8 @@ impl Contact {
                 (true, false) => 0.0,
                 _ => 0.5 * (c.compliance[j] - c.disc + other.compliance[i] - other.disc),
             };
-            dent * factor + coupling * d.dot(&e)
+            let turns = angular_compliance * c.arm.cross(&d).dot(&other.arm.cross(&e));
+            dent * factor + compliance * d.dot(&e) + turns
         };
         let n = rows.len();
         let compliance = Cholesky::new(DMatrix::from_fn(n, n, between))?;

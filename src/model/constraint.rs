@@ -73,14 +73,42 @@ pub struct Friction {
     pub mean_multiplier: Vec3,
 }
 
-/// The spring by which a tool hangs on its handle: the tool gives way by `compliance · Σ_j (n_j λ_j + τ_j)` over its
-/// constraints.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+/// The virtual coupling: springs without mass by which a tool hangs on its handle, so that nothing feels stiffer than the
+/// device can render [Colgate et al. 1995].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Coupling {
-    /// [m/N]; 0 holds the tool rigidly.
+    /// How far a force moves the tool [m/N]; 0 holds it rigidly.
     pub compliance: Real,
-    /// `Σ_j (n_j λ_j + τ_j)` [N] for which [`Constraint::offset`] and [`Friction::anchor`] allow already.
-    pub allowed_for: Vec3,
+    /// How far a torque about the reference point turns it [rad/(N·m)]; 0 leaves it the orientation of the handle.
+    pub angular_compliance: Real,
+}
+
+impl Coupling {
+    /// None: the tool is where the handle is.
+    pub const RIGID: Self = Self { compliance: 0.0, angular_compliance: 0.0 };
+}
+
+/// What a tool's points put on the body in all: `Σ_j f_j` and `Σ_j r_j × f_j` over its constraints, `f_j = n_j λ_j + τ_j`.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Pushed {
+    /// [N].
+    pub force: Vec3,
+    /// About the tool's reference point [N·m].
+    pub torque: Vec3,
+}
+
+impl Pushed {
+    /// Adds `force` [N] at `arm` from the reference point [m].
+    pub fn add(&mut self, arm: &Vec3, force: &Vec3) {
+        self.force += force;
+        self.torque += arm.cross(force);
+    }
+
+    /// How far [m] a tool that hangs by `coupling` gives way at `arm` [m] to this instead of `before`, away from the body.
+    pub fn give(&self, before: &Pushed, coupling: &Coupling, arm: &Vec3) -> Vec3 {
+        (self.force - before.force) * coupling.compliance
+            + ((self.torque - before.torque) * coupling.angular_compliance).cross(arm)
+    }
 }
 
 /// One unilateral constraint `n·q(t) + Σ_j G_j λ_j ≥ offset + rate·t`, `λ ≥ 0`, on the surface point `q`; `t` [s] from
@@ -118,8 +146,12 @@ pub struct Constraint {
     pub mean_multiplier: Real,
     /// What acts along the surface.
     pub friction: Friction,
+    /// From the tool's reference point to where the surface point is met [m].
+    pub arm: Vec3,
     /// What holds the tool.
     pub coupling: Coupling,
+    /// What [`Constraint::offset`] and [`Friction::anchor`] allow for already.
+    pub allowed_for: Pushed,
 }
 
 /// What is remembered of a contact point from tick to tick.

@@ -3,7 +3,7 @@
 //! No side ever waits for another. A full ring is an ordinary answer: the entry is dropped and counted.
 
 use crate::adaptation::Adapted;
-use crate::contact::tool::{MOST_TOOLS, PoseSample, ToolState};
+use crate::contact::tool::{Coupling, MOST_TOOLS, PoseSample, ToolState};
 use crate::math::Vec3;
 use crate::simulation::{Inputs, MOST_LEVELS, Plan, Snapshot, TickFlags, ToolOutput};
 use rustix::event::{EventfdFlags, eventfd};
@@ -30,8 +30,8 @@ pub enum Command {
         epoch: u32,
         /// Ticks between two poses.
         period_ticks: u32,
-        /// Compliance of its virtual coupling [m/N].
-        coupling: f64,
+        /// What it hangs on.
+        coupling: Coupling,
     },
     /// The client is gone.
     Detach {

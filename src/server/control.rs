@@ -1,11 +1,13 @@
 //! Who holds which tool, and the requests of clients.
 
 use super::{ServerError, Shared, lock, network, recorder};
+use crate::contact::tool::Coupling;
 use crate::realtime::mailbox::Command;
 use crate::simulation::TICK;
 use crate::wire;
 use palpate_proto::control_request::Request;
 use palpate_proto::{self as proto, Message, keys};
+use std::ops::RangeInclusive;
 use std::path::{Component, Path};
 use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex};
@@ -151,8 +153,21 @@ async fn carry_out(shared: &Arc<Shared>, request: proto::ControlRequest) -> Resu
     Ok(reply)
 }
 
-/// Stiffnesses of virtual couplings [N/m]: softer ones let go of the tool, stiffer ones are rigid.
-const COUPLINGS: std::ops::RangeInclusive<f64> = 10.0..=1e6;
+/// Stiffnesses of virtual couplings [N/m], [N·m/rad]: softer ones let go of the tool, stiffer ones are rigid.
+const COUPLINGS: RangeInclusive<f64> = 10.0..=1e6;
+const ANGULAR_COUPLINGS: RangeInclusive<f64> = 0.01..=1e3;
+
+/// The compliance of a spring of `stiffness` [`unit`]; 0 for one of 0, which is none.
+fn compliance(name: &str, stiffness: f64, unit: &str, allowed: RangeInclusive<f64>) -> Result<f64, String> {
+    if stiffness == 0.0 {
+        return Ok(0.0);
+    }
+    if !allowed.contains(&stiffness) {
+        let (least, most) = (allowed.start(), allowed.end());
+        return Err(format!("{name} is {stiffness} {unit}: 0 holds the tool rigidly, else {least} to {most}"));
+    }
+    Ok(1.0 / stiffness)
+}
 
 fn take(shared: &Shared, attach: &proto::Attach) -> Result<proto::Attached, String> {
     if !(10.0..=2000.0).contains(&attach.rate_hz) {
@@ -161,12 +176,11 @@ fn take(shared: &Shared, attach: &proto::Attach) -> Result<proto::Attached, Stri
     if attach.client.len() > 64 {
         return Err("client names have at most 64 bytes".into());
     }
-    let stiffness = attach.coupling_stiffness;
-    if !(stiffness == 0.0 || COUPLINGS.contains(&stiffness)) {
-        let (least, most) = (COUPLINGS.start(), COUPLINGS.end());
-        return Err(format!("coupling_stiffness is {stiffness} N/m: 0 holds the tool rigidly, else {least} to {most}"));
-    }
-    let coupling = if stiffness > 0.0 { 1.0 / stiffness } else { 0.0 };
+    let (stiffness, angular) = (attach.coupling_stiffness, attach.coupling_angular_stiffness);
+    let coupling = Coupling {
+        compliance: compliance("coupling_stiffness", stiffness, "N/m", COUPLINGS)?,
+        angular_compliance: compliance("coupling_angular_stiffness", angular, "N·m/rad", ANGULAR_COUPLINGS)?,
+    };
     let mut held = lock(&shared.holders.held);
     let names = || shared.scene.tool.iter().map(|t| t.name.as_str()).collect::<Vec<_>>().join(", ");
     let tool = if attach.tool.is_empty() {

@@ -4,12 +4,11 @@
 //! `λ ← max(0, λ − r / (Δt² Σ b_i²/m_i + G))`, and the change of λ at once acts on the velocities and on the other
 //! points' dents. The gap is closed as a whole: scaling it (Baumgarte) would make the force too small, because G turns
 //! gap into force. Where there is friction, the tangential multiplier follows the same way, and is then cut to the disc of
-//! radius μ λ [Coulomb]. A tool that hangs on a spring gives way to the sum of its points' forces: a compliance that all of
-//! them share.
+//! radius μ λ [Coulomb]. A tool that hangs on springs gives way to the sum of its points' forces and turns with the sum of
+//! their moments: compliances that all of them share.
 
 use crate::math::{Real, Vec3};
-use crate::model::constraint::Coupling;
-use crate::model::constraint::MOST_TOOLS;
+use crate::model::constraint::{MOST_TOOLS, Pushed};
 use crate::model::element_kernel::Padded;
 use crate::model::{ActiveMesh, Constraint};
 
@@ -40,10 +39,10 @@ pub struct Prepared {
 pub fn solve(mesh: &mut ActiveMesh, constraints: &mut [Constraint], prepared: &mut [Prepared], step: Real, end: Real) {
     let motion = &mut mesh.motion;
     let inverse_mass = &motion.inverse_mass;
-    // By tool: the sum of what its points push with [N].
-    let mut pushed = [Vec3::zeros(); MOST_TOOLS];
+    // By tool: the sum of what its points push with.
+    let mut pushed = [Pushed::default(); MOST_TOOLS];
     for c in constraints.iter() {
-        pushed[c.tool as usize] += c.normal * c.multiplier + c.friction.multiplier;
+        pushed[c.tool as usize].add(&c.arm, &(c.normal * c.multiplier + c.friction.multiplier));
     }
     for (i, p) in prepared[..constraints.len()].iter_mut().enumerate() {
         let c = &constraints[i];
@@ -69,10 +68,10 @@ pub fn solve(mesh: &mut ActiveMesh, constraints: &mut [Constraint], prepared: &m
         for i in 0..constraints.len() {
             let (c, p) = (&mut constraints[i], &prepared[i]);
             let moved = step * c.normal.dot(&c.row.interpolate(&motion.velocity));
-            let Coupling { compliance: coupling, allowed_for } = c.coupling;
             let pushed = &mut pushed[c.tool as usize];
-            let open = p.position + moved - p.target + coupling * c.normal.dot(&(*pushed - allowed_for));
-            let mobility = p.mobility + coupling;
+            let open = p.position + moved - p.target + c.normal.dot(&pushed.give(&c.allowed_for, &c.coupling, &c.arm));
+            let turned = c.coupling.angular_compliance * c.arm.cross(&c.normal).norm_squared();
+            let mobility = p.mobility + c.coupling.compliance + turned;
             let compliant = c.multiplier - (open + p.dent) / (mobility + p.compliance);
             // Beyond the largest dent only a part of the compliance is left; the larger multiplier is the right one.
             let deep = open + c.most_dent + c.firm * c.multiplier;
@@ -82,7 +81,7 @@ pub fn solve(mesh: &mut ActiveMesh, constraints: &mut [Constraint], prepared: &m
             let change = multiplier - c.multiplier;
             if change != 0.0 {
                 c.multiplier = multiplier;
-                *pushed += c.normal * change;
+                pushed.add(&c.arm, &(c.normal * change));
                 push(&mut motion.velocity, inverse_mass, c, &c.normal, step * change);
                 let others = prepared[c.first as usize..].iter_mut().zip(&c.compliance);
                 others.for_each(|(other, g)| other.dent += g * change);
@@ -90,15 +89,18 @@ pub fn solve(mesh: &mut ActiveMesh, constraints: &mut [Constraint], prepared: &m
             if c.friction.coefficient > 0.0 {
                 let p = prepared[i];
                 let place = p.place + c.row.interpolate(&motion.velocity) * step;
-                let given_way = (*pushed - allowed_for) * coupling;
+                let given_way = pushed.give(&c.allowed_for, &c.coupling, &c.arm);
                 let apart = place + p.shear + given_way - (c.friction.anchor + c.friction.rate * end);
                 let gap = apart - c.normal * c.normal.dot(&apart);
+                // No direction along the surface turns the tool by more than this.
+                let turned = c.coupling.angular_compliance * c.arm.norm_squared();
+                let mobility = p.mobility + c.coupling.compliance + turned;
                 let stuck = c.friction.multiplier - gap / (mobility + c.friction.compliance * p.compliance);
                 let (most, size) = (c.friction.coefficient * c.multiplier, stuck.norm());
                 let multiplier = if size > most { stuck * (most / size) } else { stuck };
                 let change = multiplier - c.friction.multiplier;
                 c.friction.multiplier = multiplier;
-                *pushed += change;
+                pushed.add(&c.arm, &change);
                 push(&mut motion.velocity, inverse_mass, c, &change, step);
                 let others = prepared[c.first as usize..].iter_mut().zip(&c.compliance);
                 others.for_each(|(other, g)| other.shear += change * (g * c.friction.compliance));

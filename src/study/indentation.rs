@@ -7,7 +7,7 @@ use super::plot::{Chart, Curve, charts, table};
 use super::relax::relax;
 use crate::adaptation::Adaptivity;
 use crate::contact::safety::ForceLimits;
-use crate::contact::tool::{Following, PoseSample, Shape, Tool, ToolEvent};
+use crate::contact::tool::{Coupling, Following, PoseSample, Shape, Tool, ToolEvent};
 use crate::geometry::Moments;
 use crate::geometry::primitives::{box_mesh, box_surface};
 use crate::hierarchy::{Level, embedding};
@@ -114,7 +114,7 @@ fn felt(body: &Arc<Body>, depths: &[Real], restored: bool) -> Result<Vec<Real>> 
     if !restored {
         press.restore_no_dents();
     }
-    let mut event = Some(ToolEvent::Attach { epoch: 1, period_ticks: 1, coupling: 0.0 });
+    let mut event = Some(ToolEvent::Attach { epoch: 1, period_ticks: 1, coupling: Coupling::RIGID });
     let (mut forces, mut before) = (Vec::new(), -1e-3);
     for &depth in depths {
         let mut force = 0.0;

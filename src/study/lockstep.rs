@@ -3,7 +3,7 @@
 //! The real core, the real client library and the virtual Phantom's device and hand; what a server adds to them is
 //! threads and clocks.
 
-use crate::contact::tool::{MOST_TOOLS, PoseSample, ToolEvent};
+use crate::contact::tool::{Coupling, MOST_TOOLS, PoseSample, ToolEvent};
 use crate::feedback::LocalModel;
 use crate::feedback::relaxed::{Probe, Stiffness};
 use crate::math::{Pose, Real, Vec3};
@@ -84,7 +84,7 @@ impl<'a> Lockstep<'a> {
 
     /// A hand takes the next tool and follows `path`, a function of time [s]; `seed` is that of its network.
     pub fn attach(&mut self, on: &Loop, path: impl Fn(Real) -> Target + 'a, seed: u64) {
-        let coupling = 1.0 / on.device.max_stiffness;
+        let coupling = Coupling { compliance: 1.0 / on.device.max_stiffness, ..Coupling::RIGID };
         self.clients.push(Client {
             held: HeldDevice::new(on.device.clone(), on.hand, path(0.0).position),
             path: Box::new(path),

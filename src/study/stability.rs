@@ -232,7 +232,7 @@ pub fn apart(a: &Felt, b: &Felt) -> Real {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::contact::tool::ToolEvent;
+    use crate::contact::tool::{Coupling, ToolEvent};
     use crate::feedback::relaxed::Probe;
     use crate::simulation::{Inputs, Simulation, Snapshot};
     use crate::study::lockstep::pose;
@@ -248,7 +248,7 @@ mod tests {
         let body = cube(400.0).unwrap();
         let mut core = Simulation::new(body.clone(), settings(1), Snapshot::at_rest(&body, 0, 1)).unwrap();
         let mut probe = Probe::new(body, settings(1)).unwrap();
-        let mut event = Some(ToolEvent::Attach { epoch: 1, period_ticks: 1, coupling: 0.0 });
+        let mut event = Some(ToolEvent::Attach { epoch: 1, period_ticks: 1, coupling: Coupling::RIGID });
         for tick in 0..1200u32 {
             let height = 0.005 - (0.005 + 0.001) * (Real::from(tick) / 500.0).min(1.0);
             let mut inputs = Inputs::default();

@@ -5,7 +5,7 @@ use super::Progress;
 use super::plot::{Chart, Curve, Shape as Picture, charts, coloured, table};
 use crate::adaptation::Adaptivity;
 use crate::contact::safety::ForceLimits;
-use crate::contact::tool::{Following, PoseSample, Shape, Tool, ToolEvent};
+use crate::contact::tool::{Coupling, Following, PoseSample, Shape, Tool, ToolEvent};
 use crate::geometry::Surface;
 use crate::geometry::decimate::decimate;
 use crate::geometry::primitives::{box_surface, liver_surface};
@@ -97,7 +97,7 @@ fn begin(body: &Arc<Body>, settings: Settings, level: usize) -> Result<Simulatio
     let mut simulation =
         Simulation::new(body.clone(), settings, Snapshot::at_rest(body, level, 1)).map_err(Error::other)?;
     let mut inputs = Inputs::default();
-    inputs.tools[0] = Some(ToolEvent::Attach { epoch: 1, period_ticks: 1, coupling: 0.0 });
+    inputs.tools[0] = Some(ToolEvent::Attach { epoch: 1, period_ticks: 1, coupling: Coupling::RIGID });
     simulation.advance(&inputs);
     Ok(simulation)
 }

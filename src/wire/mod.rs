@@ -4,7 +4,7 @@ pub mod session;
 pub mod surface;
 
 use crate::contact::safety::Limited;
-use crate::contact::tool::{MOST_TOOLS, Phase, PoseSample, ToolEvent, ToolState};
+use crate::contact::tool::{Coupling, MOST_TOOLS, Phase, PoseSample, ToolEvent, ToolState};
 use crate::feedback::LocalModel;
 use crate::math::{Pose, Real, Vec3, normalized_quaternion};
 use crate::simulation::{Inputs, TickFlags, ToolOutput};
@@ -198,9 +198,12 @@ pub fn inputs_to_message(tick: u64, inputs: &Inputs) -> proto::TickInputs {
     use proto::tool_input::Event;
     let list = |v: &Vec3| v.iter().copied().collect();
     let event = |event: &ToolEvent| match event {
-        ToolEvent::Attach { epoch, period_ticks, coupling } => {
-            Event::Attach(proto::RecordedAttach { epoch: *epoch, period_ticks: *period_ticks, coupling: *coupling })
-        }
+        ToolEvent::Attach { epoch, period_ticks, coupling } => Event::Attach(proto::RecordedAttach {
+            epoch: *epoch,
+            period_ticks: *period_ticks,
+            coupling: coupling.compliance,
+            angular_coupling: coupling.angular_compliance,
+        }),
         ToolEvent::Detach => Event::Detach(true),
         ToolEvent::Pose(p) => Event::Pose(proto::RecordedPose {
             sequence: p.sequence,
@@ -236,9 +239,11 @@ pub fn inputs_from_message(message: &proto::TickInputs) -> Option<Inputs> {
     };
     for tool in &message.tools {
         let event = match tool.event.as_ref()? {
-            Event::Attach(a) => {
-                ToolEvent::Attach { epoch: a.epoch, period_ticks: a.period_ticks, coupling: a.coupling }
-            }
+            Event::Attach(a) => ToolEvent::Attach {
+                epoch: a.epoch,
+                period_ticks: a.period_ticks,
+                coupling: Coupling { compliance: a.coupling, angular_compliance: a.angular_coupling },
+            },
             Event::Detach(_) => ToolEvent::Detach,
             Event::Pose(p) => ToolEvent::Pose(PoseSample {
                 sequence: p.sequence,
@@ -327,7 +332,7 @@ mod tests {
             };
             let mut inputs = Inputs { lapsed, budget, reset: true, ..Inputs::default() };
             inputs.tools[0] = Some(ToolEvent::Pose(sample));
-            inputs.tools[3] = Some(ToolEvent::Attach { epoch, period_ticks: 14, coupling: 2.5e-3 });
+            inputs.tools[3] = Some(ToolEvent::Attach { epoch, period_ticks: 14, coupling: Coupling { compliance: 2.5e-3, angular_compliance: 3.0 } });
             inputs.tools[7] = Some(ToolEvent::Detach);
             let bytes = inputs_to_message(12, &inputs).encode_to_vec();
             let back = inputs_from_message(&proto::TickInputs::decode(&bytes[..]).unwrap());

@@ -3,7 +3,7 @@
 
 use palpate::adaptation::Adaptivity;
 use palpate::contact::safety::ForceLimits;
-use palpate::contact::tool::{Following, PoseSample, Shape as ToolShape, Tool, ToolEvent};
+use palpate::contact::tool::{Coupling, Following, PoseSample, Shape as ToolShape, Tool, ToolEvent};
 use palpate::geometry::Surface;
 use palpate::geometry::primitives::{box_surface, liver_surface};
 use palpate::math::{Pose, Real, Vec3};
@@ -251,7 +251,7 @@ fn inputs(event: ToolEvent) -> Inputs {
     inputs
 }
 
-const ATTACH: ToolEvent = ToolEvent::Attach { epoch: 1, period_ticks: 1, coupling: 0.0 };
+const ATTACH: ToolEvent = ToolEvent::Attach { epoch: 1, period_ticks: 1, coupling: Coupling::RIGID };
 
 /// From 0 at `from` to 1 at `to`, without a kink.
 fn ease(t: Real, from: Real, to: Real) -> Real {

@@ -100,7 +100,11 @@ fn run(body: &Arc<Body>, seed: u64) -> Ran {
                     1 => (Way::Silent, None),
                     2 | 3 => (
                         Way::Shake,
-                        Some(ToolEvent::Attach { epoch: 1, period_ticks: 1 + i as u32 % 20, coupling: 0.0 }),
+                        Some(ToolEvent::Attach {
+                            epoch: 1,
+                            period_ticks: 1 + i as u32 % 20,
+                            coupling: Coupling::RIGID,
+                        }),
                     ),
                     4 => (Way::Jump(anywhere), None),
                     5 => (Way::Shake, None),

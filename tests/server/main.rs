@@ -192,6 +192,8 @@ fn tools_have_one_holder_and_requests_that_make_no_sense_are_answered() {
     assert!(refused(connection.attach(&rigid("second", "left", 1000.0))).contains("held by first"));
     assert!(refused(connection.attach(&rigid("second", "scalpel", 1000.0))).contains("left, right"));
     assert!(refused(connection.attach(&rigid("second", "", 0.5))).contains("rate_hz"));
+    let soft = Attachment { coupling_angular_stiffness: 1e-3, ..rigid("second", "", 1000.0) };
+    assert!(refused(connection.attach(&soft)).contains("coupling_angular_stiffness is 0.001 N·m/rad"));
     let right = connection.attach(&rigid("second", "", 80.0)).unwrap();
     assert_eq!((left.id(), right.id()), (0, 1));
     assert!(refused(connection.attach(&rigid("third", "", 1000.0))).contains("every tool is taken"));

@@ -38,8 +38,9 @@ fn way(depth: Real, t: Real) -> Vec3 {
     TOP + Vec3::new(-0.02 + 0.04 * ease(t, 0.4, 1.2), 0.004, height)
 }
 
-fn run(setup: &Setup, coupling: Real, depth: Real) -> Steps {
+fn run(setup: &Setup, compliance: Real, depth: Real) -> Steps {
     let mut press = simulation(setup);
+    let coupling = Coupling { compliance, ..Coupling::RIGID };
     tick(&mut press, ToolEvent::Attach { epoch: 1, period_ticks: 1, coupling });
     let mut probe = Probe::new(setup.body.clone(), setup.settings.clone()).unwrap();
     let (mut local, mut found, mut next) = (LocalModel::default(), None, None);

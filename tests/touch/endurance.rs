@@ -2,6 +2,13 @@
 
 use super::*;
 
+/// As of a device for the desk, and the softest that a server takes.
+const COUPLINGS: [Coupling; 3] = [
+    Coupling::RIGID,
+    Coupling { compliance: 1.0 / 800.0, angular_compliance: 1.0 / 0.3 },
+    Coupling { compliance: 0.1, angular_compliance: 100.0 },
+];
+
 impl Random {
     fn place(&mut self) -> Vec3 {
         Vec3::from_fn(|_, _| self.between(-0.05, 0.15))
@@ -85,7 +92,11 @@ impl Wild {
                     1 => (Way::Silent, None),
                     2 | 3 => (
                         Way::Shake,
-                        Some(ToolEvent::Attach { epoch: 1, period_ticks: 1 + i as u32 % 20, coupling: 0.0 }),
+                        Some(ToolEvent::Attach {
+                            epoch: 1,
+                            period_ticks: 1 + i as u32 % 20,
+                            coupling: COUPLINGS[i as usize % 3],
+                        }),
                     ),
                     4 | 5 => (Way::Jump(place), None),
                     6 => (Way::Shake, None),
@@ -198,7 +209,7 @@ fn script(i: u64) -> Inputs {
     };
     let turned = normalized_quaternion([0.2 * t, 0.1, 0.3, 1.0]).unwrap();
     let rod = match i {
-        0 => Some(ToolEvent::Attach { epoch: 2, period_ticks: 14, coupling: 0.0 }),
+        0 => Some(ToolEvent::Attach { epoch: 2, period_ticks: 14, coupling: COUPLINGS[1] }),
         200..330 => None,
         _ if i.is_multiple_of(14) => {
             Some(posed(Vec3::new(-0.03 + 0.15 * ease(t, 0.0, 0.5), 0.02, 0.05 + 0.06 * ease(t, 0.3, 0.31)), turned))

@@ -1,6 +1,7 @@
 //! The local model that remote hands render: is its stiffness what a hand would find?
 
 use super::*;
+use palpate::contact::tool::Part;
 use palpate::feedback::relaxed::Probe;
 use palpate::math::Mat3;
 
@@ -33,7 +34,7 @@ fn held_at(from: &Snapshot, setup: &Setup, place: Vec3) -> Vec3 {
 }
 
 /// Runs the stroke and asks at random moments; the worst ratios of eigenvalues told and found.
-fn ask(setup: &Setup, coupling: Real, depth: Real, moments: usize) -> (Real, Real) {
+fn ask(setup: &Setup, coupling: Coupling, depth: Real, moments: usize) -> (Real, Real) {
     let mut press = simulation(setup);
     tick(&mut press, ToolEvent::Attach { epoch: 1, period_ticks: 1, coupling });
     let mut probe = Probe::new(setup.body.clone(), setup.settings.clone()).unwrap();
@@ -99,13 +100,24 @@ fn ask(setup: &Setup, coupling: Real, depth: Real, moments: usize) -> (Real, Rea
 #[test]
 fn the_stiffness_told_is_what_a_hand_finds() {
     let setup = adaptive_cube(&["tool.radius=0.01", "material.damping_ratio=0.15"]);
-    let (least, most) = ask(&setup, 0.0, 0.005, 20);
+    let (least, most) = ask(&setup, Coupling::RIGID, 0.005, 20);
     assert!(least > 0.8 && most < 1.25);
 }
 
 #[test]
 fn so_it_is_with_friction_and_through_a_coupling() {
     let setup = adaptive_cube(&["tool.radius=0.01", "material.damping_ratio=0.15", "tool.friction=0.5"]);
-    let (least, most) = ask(&setup, 1.0 / 700.0, 0.005, 8);
+    let (least, most) = ask(&setup, Coupling { compliance: 1.0 / 700.0, ..Coupling::RIGID }, 0.005, 8);
+    assert!(least > 0.8 && most < 1.25);
+}
+
+/// A capsule on its side that touches 15 to 45 mm from where it is held.
+#[test]
+fn so_it_is_where_the_tool_turns_with_the_torque() {
+    let mut setup = adaptive_cube(&["material.damping_ratio=0.15"]);
+    let lying = Pose { position: Vec3::new(0.015, 0.0, 0.0), orientation: ALONG_X };
+    setup.settings.tools[0].shape = ToolShape::compound(vec![Part::capsule(0.01, 0.03).at(lying)]).unwrap();
+    let coupling = Coupling { compliance: 1.0 / 800.0, angular_compliance: 1.0 / 0.3 };
+    let (least, most) = ask(&setup, coupling, 0.004, 20);
     assert!(least > 0.8 && most < 1.25);
 }

@@ -2,7 +2,7 @@
 //! client may do breaks the body, and that the same inputs give the same bits.
 
 use palpate::contact::safety::ForceLimits;
-use palpate::contact::tool::{Following, PoseSample, Shape as ToolShape, Tool, ToolEvent};
+use palpate::contact::tool::{Coupling, Following, PoseSample, Shape as ToolShape, Tool, ToolEvent};
 use palpate::contact::tool::{Phase, ToolState};
 use palpate::geometry::primitives::box_mesh;
 use palpate::math::{Pose, Real, Vec3, is_finite, normalized_quaternion};
@@ -68,7 +68,7 @@ fn simulation(setup: &Setup) -> Simulation {
 }
 
 fn attach() -> ToolEvent {
-    ToolEvent::Attach { epoch: 1, period_ticks: 1, coupling: 0.0 }
+    ToolEvent::Attach { epoch: 1, period_ticks: 1, coupling: Coupling::RIGID }
 }
 
 fn posed(position: Vec3, orientation: [Real; 4]) -> ToolEvent {

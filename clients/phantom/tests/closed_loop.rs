@@ -36,7 +36,7 @@ fn pressing_a_springy_floor_ends_where_hand_and_floor_are_in_balance() {
     let report = run(&options, &never(), &mut |_| shown += 1).unwrap();
 
     // It is coupled as stiffly as the device renders.
-    assert_eq!(f64::from_bits(server.coupling.load(Relaxed)), options.device.max_stiffness);
+    assert_eq!(server.attached.lock().unwrap().coupling_stiffness, options.device.max_stiffness);
     // Held at the depth: k_hand (depth − d) = k_floor d, within one encoder step of force.
     let expected = hand.stiffness * options.depth / (hand.stiffness + FLOOR_STIFFNESS);
     let held = held(&report);
@@ -111,12 +111,8 @@ fn stopping_ends_the_run_with_its_report() {
 #[test]
 fn a_device_whose_clock_runs_slow_ticks_by_that_clock() {
     let server = FakeServer::current();
-    let options = Options {
-        endpoints: server.endpoints.clone(),
-        clock_drift: -0.01,
-        seconds: Some(2.0),
-        ..Options::default()
-    };
+    let options =
+        Options { endpoints: server.endpoints.clone(), clock_drift: -0.01, seconds: Some(2.0), ..Options::default() };
     let report = run(&options, &never(), &mut |_| ()).unwrap();
     // The last of its 2000 ticks is due when 1999 / 0.99 ms have passed, and never woken early.
     assert!(report.seconds > 2.019, "{} s", report.seconds);

@@ -8,7 +8,7 @@ use crate::SdkError;
 
 /// What a device can do.
 ///
-/// Force, stiffness, damping and workspace are the values the CHAI3D drivers use for it. Resolution, apparent mass and
+/// Force, torque, stiffness, damping and workspace are the values the CHAI3D drivers use for it. Resolution, apparent mass and
 /// friction are typical values in the manner of the vendors' data sheets, not measurements of one specimen.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -20,6 +20,9 @@ pub struct Device {
     /// Greatest torque [N·m]; 0 for a device without torque feedback.
     #[serde(default)]
     pub max_torque: f64,
+    /// Greatest angular stiffness it renders stably [N·m/rad]: what its virtual coupling gets. Of no use without torque.
+    #[serde(default)]
+    pub max_angular_stiffness: f64,
     /// Greatest stiffness it renders stably [N/m]: what its virtual coupling gets.
     pub max_stiffness: f64,
     /// Greatest damping it renders stably [N·s/m]: what the passivity controller may add.
@@ -47,6 +50,7 @@ const DEVICES: [Device; 6] = [
         name: Cow::Borrowed("Touch"),
         max_force: 3.3,
         max_torque: 0.0,
+        max_angular_stiffness: 0.0,
         max_stiffness: 400.0,
         max_damping: 4.0,
         workspace_radius: 0.075,
@@ -58,6 +62,7 @@ const DEVICES: [Device; 6] = [
         name: Cow::Borrowed("PHANTOM Omni"),
         max_force: 3.3,
         max_torque: 0.0,
+        max_angular_stiffness: 0.0,
         max_stiffness: 700.0,
         max_damping: 5.0,
         workspace_radius: 0.10,
@@ -71,6 +76,7 @@ const DEVICES: [Device; 6] = [
         name: Cow::Borrowed("PHANTOM Premium 1.5 6DOF"),
         max_force: 8.5,
         max_torque: 0.188,
+        max_angular_stiffness: 0.3,
         max_stiffness: 800.0,
         max_damping: 5.0,
         workspace_radius: 0.12,
@@ -82,6 +88,7 @@ const DEVICES: [Device; 6] = [
         name: Cow::Borrowed("omega"),
         max_force: 12.0,
         max_torque: 0.0,
+        max_angular_stiffness: 0.0,
         max_stiffness: 5000.0,
         max_damping: 30.0,
         workspace_radius: 0.08,
@@ -96,6 +103,7 @@ const TOUCH_X: Device = Device {
     name: Cow::Borrowed("Touch X"),
     max_force: 7.9,
     max_torque: 0.0,
+    max_angular_stiffness: 0.0,
     max_stiffness: 1000.0,
     max_damping: 5.0,
     workspace_radius: 0.10,
@@ -113,8 +121,8 @@ impl Device {
         })
     }
 
-    /// Reads a device from a TOML file: the fields of this struct as keys, in the units given there. `max_torque`,
-    /// `mass` and `friction` may be left out.
+    /// Reads a device from a TOML file: the fields of this struct as keys, in the units given there. `mass` and
+    /// `friction` may be left out, and `max_torque` with `max_angular_stiffness` where there is no torque feedback.
     ///
     /// Errors: [`SdkError::DeviceFile`], which names the file, and the line or the key.
     pub fn from_file(path: impl AsRef<Path>) -> Result<Device, SdkError> {
@@ -135,8 +143,12 @@ impl Device {
             ("resolution", self.resolution),
             ("mass", self.mass),
         ];
-        let not_negative =
-            [("max_torque", self.max_torque), ("max_damping", self.max_damping), ("friction", self.friction)];
+        let not_negative = [
+            ("max_torque", self.max_torque),
+            ("max_angular_stiffness", self.max_angular_stiffness),
+            ("max_damping", self.max_damping),
+            ("friction", self.friction),
+        ];
         if self.name.is_empty() {
             return Err("name is empty".to_owned());
         }
@@ -145,6 +157,9 @@ impl Device {
         }
         if let Some((key, value)) = not_negative.iter().find(|(_, value)| !(*value >= 0.0 && value.is_finite())) {
             return Err(format!("{key} is {value}: it must be 0 or more"));
+        }
+        if self.max_torque > 0.0 && self.max_angular_stiffness == 0.0 {
+            return Err("max_angular_stiffness is 0: a device with torque feedback has one".to_owned());
         }
         Ok(())
     }
@@ -226,6 +241,7 @@ mod tests {
             ("0.09", "0", "workspace_radius is 0"),
             ("20e-6", "\"fine\"", "resolution"),
             ("max_damping", "max_dampnig", "max_dampnig"),
+            ("max_damping", "max_torque = 0.2\nmax_damping", "max_angular_stiffness is 0"),
             ("max_force = 5", "", "max_force"),
             ("six bar", "", "name is empty"),
         ] {

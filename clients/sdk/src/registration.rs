@@ -185,6 +185,7 @@ impl Registration {
             name: device.name.clone(),
             max_force: device.max_force / s,
             max_torque: device.max_torque,
+            max_angular_stiffness: device.max_angular_stiffness,
             max_stiffness: device.max_stiffness / (s * s),
             max_damping: device.max_damping / (s * s),
             workspace_radius: device.workspace_radius * s,

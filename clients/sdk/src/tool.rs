@@ -74,6 +74,8 @@ pub struct Attachment {
     /// Stiffness of the virtual coupling [N/m] between the device and the simulated tool: the stiffest that the device
     /// renders, in body space. 0 holds the tool rigidly, for those who only move it.
     pub coupling_stiffness: f64,
+    /// Its angular stiffness [N·m/rad] about the tool's reference point; 0 leaves the tool the orientation of the device.
+    pub coupling_angular_stiffness: f64,
 }
 
 impl Attachment {
@@ -82,6 +84,7 @@ impl Attachment {
         Self {
             client: client.to_owned(),
             coupling_stiffness: registration.coupling_stiffness(device),
+            coupling_angular_stiffness: device.max_angular_stiffness,
             ..Self::default()
         }
     }
@@ -90,7 +93,13 @@ impl Attachment {
 impl Default for Attachment {
     /// Any free tool, held rigidly, 1000 poses a second, by nobody in particular.
     fn default() -> Self {
-        Self { client: "client".to_owned(), tool: String::new(), rate_hz: 1000.0, coupling_stiffness: 0.0 }
+        Self {
+            client: "client".to_owned(),
+            tool: String::new(),
+            rate_hz: 1000.0,
+            coupling_stiffness: 0.0,
+            coupling_angular_stiffness: 0.0,
+        }
     }
 }
 
@@ -165,8 +174,8 @@ impl Connection {
         observer: impl Fn(&Wrench, u64) + Send + Sync + 'static,
     ) -> Result<Tool, SdkError> {
         let force = self.force_session()?;
-        let Attachment { client, tool, rate_hz, coupling_stiffness } = attachment.clone();
-        let attach = Attach { client, tool, rate_hz, coupling_stiffness };
+        let Attachment { client, tool, rate_hz, coupling_stiffness, coupling_angular_stiffness } = attachment.clone();
+        let attach = Attach { client, tool, rate_hz, coupling_stiffness, coupling_angular_stiffness };
         let attached = self
             .control(ControlRequest { request: Some(Request::Attach(attach)) })?
             .attached

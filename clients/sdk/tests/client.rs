@@ -9,7 +9,8 @@ use std::{
 
 use fake_server::{FLOOR_STIFFNESS, FakeServer, height};
 use palpate_sdk::{
-    Attachment, Connection, ControlRequest, Endpoints, PoseSample, SdkError, SurfaceWatch, WatchOptions,
+    Attachment, Connection, ControlRequest, Device, Endpoints, PoseSample, Registration, SdkError, SurfaceWatch,
+    WatchOptions,
 };
 
 /// `tool` for `client`, held rigidly.
@@ -37,6 +38,16 @@ fn wait_for<T>(mut ready: impl FnMut() -> Option<T>) -> T {
         assert!(start.elapsed() < Duration::from_secs(60), "waited in vain");
         std::thread::sleep(Duration::from_millis(1));
     }
+}
+
+#[test]
+fn a_device_holds_its_tool_as_stiffly_as_it_can_render() {
+    let server = FakeServer::current();
+    let connection = Connection::open(&server.endpoints).unwrap();
+    let device = Device::by_name("PHANTOM Premium 1.5 6DOF").unwrap();
+    let _tool = connection.attach(&Attachment::of("test", &device, &Registration::default())).unwrap();
+    let asked = server.attached.lock().unwrap().clone();
+    assert_eq!((asked.coupling_stiffness, asked.coupling_angular_stiffness), (800.0, 0.3));
 }
 
 #[test]

@@ -177,10 +177,9 @@ pub unsafe extern "C" fn palpate_attach(client: *mut Client, attachment: *const 
         let (frame, mode): (_, RenderMode) = (Frame::by_name(frame)?, render.parse()?);
         let registration = attachment.registration.checked()?;
         let tool = client.connection.attach(&Attachment {
-            client: name.to_owned(),
             tool: tool.to_owned(),
             rate_hz: attachment.rate_hz,
-            coupling_stiffness: registration.coupling_stiffness(&device),
+            ..Attachment::of(name, &device, &registration)
         })?;
         client.held = Some(Held::new(tool, &device, frame, mode, registration));
         Ok(())

@@ -4,15 +4,15 @@
 use std::{
     net::TcpListener,
     sync::{
-        Arc,
+        Arc, Mutex,
         atomic::{AtomicBool, AtomicU64, Ordering::Relaxed},
     },
     time::Duration,
 };
 
 use palpate_proto::{
-    Attached, ControlReply, ControlRequest, Limits, Message, Session, SurfaceFrame, SurfaceTopology, ToolDescription,
-    ToolPhase, ToolPose, ToolWrench, VERSION_MAJOR, VERSION_MINOR,
+    Attach, Attached, ControlReply, ControlRequest, Limits, Message, Session, SurfaceFrame, SurfaceTopology,
+    ToolDescription, ToolPhase, ToolPose, ToolWrench, VERSION_MAJOR, VERSION_MINOR,
     control_request::Request,
     keys,
     surface::{KEY_INTERVAL, SurfaceCode},
@@ -57,8 +57,8 @@ pub struct FakeServer {
     pub endpoints: Endpoints,
     /// While true, poses get no answer.
     pub mute: Arc<AtomicBool>,
-    /// Bits of the coupling stiffness [N/m] of the last attachment.
-    pub coupling: Arc<AtomicU64>,
+    /// What the last client to get a tool asked for.
+    pub attached: Arc<Mutex<Attach>>,
     /// Sequence of the newest key frame, published or not, and how often viewers have asked for it.
     newest_key: Arc<AtomicU64>,
     pub keys_asked_for: Arc<AtomicU64>,
@@ -78,8 +78,8 @@ impl FakeServer {
         let (force, surface) = (open_router(&endpoints.force), open_router(&endpoints.surface));
         let mute = Arc::new(AtomicBool::new(false));
         answer_poses(&force, &endpoints.session, mute.clone());
-        let coupling = Arc::new(AtomicU64::new(0));
-        let (session, name, to) = (surface.clone(), endpoints.session.clone(), coupling.clone());
+        let attached = Arc::new(Mutex::new(Attach::default()));
+        let (session, name, to) = (surface.clone(), endpoints.session.clone(), attached.clone());
         let offer = move || answer_queries(&session, &name, version, to);
         if after.is_zero() {
             offer();
@@ -91,7 +91,7 @@ impl FakeServer {
         }
         let (newest_key, keys_asked_for) = <(Arc<AtomicU64>, Arc<AtomicU64>)>::default();
         answer_surface(&surface, &endpoints.session, newest_key.clone(), keys_asked_for.clone());
-        Self { endpoints, mute, coupling, newest_key, keys_asked_for, surface, _force: force }
+        Self { endpoints, mute, attached, newest_key, keys_asked_for, surface, _force: force }
     }
 
     /// A server of this contract's version.
@@ -210,7 +210,7 @@ fn answer_surface(surface: &zenoh::Session, session: &str, newest_key: Arc<Atomi
     });
 }
 
-fn answer_queries(surface: &zenoh::Session, session: &str, version: (u32, u32), coupling: Arc<AtomicU64>) {
+fn answer_queries(surface: &zenoh::Session, session: &str, version: (u32, u32), attached: Arc<Mutex<Attach>>) {
     let description = Session {
         version_major: version.0,
         version_minor: version.1,
@@ -238,7 +238,7 @@ fn answer_queries(surface: &zenoh::Session, session: &str, version: (u32, u32), 
                 ControlReply { error: "every tool is taken".to_owned(), ..Default::default() }
             }
             Some(Request::Attach(attach)) => {
-                coupling.store(attach.coupling_stiffness.to_bits(), Relaxed);
+                *attached.lock().unwrap() = attach;
                 ControlReply { attached: Some(Attached { tool: TOOL, epoch: EPOCH }), ..Default::default() }
             }
             Some(Request::Detach(_)) => {
