@@ -466,6 +466,8 @@ impl Simulation {
             if tool.phase == Phase::Waiting && is_outside(&on, &of.shape, &tool.pose) {
                 tool.phase = Phase::Engaged;
                 tool.previous = tool.pose;
+                // It may have touched elsewhere a tick ago, before its client let go of it and took it up again.
+                points.clear();
             }
             if !tool.touches() {
                 points.clear();

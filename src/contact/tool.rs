@@ -183,6 +183,7 @@ impl ToolState {
     fn let_go(&mut self) {
         self.phase = Phase::Detached;
         self.ramp = 0.0;
+        (self.physical_force, self.physical_torque) = Default::default();
     }
 
     fn take(&mut self, sample: &PoseSample) {

@@ -430,6 +430,30 @@ fn a_tool_that_went_deeper_while_the_body_stood_still_does_not_hit_it() {
     }
 }
 
+/// A client that was silent for so long that its force is gone, and comes back somewhere else, leaves its contact behind.
+#[test]
+fn a_tool_that_comes_back_elsewhere_takes_nothing_of_its_contact_along() {
+    let cube = cube(&["material.damping_time=0.01", "tool.friction=0.5"]);
+    for coupling in COUPLINGS {
+        let mut press = simulation(&cube);
+        tick(&mut press, ToolEvent::Attach { epoch: 1, period_ticks: 1, coupling });
+        for i in 0..300 {
+            tick(&mut press, at(TOP + Vec3::z() * (0.021 - 0.007 * ease(Real::from(i) * TICK, 0.0, 0.2))));
+        }
+        let held = (0..80).map(|_| press.advance(&inputs(&[None])).tools[0].state).last().unwrap();
+        assert!(held.phase == Phase::Holding && held.ramp == 0.0 && held.physical_force.z > 0.05, "{held:?}");
+        // On the other side of the body, where what it touched faces away.
+        let below = TOP - Vec3::z() * 0.15;
+        for _ in 0..20 {
+            let tool = tick(&mut press, at(below)).tools[0];
+            assert_eq!((tool.state.phase, tool.contact_points), (Phase::Engaged, 0));
+            assert_eq!(tool.state.physical_force, Vec3::zeros());
+            assert!((tool.state.pose.position - below).norm() < 1e-12);
+        }
+        assert!(fastest(&press) < 1.0);
+    }
+}
+
 #[test]
 fn a_state_that_is_not_finite_gives_way_to_that_of_a_reset_and_the_hand_feels_nothing() {
     let cube = cube(&["tool.radius=0.015"]);
