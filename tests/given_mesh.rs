@@ -5,16 +5,18 @@
 
 use palpate::contact::safety::ForceLimits;
 use palpate::contact::tool::Following;
-use palpate::geometry::TetMesh;
 use palpate::geometry::locate::Locator;
 use palpate::geometry::mesh_io::{LengthUnit, read_surface, read_tet_mesh};
-use palpate::math::{Real, Vec3};
+use palpate::geometry::{Surface, TetMesh};
+use palpate::math::{Real, Vec3, to_parry};
+use palpate::model::body::Hold;
 use palpate::model::element_kernel::{Path as KernelPath, Rates};
 use palpate::model::element_pool::CLASSES;
 use palpate::model::step_class::{class_at_rest, step_of};
 use palpate::model::{Body, Material};
-use palpate::prepare::{Recipe, Shape, prepare};
+use palpate::prepare::{Recipe, Shape, boundary_surface, prepare};
 use palpate::simulation::{Inputs, Settings, Simulation, Snapshot};
+use parry3d_f64::query::PointQueryWithLocation;
 use serde_json::Value;
 use std::path::Path;
 use std::sync::Arc;
@@ -74,8 +76,8 @@ fn balance(simulation: &mut Simulation, gravity: Vec3, still: &[u32]) {
     }
 }
 
-/// The body under its weight, its nodes in `patch` moved by `pressed` [m], at rest.
-fn press(body: &Arc<Body>, gravity: Vec3, patch: &[u32], pressed: Vec3) -> Simulation {
+/// The body under its weight, where it was made.
+fn at_rest(body: &Arc<Body>, gravity: Vec3) -> Simulation {
     let settings = Settings {
         gravity,
         tools: vec![],
@@ -84,7 +86,20 @@ fn press(body: &Arc<Body>, gravity: Vec3, patch: &[u32], pressed: Vec3) -> Simul
         adaptivity: None,
         most_elements: usize::MAX,
     };
-    let mut simulation = Simulation::new(body.clone(), settings, Snapshot::at_rest(body, 0, 0)).unwrap();
+    Simulation::new(body.clone(), settings, Snapshot::at_rest(body, 0, 0)).unwrap()
+}
+
+/// Lets the body come to rest, damped about as much as its slowest mode can be without creeping.
+fn settle(simulation: &mut Simulation, ticks: u32) {
+    for _ in 0..ticks {
+        simulation.advance(&Inputs::default());
+        simulation.mesh_mut().change_motion(|_, _, v| *v *= 0.92);
+    }
+}
+
+/// The body under its weight, its nodes in `patch` moved by `pressed` [m], at rest.
+fn press(body: &Arc<Body>, gravity: Vec3, patch: &[u32], pressed: Vec3) -> Simulation {
+    let mut simulation = at_rest(body, gravity);
     // In steps: an element is never crushed on the way.
     for step in 1..=5 {
         let now = pressed * (Real::from(step) / 5.0);
@@ -93,11 +108,7 @@ fn press(body: &Arc<Body>, gravity: Vec3, patch: &[u32], pressed: Vec3) -> Simul
                 *x = body.rest(n) + now;
             }
         });
-        // Damped about as much as its slowest mode can be without creeping.
-        (0..if step < 5 { 50 } else { 3_000 }).for_each(|_| {
-            simulation.advance(&Inputs::default());
-            simulation.mesh_mut().change_motion(|_, _, v| *v *= 0.92);
-        });
+        settle(&mut simulation, if step < 5 { 50 } else { 3_000 });
     }
     simulation
 }
@@ -165,71 +176,129 @@ fn a_given_mesh_answers_as_the_reference_does_on_the_same_mesh() {
     }
 }
 
-/// The same load on the body that is prepared from the surface that goes with the mesh. Between linear and quadratic
-/// elements on the mesh the answer changes by some thirds: that is what its resolution leaves open.
+/// Answers of linear elements on the given mesh where each tetrahedron is cut regularly into 8, and again, to edges of
+/// about 12 and 6 mm: reactions [N] of what is pressed and fixed, and how the probes move [mm].
+///
+/// They are static solutions (Newton's method) of a solver that gives the reference's linear and quadratic answers on
+/// the mesh itself to all digits shown. A midpoint belongs to a set where both ends do, but node 134 of the patch, on
+/// none of its faces, is free: alone it holds less and less as elements shrink. The limit that is extrapolated, the
+/// second answer and its difference from the first, moves by no more than 0.03 mm and 0.08 N with a third cut; that of
+/// quadratic elements lies within 0.15 mm and 0.15 N of it.
+const CUT: [(&str, [Vec3; 2]); 7] = [
+    ("patch", [Vec3::new(-7.0461, -5.5978, -0.4958), Vec3::new(-6.5235, -4.2568, -0.5569)]),
+    ("fixed", [Vec3::new(7.0461, 16.6569, 0.4958), Vec3::new(6.5235, 15.3159, 0.5569)]),
+    ("16", [Vec3::new(-0.85404, -9.96865, -1.04260), Vec3::new(-1.12721, -11.16792, -1.42889)]),
+    ("33", [Vec3::new(-0.08457, -0.36405, -0.02195), Vec3::new(-0.09115, -0.43161, -0.02403)]),
+    ("52", [Vec3::new(-0.39446, -2.21152, 0.08476), Vec3::new(-0.42000, -2.21295, 0.07999)]),
+    ("82", [Vec3::new(0.82636, -8.78435, -0.97251), Vec3::new(1.06549, -9.63616, -1.36649)]),
+    ("100", [Vec3::new(0.33714, -2.99220, 0.59354), Vec3::new(0.41442, -2.97733, 0.56815)]),
+];
+
+/// The quantities of [`CUT`] for the load of the case on the body that is prepared from `surface` with elements of
+/// `spacing` [m].
+///
+/// A cover reaches beyond the body, so that fixing its nodes would hold and press more than the faces. They are held as
+/// the program holds regions, by springs of 10 E over the spacing; those of the pressed faces reach for places that lie
+/// as much lower.
+fn covered(case: &Value, mesh: &TetMesh, surface: &Surface, spacing: Real) -> Vec<Vec3> {
+    let (fixed, patch) = (numbers(&case["fixed"]), numbers(&case["patch"]));
+    let gravity = Vec3::new(0.0, -case["g"].as_f64().unwrap(), 0.0);
+    let pressed = vector(&case["patch_displacement"]);
+    let (faces, around) = (mesh.boundary(), boundary_surface(mesh).to_trimesh());
+    let locator = Locator::new(mesh, 0.02);
+    let all_in = |nodes: &[u32], set: &[u32]| nodes.iter().all(|n| set.contains(n));
+    let inside_fixed = |p: &Vec3| {
+        let host = locator.host(*p);
+        host.extrapolation() == 0.0 && all_in(&mesh.elements[host.element as usize], &fixed)
+    };
+
+    let mut parts = liver(case, Shape::closed(surface.clone(), vec![spacing]), vec![]).parts().clone();
+    let level = &mut parts.levels[0];
+    level.fixed = (0..level.mesh.nodes.len() as u32).filter(|n| inside_fixed(&level.mesh.nodes[*n as usize])).collect();
+    // By set, the area of its faces that each vertex stands for: a triangle belongs to the face that it is nearest to.
+    let mut areas = [&patch, &fixed].map(|_| vec![0.0; surface.vertices.len()]);
+    for (t, triangle) in surface.triangles.iter().enumerate() {
+        let [a, b, c] = surface.corners(t);
+        let (_, (face, _)) = around.project_local_point_and_get_location(to_parry((a + b + c) / 3.0), false);
+        for (set, areas) in [&patch, &fixed].iter().zip(&mut areas) {
+            if all_in(&faces[face as usize], set) {
+                triangle.iter().for_each(|v| areas[*v as usize] += (b - a).cross(&(c - a)).norm() / 6.0);
+            }
+        }
+    }
+    let mut sets: [Vec<u32>; 2] = Default::default();
+    for ((areas, set), shift) in areas.iter().zip(&mut sets).zip([pressed, Vec3::zeros()]) {
+        for (v, area) in areas.iter().enumerate().filter(|(_, area)| **area > 0.0) {
+            let per_area = 10.0 * case["E"].as_f64().unwrap() / spacing;
+            parts.holds.push(Hold { vertex: v as u32, stiffness: per_area * area });
+            parts.surface.vertices[v] += shift;
+            set.push(v as u32);
+        }
+    }
+    let body = Arc::new(Body::new(parts).unwrap());
+    let is_free = |n: u32| body.level(0).fixed.binary_search(&n).is_err();
+
+    // From near the answer, so that nothing is crushed on the way.
+    let middle = sets[0].iter().map(|v| body.surface().vertices[*v as usize]).sum::<Vec3>() / sets[0].len() as Real;
+    let mut simulation = at_rest(&body, gravity);
+    simulation.mesh_mut().change_motion(|n, x, _| {
+        if is_free(n) {
+            *x += pressed * (1.4 - (body.rest(n) - middle).norm() / 0.05).clamp(0.0, 1.0);
+        }
+    });
+    settle(&mut simulation, 1_500);
+
+    let mesh = simulation.mesh();
+    let pull = |hold: &Hold| {
+        // What fixed nodes bear of a spring is counted with them.
+        let host = body.embedding(0, hold.vertex).unwrap();
+        let free: Real =
+            body.element(host.element).iter().zip(host.weights).filter(|(n, _)| is_free(**n)).map(|(_, w)| w).sum();
+        (body.surface().vertices[hold.vertex as usize] - mesh.vertex(hold.vertex)) * (hold.stiffness * free)
+    };
+    let mut found: Vec<Vec3> =
+        sets.iter().map(|set| body.holds().iter().filter(|h| set.contains(&h.vertex)).map(pull).sum()).collect();
+    let level = Locator::new(&body.level(0).mesh, spacing);
+    for (number, _) in &CUT[2..] {
+        let host = level.host(vector(&case["probes"][number]));
+        let shift = |n: u32| mesh.position_of(n).unwrap() - body.rest(n);
+        found.push(body.element(host.element).into_iter().zip(host.weights).map(|(n, w)| shift(n) * (1e3 * w)).sum());
+    }
+    let at_nodes = reactions(&mut simulation, gravity);
+    found[1] += at_nodes.iter().filter(|(n, _)| !is_free(*n)).map(|(_, force)| force).sum::<Vec3>();
+    found
+}
+
+/// The same load on bodies that are prepared from surfaces, against the limit of the cut meshes: each reaction and each
+/// probe by itself.
+///
+/// Errors are about of first order, for stresses have no bound at the rim of what is pressed and held. So half the size
+/// leaves open about what it has changed: the difference of the body's own two spacings and, as those of one cover may
+/// agree by chance, that of the two cut meshes, whose elements are about as large; a quarter on top, as is usual for
+/// such estimates. A body a fifth softer or a quarter stiffer is beyond it. The surface that goes with the mesh has
+/// another shape, 7 % more volume and weight, and is 17 mm off at a crease: what that changes is taken from the coarse
+/// bodies of both.
 #[test]
 fn the_body_of_the_surface_around_it_answers_as_well_as_its_resolution_can_tell() {
     let Some((case, mesh)) = given() else { return };
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/meshes/liver-smooth.obj");
-    let mut surface = read_surface(&file, LengthUnit::Metre).unwrap();
-    place(&case, &mut surface.vertices);
-    let (fixed, patch) = (numbers(&case["fixed"]), numbers(&case["patch"]));
-    let gravity = Vec3::new(0.0, -case["g"].as_f64().unwrap(), 0.0);
-    let pressed = vector(&case["patch_displacement"]);
-    let locator = Locator::new(&mesh, 0.02);
-    // A place of the mesh belongs to a set of its nodes where that holds all nodes of its element, or of the face it is on.
-    let belongs = |p: Vec3, to: &[u32], least: Real| {
-        let host = locator.host(p);
-        let element = mesh.elements[host.element as usize];
-        let outside: Real = (0..4).filter(|k| !to.contains(&element[*k])).map(|k| host.weights[k].abs()).sum();
-        outside < least
-    };
-    let results = case["res"].as_array().unwrap();
-    let of = |kind: &str| results.iter().find(|r| r["elem"] == kind).unwrap();
-    let (linear, quadratic) = (of("P1"), of("P2"));
-    let mut answers = Vec::new();
-    for spacing in [0.016, 0.008] {
-        let free = liver(&case, Shape::closed(surface.clone(), vec![spacing]), vec![]);
-        let nodes = || 0..free.node_count() as u32;
-        let held: Vec<u32> = nodes().filter(|n| belongs(free.rest(*n), &fixed, 1e-3)).collect();
-        // The faces that are pressed are carried by the elements that the displayed surface lies in there.
-        let under = (0..free.surface().vertices.len() as u32)
-            .filter(|v| belongs(free.surface().vertices[*v as usize], &patch, 0.25));
-        let mut moved: Vec<u32> = under.flat_map(|v| free.element(free.embedding(0, v).unwrap().element)).collect();
-        moved.sort_unstable();
-        moved.dedup();
-        let mut still = [&held[..], &moved[..]].concat();
-        still.sort_unstable();
-        still.dedup();
-        let body = liver(&case, Shape::closed(surface.clone(), vec![spacing]), still);
-        let mut simulation = press(&body, gravity, &moved, pressed);
-        let forces = reactions(&mut simulation, gravity);
-        // Distance from the quadratic answer, and that of the linear one.
-        let compare = |what: &str, found: Vec3, key: &dyn Fn(&Value) -> Vec3| {
-            let (coarse, fine) = (key(linear), key(quadratic));
-            let (off, left_open) = ((found - fine).norm(), (coarse - fine).norm());
-            println!("R7, {spacing} m, {what}: {found:.4?}, off by {off:.2e}, linear by {left_open:.2e}");
-            (off, left_open)
-        };
-        let mut all = Vec::new();
-        for (name, nodes) in [("patch", &moved), ("fixed", &held)] {
-            let found: Vec3 = forces.iter().filter(|(n, _)| nodes.contains(n)).map(|(_, force)| force).sum();
-            all.push(compare(name, found, &|r| vector(&r[format!("reaction_{name}_N")])));
+    let mut smooth = read_surface(&file, LengthUnit::Metre).unwrap();
+    place(&case, &mut smooth.vertices);
+    let own = boundary_surface(&mesh).subdivided(5);
+    let mut of_own = Vec::new();
+    for (name, surface) in [("own surface", own), ("smooth surface", smooth)] {
+        let [coarse, fine] = [0.016, 0.008].map(|spacing| covered(&case, &mesh, &surface, spacing));
+        if of_own.is_empty() {
+            of_own = coarse.clone();
         }
-        let level = Locator::new(&body.level(0).mesh, spacing);
-        for (number, at) in case["probes"].as_object().unwrap() {
-            let host = level.host(vector(at));
-            let shift = |n: u32| simulation.mesh().position_of(n).unwrap() - body.rest(n);
-            let moved = body.element(host.element).into_iter().zip(host.weights).map(|(n, w)| shift(n) * w).sum();
-            all.push(compare(number, moved, &|r| vector(&r["probes"][number])));
+        for (i, (what, [once, twice])) in CUT.iter().enumerate() {
+            let limit = twice * 2.0 - once;
+            let shape = (coarse[i] - of_own[i]).norm();
+            let allowed = 1.25 * ((coarse[i] - fine[i]).norm() + (twice - once).norm()) + shape;
+            let [before, off] = [coarse[i], fine[i]].map(|found| (found - limit).norm());
+            println!("R7, {name}, {what}: {:.3?}, off by {before:.3}, {off:.3} of {allowed:.3}", fine[i].as_slice());
+            assert!(off < before, "{name}, {what}: not nearer with smaller elements");
+            assert!(off < allowed, "{name}, {what}: {} for {limit}", fine[i]);
         }
-        answers.push(all);
     }
-    let (coarse, fine) = (&answers[0], &answers[1]);
-    assert!(coarse.iter().zip(fine).all(|(coarse, fine)| fine.0 < coarse.0), "nearer with smaller elements");
-    assert!(fine[..2].iter().all(|(off, left_open)| *off < 0.5 * left_open), "reactions");
-    // Two of the probes are next to what is pressed, where surface and mesh lie millimetres apart.
-    let together =
-        |of: &dyn Fn(&(Real, Real)) -> Real| fine[2..].iter().map(|pair| of(pair).powi(2)).sum::<Real>().sqrt();
-    assert!(together(&|pair| pair.0) < together(&|pair| pair.1), "probes");
 }
