@@ -3,7 +3,7 @@
 //! Absolute times are this machine's; a claim about speed is a ratio of two rows of one run.
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use palpate::contact::tool::{PoseSample, ToolEvent};
+use palpate::contact::tool::{Coupling, PoseSample, ToolEvent};
 use palpate::math::{Pose, Vec3};
 use palpate::model::active_set::Change;
 use palpate::model::element_kernel::{Path as KernelPath, Rates};
@@ -71,7 +71,7 @@ fn ticks(c: &mut Criterion) {
     tick.bench_function("untouched", |b| b.iter(|| free.advance(&Inputs::default()).tick));
     let mut touched = simulation();
     let mut inputs = Inputs::default();
-    inputs.tools[0] = Some(ToolEvent::Attach { epoch: 1, period_ticks: 1, coupling: 0.0 });
+    inputs.tools[0] = Some(ToolEvent::Attach { epoch: 1, period_ticks: 1, coupling: Coupling::RIGID });
     touched.advance(&inputs);
     let mut sequence = 0;
     let mut press = |simulation: &mut Simulation, height: f64| {
@@ -138,7 +138,7 @@ fn unused_level(c: &mut Criterion) {
         let top = body.surface().vertices.iter().copied().max_by(|a, b| a.z.total_cmp(&b.z)).unwrap();
         let radius = loaded.scene.tool[0].radius;
         let mut inputs = Inputs::default();
-        inputs.tools[0] = Some(ToolEvent::Attach { epoch: 1, period_ticks: 1, coupling: 0.0 });
+        inputs.tools[0] = Some(ToolEvent::Attach { epoch: 1, period_ticks: 1, coupling: Coupling::RIGID });
         simulation.advance(&inputs);
         let mut sequence = 0;
         let mut press = || {

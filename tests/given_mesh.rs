@@ -179,8 +179,8 @@ fn a_given_mesh_answers_as_the_reference_does_on_the_same_mesh() {
 /// Answers of linear elements on the given mesh where each tetrahedron is cut regularly into 8, and again, to edges of
 /// about 12 and 6 mm: reactions [N] of what is pressed and fixed, and how the probes move [mm].
 ///
-/// They are static solutions (Newton's method) of a solver that gives the reference's linear and quadratic answers on
-/// the mesh itself to all digits shown. A midpoint belongs to a set where both ends do, but node 134 of the patch, on
+/// They are static solutions (Newton's method) of a solver of its own, no part of this project, that gives the
+/// reference's linear and quadratic answers on the mesh itself to all digits shown. A midpoint belongs to a set where both ends do, but node 134 of the patch, on
 /// none of its faces, is free: alone it holds less and less as elements shrink. The limit that is extrapolated, the
 /// second answer and its difference from the first, moves by no more than 0.03 mm and 0.08 N with a third cut; that of
 /// quadratic elements lies within 0.15 mm and 0.15 N of it.
