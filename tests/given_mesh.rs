@@ -180,10 +180,10 @@ fn a_given_mesh_answers_as_the_reference_does_on_the_same_mesh() {
 /// about 12 and 6 mm: reactions [N] of what is pressed and fixed, and how the probes move [mm].
 ///
 /// They are static solutions (Newton's method) of a solver of its own, no part of this project, that gives the
-/// reference's linear and quadratic answers on the mesh itself to all digits shown. A midpoint belongs to a set where both ends do, but node 134 of the patch, on
-/// none of its faces, is free: alone it holds less and less as elements shrink. The limit that is extrapolated, the
-/// second answer and its difference from the first, moves by no more than 0.03 mm and 0.08 N with a third cut; that of
-/// quadratic elements lies within 0.15 mm and 0.15 N of it.
+/// reference's linear and quadratic answers on the mesh itself to all digits shown. A midpoint belongs to a set where
+/// both ends do, but node 134 of the patch, on none of its faces, is free: alone it holds less and less as elements
+/// shrink. The limit that is extrapolated, the second answer and its difference from the first, moves by no more than
+/// 0.03 mm and 0.08 N with a third cut; that of quadratic elements lies within 0.15 mm and 0.15 N of it.
 const CUT: [(&str, [Vec3; 2]); 7] = [
     ("patch", [Vec3::new(-7.0461, -5.5978, -0.4958), Vec3::new(-6.5235, -4.2568, -0.5569)]),
     ("fixed", [Vec3::new(7.0461, 16.6569, 0.4958), Vec3::new(6.5235, 15.3159, 0.5569)]),
