@@ -237,7 +237,7 @@ fn plan_splits(look: &Look, mesh: &mut ActiveMesh, most: usize, room: [u32; 2], 
             // Without room for what it is for, it would be merged again.
             cost += cost_of_split(look.body, wanted, mesh.added_by_split(look.body, wanted));
         }
-        if taken + cost <= room && mesh.has_room(elements + added) {
+        if taken + cost <= room && mesh.has_room_to_split(elements + added) {
             taken += cost;
             elements += added;
             work.changes.push(Change::Split(n));
@@ -323,7 +323,7 @@ impl Look<'_> {
         for slot in slice(mesh.active(), ticks % INDICATOR_TICKS, INDICATOR_TICKS) {
             let n = mesh.node(*slot);
             if self.may_split(n, finest) {
-                let value = indicator::strain_jump(self.body, mesh, n) / self.adaptivity.split;
+                let value = indicator::strain_jump(self.body, mesh, n).unwrap_or_default() / self.adaptivity.split;
                 if value > 1.0 && self.can_strain(n) {
                     keep(wanted, value.min(STRAINED), n);
                 }
@@ -367,16 +367,15 @@ impl Look<'_> {
                 let from_tools = |c: &u32| mesh.position_of(*c).map_or(Real::INFINITY, |x| self.distance(x));
                 distance = family.iter().map(from_tools).fold(Real::INFINITY, Real::min);
             }
-            let mut value = self.worth(distance, spacing, STAY * self.farther(parent));
-            for &c in family {
-                // Strain takes a while to weigh, and a family that is worth too much anyhow is not asked for more.
-                if value >= limit {
-                    break;
-                }
-                let strain = indicator::strain_jump(self.body, mesh, c) / self.adaptivity.split;
-                value = value.max(strain.min(STRAINED));
+            let touch = self.worth(distance, spacing, STAY * self.farther(parent));
+            // Strain takes a while to weigh, and a family that is worth too much anyhow is not asked for more.
+            if touch >= limit || spare.len() == spare.capacity() {
+                continue;
             }
-            if value < limit && spare.len() < spare.capacity() {
+            let jump = |most: Real, c: &u32| Some(most.max(indicator::strain_jump(self.body, mesh, *c)?));
+            let strain = family.iter().try_fold(0.0, jump).unwrap_or_default() / self.adaptivity.split;
+            let value = touch.max(strain.min(STRAINED));
+            if value < limit {
                 spare.push((value, parent));
             }
         }

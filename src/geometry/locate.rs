@@ -7,7 +7,6 @@ use crate::math::{Real, Vec3, to_parry};
 use parry3d_f64::bounding_volume::Aabb;
 use parry3d_f64::partitioning::{Bvh, BvhBuildStrategy};
 use serde::{Deserialize, Serialize};
-use xxhash_rust::xxh3::xxh3_64_with_seed;
 
 /// A point as an affine combination of an element's four nodes.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -68,15 +67,12 @@ impl<'a> Locator<'a> {
     }
 }
 
-/// For each of `queries` the index of the nearest of `points`; `reach` [m] is the first radius tried, about the spacing
-/// of `points`.
-///
-/// Ties, of which nested lattices are full, go to one side as often as to the other: were they to go to the smaller
-/// index, all cells would lie off their points the same way.
-pub fn nearest(points: &[Vec3], queries: &[Vec3], reach: Real) -> Vec<u32> {
+/// For each of `queries` the index of the nearest of `points`, or, ascending, of all that are as near; `reach` [m] is the
+/// first radius tried, about the spacing of `points`.
+pub fn nearest(points: &[Vec3], queries: &[Vec3], reach: Real) -> Vec<Vec<u32>> {
     let leaves = points.iter().enumerate().map(|(i, p)| (i, Aabb::new(to_parry(*p), to_parry(*p))));
     let bvh = Bvh::from_iter(BvhBuildStrategy::Binned, leaves);
-    let one = |(number, q): (usize, &Vec3)| {
+    let one = |q: &Vec3| {
         let mut radius = reach;
         loop {
             let window = Aabb::new(to_parry(q.add_scalar(-radius)), to_parry(q.add_scalar(radius)));
@@ -84,14 +80,15 @@ pub fn nearest(points: &[Vec3], queries: &[Vec3], reach: Real) -> Vec<u32> {
             let least = bvh.intersect_aabb(&window).map(distance).fold(Real::INFINITY, Real::min);
             // A point in the window's corner may be farther than one just outside a face.
             if least <= radius * radius {
-                let lot = |i: &u32| (xxh3_64_with_seed(&i.to_le_bytes(), number as u64), *i);
-                let tied = bvh.intersect_aabb(&window).filter(|i| distance(*i) <= least * (1.0 + TIE));
-                return tied.min_by_key(lot).unwrap_or_default();
+                let mut tied: Vec<u32> =
+                    bvh.intersect_aabb(&window).filter(|i| distance(*i) <= least * (1.0 + TIE)).collect();
+                tied.sort_unstable();
+                return tied;
             }
             radius *= 2.0;
         }
     };
-    queries.iter().enumerate().map(one).collect()
+    queries.iter().map(one).collect()
 }
 
 /// Squared distances that differ by less than this part are alike: coordinates are rounded.
@@ -122,7 +119,9 @@ mod tests {
         let queries: Vec<Vec3> = (0..50).map(|i| Vec3::new(0.004 * i as Real, 0.0021 * i as Real, 0.03)).collect();
         for (q, found) in queries.iter().zip(nearest(&points, &queries, 0.01)) {
             let best = points.iter().map(|p| (p - q).norm()).fold(Real::INFINITY, Real::min);
-            assert!((points[found as usize] - q).norm() <= best * (1.0 + TIE));
+            let as_near = |p: &u32| (points[*p as usize] - q).norm() <= best * (1.0 + TIE);
+            let all: Vec<u32> = (0..points.len() as u32).filter(as_near).collect();
+            assert!(!found.is_empty() && found == all);
         }
     }
 }

@@ -41,6 +41,15 @@ impl TetMesh {
         volume(&self.corners(e))
     }
 
+    /// A fourth of the volume of each node's elements [m³], (n_nodes).
+    pub fn node_volumes(&self) -> Vec<Real> {
+        let mut volumes = vec![0.0; self.nodes.len()];
+        for (e, nodes) in self.elements.iter().enumerate() {
+            nodes.iter().for_each(|n| volumes[*n as usize] += self.volume(e) / 4.0);
+        }
+        volumes
+    }
+
     /// Smallest altitude of element `e` [m]: three volumes over the largest face.
     pub fn smallest_altitude(&self, e: usize) -> Real {
         let u = self.corners(e);

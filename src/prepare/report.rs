@@ -83,8 +83,8 @@ pub fn report(body: &Body) -> Report {
         let nested = shared_places(body, r);
         if nested > MOST_SHARED {
             warnings.push(format!(
-                "level {r} has a node where {:.0} % of level {}'s nodes are: in a body of both resolutions such levels are \
-                 far too soft; mesh them apart, the one 1.6 to 1.8 times as fine as the other",
+                "level {r} has a node where {:.0} % of level {}'s nodes are: a body of both resolutions is about a tenth \
+                 stiffer than either; mesh them apart, the one 1.6 to 1.8 times as fine as the other",
                 100.0 * nested,
                 r - 1
             ));

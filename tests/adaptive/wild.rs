@@ -4,7 +4,7 @@
 
 use super::*;
 use palpate::math::normalized_quaternion;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Ticks of wild motion.
 const WILD: u64 = 400;
@@ -183,22 +183,24 @@ fn is_at_rest(left: (Real, Real)) -> bool {
     left.0 < 1e-4 * SIDE && left.1 < 1e-2 * SIDE
 }
 
+/// Seeds that once broke the body, or left it tangled: far beyond the first 200.
+const ONCE: [u64; 5] = [4806, 5293, 5980, 7002, 8941];
+
 #[test]
 fn no_wild_tool_breaks_the_body_and_it_comes_back_to_rest() {
     let body = body();
     report(&body);
-    let count = seeds(200);
-    let next = AtomicU64::new(0);
+    let first = seeds(200);
+    let all: Vec<u64> = (0..first).chain(ONCE.into_iter().filter(|seed| *seed >= first)).collect();
+    let count = all.len() as u64;
+    let next = AtomicUsize::new(0);
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let ran = std::sync::Mutex::new(Vec::new());
     std::thread::scope(|scope| {
         for _ in 0..cores {
             scope.spawn(|| {
                 loop {
-                    let seed = next.fetch_add(1, Ordering::Relaxed);
-                    if seed >= count {
-                        break;
-                    }
+                    let Some(&seed) = all.get(next.fetch_add(1, Ordering::Relaxed)) else { break };
                     let result = run(&body, seed);
                     ran.lock().unwrap().push((seed, result));
                 }

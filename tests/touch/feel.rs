@@ -406,3 +406,27 @@ fn two_tools_far_apart_feel_what_each_feels_alone() {
 }
 
 // ---- What a client may do wrong ----
+
+/// Where nodes of one level lie on nodes of the next, half of the finer ones are as near to several coarser ones.
+#[test]
+fn a_body_of_nested_levels_is_about_as_stiff_as_its_finest() {
+    let pressed = |cells: &str, more: &[&str]| {
+        let cells = format!("body.cells={cells}");
+        let heavy = [&cells, "world.gravity=[0,0,-9.81]", "material.damping_ratio=0.2"];
+        let mut press = simulation(&scene(&[&heavy, more].concat()));
+        tick(&mut press, attach());
+        let (mut force, mut most) = (0.0, 0.0 as Real);
+        for i in 0..3000 {
+            let down = 0.012 * ease(Real::from(i) * TICK, 1.0, 1.5);
+            force = tick(&mut press, at(TOP + Vec3::z() * (0.022 - down))).tools[0].state.physical_force.z;
+            most = most.max(force);
+        }
+        (force, most)
+    };
+    for (cells, finest) in [("[[4,4,4],[8,8,8]]", "1"), ("[[2,2,2],[4,4,4],[8,8,8]]", "2")] {
+        let fine = pressed(cells, &[&format!("body.active_level={finest}")]);
+        let adaptive = pressed(cells, &[]);
+        println!("{cells}: {adaptive:.3?} N, its finest level {fine:.3?} N");
+        assert!(adaptive.0 / fine.0 > 0.9 && adaptive.0 / fine.0 < 1.3);
+    }
+}

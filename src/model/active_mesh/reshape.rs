@@ -39,8 +39,17 @@ impl ActiveMesh {
 
     /// True when there is room for a change that adds `elements`.
     pub fn has_room(&self, elements: u32) -> bool {
-        // Each new element brings at most four new nodes.
-        self.pool.len() + elements as usize <= self.pool.capacity() && self.free.len() >= 4 * elements as usize
+        // Each new element brings at most four new nodes, but where every node has a slot no more can come.
+        let nodes = self.free.len() >= 4 * elements as usize || self.node.len() == self.slot.len();
+        nodes && self.pool.len() + elements as usize <= self.pool.capacity()
+    }
+
+    /// True when there is room for splits that add `elements`, and for some merges after them: those, too, bring elements
+    /// before others leave, and a full body could not be coarsened any more.
+    pub fn has_room_to_split(&self, elements: u32) -> bool {
+        let capacity = self.pool.capacity();
+        let for_merges = if capacity < self.active_vertices.len() { capacity as u32 / 5 } else { 0 };
+        self.has_room(elements + for_merges)
     }
 
     /// Makes `changes`, which are allowed side by side: splits or merges of nodes that are there.
