@@ -198,11 +198,12 @@ fn sliding(cube: &Setup) -> Real {
 fn a_ball_that_slides_at_constant_depth_keeps_its_force_as_well_as_the_mesh_can() {
     let ball = ["tool.radius=0.01", "material.damping_time=0.01"];
     let with = |more: &[&str]| scene(&[&ball, more].concat());
-    // What is left repeats with the elements under the ball, not with the triangles that are displayed.
+    // What is left repeats with the elements under the ball, not with the triangles that are displayed, and is as
+    // accidental: 1.9 to 3.5 % from cube to cube with 16 cells, whose middle nodes 9 cells share, 6 % with 13.
     for (name, cube, most) in [
         ("uniform 12.5 mm", with(&["body.cells=[[4,4,4],[8,8,8]]", "body.active_level=1"]), 0.035),
         ("adaptive, 25 to 8.3 mm", with(&["body.cells=[[4,4,4],[7,7,7],[12,12,12]]"]), 0.03),
-        ("adaptive, 20 to 6.3 mm", with(&["body.cells=[[5,5,5],[9,9,9],[16,16,16]]"]), 0.03),
+        ("adaptive, 20 to 5.9 mm", with(&["body.cells=[[5,5,5],[9,9,9],[17,17,17]]"]), 0.025),
     ] {
         let away = sliding(&cube);
         println!("{name}: within {:.1} % of the mean", 1e2 * away);
