@@ -199,8 +199,7 @@ fn no_wild_tool_breaks_the_body_and_it_comes_back_to_rest() {
     std::thread::scope(|scope| {
         for _ in 0..cores {
             scope.spawn(|| {
-                loop {
-                    let Some(&seed) = all.get(next.fetch_add(1, Ordering::Relaxed)) else { break };
+                while let Some(&seed) = all.get(next.fetch_add(1, Ordering::Relaxed)) {
                     let result = run(&body, seed);
                     ran.lock().unwrap().push((seed, result));
                 }
