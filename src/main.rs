@@ -205,12 +205,13 @@ fn main() -> ExitCode {
     match outcome {
         Ok(code) => code,
         Err(e) => {
-            // Most errors tell what caused them themselves.
+            // Most errors tell what caused them themselves, and some what they are about, which is told before them.
             let mut text = String::new();
-            for cause in e.chain().map(ToString::to_string).filter(|cause| !cause.is_empty()) {
-                if !text.ends_with(&cause) {
-                    text += if text.is_empty() { "" } else { ": " };
-                    text += &cause;
+            for cause in e.chain().map(|cause| cause.to_string()) {
+                if cause.contains(&text) {
+                    text = cause;
+                } else if !text.contains(&cause) {
+                    text += &format!(": {cause}");
                 }
             }
             eprintln!("palpate: {text}");

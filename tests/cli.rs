@@ -98,6 +98,17 @@ fn mistakes_are_named_with_file_line_and_remedy() {
     fs::write(&bad, "time_s,tool,x_m,y_m,z_m,qx,qy,qz,qw,buttons\n0,0,0,0,oops,0,0,0,1,0\n").unwrap();
     let e = run("cube", &["--trajectory", bad.to_str().unwrap()]);
     assert!(e.contains("bad.csv, line 2") && e.contains("oops"), "{e}");
+
+    // Neither a file nor a cause is named twice.
+    let e = run("lost.toml", &[]);
+    assert_eq!(e.matches("os error").count(), 1, "{e}");
+    fs::write(folder.path().join("body.veg"), "*VERTICES").unwrap();
+    for (name, reason) in [("body.veg", "this kind of file"), ("lost.stl", "os error")] {
+        let file = folder.path().join(name).display().to_string();
+        let e = stderr(&palpate(&["prepare", &file, "--unit", "mm", "--check"]).failure());
+        let e = e.lines().last().unwrap_or_default();
+        assert!(e.matches(name).count() == 1 && e.matches(reason).count() == 1, "{e}");
+    }
 }
 
 #[test]
