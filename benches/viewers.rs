@@ -1,8 +1,8 @@
 //! What viewers cost: `cargo bench --bench viewers`. A server with the bundled liver in this process, a virtual Phantom
 //! that palpates it in another, and 0, 1, 8 or 32 viewers of every frame in a third, in turn; twice round, so that what
 //! the machine does meanwhile falls on all of them. The device's clock drifts through three of the server's ticks in a run:
-//! how long before its tick a pose comes is worth up to 1 ms, and would be an accident of each run. Ends with an error when the force channel's p99 with 32 viewers is more
-//! than 1.2 times that with none.
+//! how long before its tick a pose comes is worth up to 1 ms, and would be an accident of each run. Ends with an error
+//! when the force channel's p99 with 32 viewers is more than 1.2 times that with none.
 
 use palpate::scene::LoadedScene;
 use palpate::server::{Options, Server};

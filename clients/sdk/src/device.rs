@@ -8,8 +8,8 @@ use crate::SdkError;
 
 /// What a device can do.
 ///
-/// Force, torque, stiffness, damping and workspace are the values the CHAI3D drivers use for it. Resolution, apparent mass and
-/// friction are typical values in the manner of the vendors' data sheets, not measurements of one specimen.
+/// Force, torque, stiffness, damping and workspace are the values the CHAI3D drivers use for it. Resolution, apparent
+/// mass and friction are typical values in the manner of the vendors' data sheets, not measurements of one specimen.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Device {
