@@ -17,6 +17,7 @@ use crate::math::{Real, Vec3};
 use crate::model::active_mesh::Loads;
 use crate::model::constraint::PointMemory;
 use crate::model::element_kernel::{Extremes, Path};
+use crate::model::material::COLLAPSE_ONSET;
 pub use crate::model::step_class::TICK;
 use crate::model::{ActiveMesh, Body, Constraint, State};
 use crate::stepping::{step, work};
@@ -71,6 +72,8 @@ pub struct Snapshot {
     /// Units of work that ticks in which the body stood still have left over, or that a change of resolution took beyond
     /// the budget (negative).
     pub credit: i64,
+    /// Frames in a row that the body, which nothing touches, has been knotted in itself.
+    pub knotted: u32,
     /// Motion of the body.
     pub body: State,
     /// Each tool, by id.
@@ -90,6 +93,7 @@ impl Snapshot {
         Self {
             tick: 0,
             credit: 0,
+            knotted: 0,
             body: state,
             tools: vec![ToolState::default(); tools],
             points: (0..tools).map(|_| Vec::with_capacity(MOST_POINTS)).collect(),
@@ -117,7 +121,7 @@ pub struct ToolOutput {
 /// What a tick says of itself with every wrench.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct TickFlags {
-    /// A state that was not finite was contained.
+    /// A state that was not finite was contained, or a knot.
     pub restored: bool,
     /// The budget did not cover the tick.
     pub substeps_dropped: bool,
@@ -162,7 +166,8 @@ pub struct Outputs {
     pub adapted: adaptation::Adapted,
     /// How far the elements are from rest.
     pub extremes: Extremes,
-    /// A state that was not finite has been replaced by the last good one, at rest.
+    /// The state was not finite, or a knot that the body did not come out of: it has been replaced by the one that a reset
+    /// returns to.
     pub restored: bool,
 }
 
@@ -181,10 +186,15 @@ pub struct Simulation {
     path: Path,
     tick: u64,
     credit: i64,
+    knotted: u32,
     mesh: ActiveMesh,
     tools: Vec<ToolState>,
     points: Vec<Vec<PointMemory>>,
     start: State,
+    /// Display vertices of `start` [m].
+    start_skin: Vec<Vec3>,
+    /// Farther than this from there [m] the body is somewhere else.
+    far: Real,
     vertices: Vec<Vec3>,
     constraints: Vec<Constraint>,
     points_of_action: Vec<Vec3>,
@@ -209,14 +219,18 @@ impl Simulation {
         }
         let mesh = ActiveMesh::new(&body, &start.body, settings.most_elements)?;
         let vertices = body.surface().vertices.len();
+        let (low, high) = body.surface().bounds();
         let mut points: Vec<Vec<PointMemory>> = (0..tools).map(|_| Vec::with_capacity(MOST_POINTS)).collect();
         points.iter_mut().zip(&start.points).for_each(|(to, from)| to.extend_from_slice(from));
         Ok(Self {
             path: Path::best(),
             tick: start.tick,
             credit: start.credit,
+            knotted: start.knotted,
             tools: start.tools,
             points,
+            start_skin: skin_of(&mesh, vertices),
+            far: KNOT_SIZE * (high - low).norm(),
             vertices: vec![Vec3::zeros(); vertices],
             constraints: Vec::with_capacity(MOST_POINTS * tools),
             points_of_action: Vec::with_capacity(MOST_POINTS * tools),
@@ -256,7 +270,8 @@ impl Simulation {
     /// # Errors
     /// When it is of another body.
     pub fn with_reset_state(mut self, state: &State) -> Result<Self, String> {
-        ActiveMesh::new(&self.body, state, self.settings.most_elements)?;
+        let mesh = ActiveMesh::new(&self.body, state, self.settings.most_elements)?;
+        self.start_skin = skin_of(&mesh, self.vertices.len());
         self.start = state.clone();
         Ok(self)
     }
@@ -304,6 +319,7 @@ impl Simulation {
     pub fn save_into(&self, snapshot: &mut Snapshot) {
         snapshot.tick = self.tick;
         snapshot.credit = self.credit;
+        snapshot.knotted = self.knotted;
         self.mesh.save_into(&mut snapshot.body);
         snapshot.tools.copy_from_slice(&self.tools);
         for (to, from) in snapshot.points.iter_mut().zip(&self.points) {
@@ -316,6 +332,7 @@ impl Simulation {
     pub fn hash(&self) -> u64 {
         let mut hash = xxhash_rust::xxh3::Xxh3::new();
         hash.update(&self.tick.to_le_bytes());
+        hash.update(&self.knotted.to_le_bytes());
         self.mesh.hash_into(&mut hash);
         for (tool, points) in self.tools.iter().zip(&self.points) {
             tool.hash_into(&mut hash);
@@ -336,7 +353,7 @@ impl Simulation {
 
     /// Takes over `snapshot`, which is one of this body and these tools: for questions about a copy.
     pub fn load(&mut self, snapshot: &Snapshot) {
-        (self.tick, self.credit) = (snapshot.tick, snapshot.credit);
+        (self.tick, self.credit, self.knotted) = (snapshot.tick, snapshot.credit, snapshot.knotted);
         self.mesh.restore(&self.body, &snapshot.body);
         self.tools.copy_from_slice(&snapshot.tools);
         for (to, from) in self.points.iter_mut().zip(&snapshot.points) {
@@ -382,6 +399,7 @@ impl Simulation {
 
     fn back_to_start(&mut self) {
         self.mesh.restore(&self.body, &self.start);
+        self.knotted = 0;
         self.points.iter_mut().for_each(Vec::clear);
         self.constraints.clear();
         // The shape jumps back under the tools: they have to come from outside again.
@@ -504,9 +522,11 @@ impl Simulation {
         }
     }
 
-    /// Our last line: a state that is not finite is replaced by the one a reset returns to, and the hand feels nothing.
+    /// Our last line: a state that is not finite, or that the body would stay in for ever, is replaced by the one a reset
+    /// returns to, and the hand feels nothing.
     fn contain(&mut self) {
-        if self.mesh.is_finite() {
+        self.count_knotted();
+        if self.mesh.is_finite() && self.knotted < KNOT_FRAMES {
             return;
         }
         self.outputs.restored = true;
@@ -515,6 +535,24 @@ impl Simulation {
             tool.force.fill(0.0);
             tool.torque.fill(0.0);
         }
+    }
+
+    /// What no element resists, a body passing through itself, may leave it folded over itself or wound up for good: some
+    /// elements crushed, although nothing touches it, and far from where it was. A body that only swings comes by there,
+    /// or is not crushed on its way, and one that its own weight crushes does not leave.
+    fn count_knotted(&mut self) {
+        let stood_still = self.outputs.plan.taken < self.outputs.plan.needed;
+        if !self.tick.is_multiple_of(TICKS_PER_FRAME) || stood_still {
+            return;
+        }
+        let touched = self.constraints.iter().any(|c| c.multiplier > 0.0);
+        if touched || self.outputs.extremes.det_f >= COLLAPSE_ONSET {
+            self.knotted = 0;
+            return;
+        }
+        self.mesh.skin(&mut self.vertices);
+        let is_far = |(now, start): (&Vec3, &Vec3)| (now - start).norm_squared() > self.far * self.far;
+        self.knotted = if self.vertices.iter().zip(&self.start_skin).any(is_far) { self.knotted + 1 } else { 0 };
     }
 
     fn render_forces(&mut self) {
@@ -555,6 +593,16 @@ impl Simulation {
     }
 }
 
+fn skin_of(mesh: &ActiveMesh, vertices: usize) -> Vec<Vec3> {
+    let mut skin = vec![Vec3::zeros(); vertices];
+    mesh.skin(&mut skin);
+    skin
+}
+
+/// A body that is knotted for as many frames does not come out of it: two seconds.
+const KNOT_FRAMES: u32 = 64;
+/// How far from where it started some part of it then is, over its size.
+const KNOT_SIZE: Real = 0.1;
 /// Places along a tool's way that are refined for it, [`LOOK_AHEAD`] apart.
 const LOOKS_AHEAD: usize = 3;
 /// [s].
