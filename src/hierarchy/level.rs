@@ -29,6 +29,9 @@ pub struct Level {
     /// Factor on the stiffness of each element (n_elements), which makes the level answer to smooth loads as the finest
     /// one does: coarse linear tetrahedra are too stiff.
     pub stiffness_factor: Vec<Real>,
+    /// Factor on the shear moduli of each element's Maxwell branches over μ (n_elements), which makes the level damp smooth
+    /// motion as the finest one does: where coarse linear tetrahedra lock, less of what they store is shear.
+    pub branch_factor: Vec<Real>,
     /// Nearest node of the next coarser level (n_nodes); empty on level 0.
     pub parent: Vec<u32>,
     /// Where each node lies in the next coarser level (n_nodes); empty on level 0.
@@ -58,6 +61,7 @@ impl Level {
             altitude: (0..elements).map(|e| mesh.smallest_altitude(e)).fold(Real::INFINITY, Real::min),
             least_mass: 0.0,
             stiffness_factor: vec![1.0; elements],
+            branch_factor: vec![1.0; elements],
             parent: Vec::new(),
             coarser_host: Vec::new(),
             finer_host: Vec::new(),

@@ -14,7 +14,7 @@ use crate::math::{Real, Vec3};
 use serde::{Deserialize, Serialize};
 
 /// First bytes of a body file: name and format version.
-const MAGIC: &[u8; 12] = b"palpate-bdy\x08";
+const MAGIC: &[u8; 12] = b"palpate-bdy\x09";
 
 /// Stands for "no node", "no element".
 pub const NONE: u32 = u32::MAX;
@@ -434,6 +434,12 @@ impl Body {
         self.parts.levels[r].stiffness_factor[(e - self.first_element[r]) as usize]
     }
 
+    /// Factor on the moduli of element `e`'s Maxwell branches over μ, from calibration.
+    pub fn branch_factor(&self, e: u32) -> Real {
+        let r = self.level_of_element(e);
+        self.parts.levels[r].branch_factor[(e - self.first_element[r]) as usize]
+    }
+
     /// Density of element `e` [kg/m³].
     pub fn density(&self, e: u32) -> Real {
         let r = self.level_of_element(e);
@@ -589,6 +595,7 @@ fn check(parts: &BodyParts) -> Result<(), String> {
             && level.fraction.len() == elements
             && level.fraction.iter().all(|w| *w > 0.0 && *w <= 1.0 + 1e-9)
             && level.stiffness_factor.len() == elements
+            && level.branch_factor.len() == elements
             && level.density.len() == elements
             && level.node_mass.len() == nodes
             && level.embedding.len() == vertices
@@ -603,7 +610,7 @@ fn check(parts: &BodyParts) -> Result<(), String> {
             && level.spacing > 0.0
             && level.least_mass >= 0.0
             && level.density.iter().all(|d| *d > 0.0 && d.is_finite())
-            && level.stiffness_factor.iter().all(|f| *f > 0.0 && f.is_finite())
+            && level.stiffness_factor.iter().chain(&level.branch_factor).all(|f| *f > 0.0 && f.is_finite())
             && level.node_mass.iter().all(|m| *m > 0.0 && m.is_finite())
             && (0..elements).all(|e| level.mesh.volume(e) > 0.0);
         if !positive {

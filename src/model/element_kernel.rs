@@ -7,7 +7,7 @@
 //! and a recording replays on any x86-64 machine.
 //!
 //! With `F` the deformation gradient, `E = ½(FᵀF − I)` and `ΔE` its change since the last evaluation, the stress is
-//! `S = λ tr(E) I + 2μ E + c_v λ tr(ΔE) I + 2 c_s μ ΔE + Σ_b 2μ g_b dev(D_b)` with the memory of branch `b`
+//! `S = λ tr(E) I + 2μ E + c_v λ tr(ΔE) I + 2 c_s μ ΔE + Σ_b 2μ r g_b dev(D_b)` with the memory of branch `b`
 //! `D_b ← (D_b + ΔE)·decay_b`, and the force on vertex `i` is `−P ∇L_i` with `P = F S`, plus
 //! `k (J − 0.6) cof F` where `J = det F < 0.6`. Viscosity acts on `ΔE`, so no velocity is read.
 
@@ -37,6 +37,8 @@ pub(super) struct Block {
     pub lambda: Row,
     /// μ·w·vol [N·m].
     pub mu: Row,
+    /// Factor on the shear moduli of the Maxwell branches over μ.
+    pub branch: Row,
     /// `2E` at the last evaluation: xx, yy, zz, yz, xz, xy. Twice the strain saves nine halvings; it is exact.
     pub strain: [Row; 6],
     /// `J` at the last evaluation.
@@ -208,6 +210,7 @@ unsafe fn add_forces_here<L: Lanes, const B: usize>(
 ) -> Extremes {
     let zero = L::splat(0.0);
     let half = L::splat(0.5);
+    let third = L::splat(1.0 / 3.0);
     let one = L::splat(1.0);
     let fade = L::splat(FADE);
     let onset = L::splat(COLLAPSE_ONSET);
@@ -215,11 +218,9 @@ unsafe fn add_forces_here<L: Lanes, const B: usize>(
     let (volume, shear) = (L::splat(rates.volume), L::splat(rates.shear));
     let mut decay = [zero; B];
     let mut share = [zero; B];
-    let mut third = [zero; B];
     for b in 0..B {
         decay[b] = L::splat(rates.decay[b]);
         share[b] = L::splat(rates.share[b]);
-        third[b] = L::splat(rates.share[b] / 3.0);
     }
     let mut strain_squared = zero;
     let mut least_det = one;
@@ -258,15 +259,17 @@ unsafe fn add_forces_here<L: Lanes, const B: usize>(
                 let lambda = L::load(&block.lambda, at);
                 let mu = L::load(&block.mu, at);
                 let mut pressure = half.mul(lambda).mul(trace.add(volume.mul(trace_change)));
+                let branch = if B > 0 { L::load(&block.branch, at) } else { one };
                 for b in 0..B {
+                    let share = branch.mul(share[b]);
                     let mut d = e;
                     for c in 0..6 {
                         let row = &mut memory[b].0[c];
                         d[c] = L::load(row, at).add(change[c]).mul(decay[b]).add(fade).sub(fade);
                         d[c].store(row, at);
-                        s[c] = s[c].add(share[b].mul(d[c]));
+                        s[c] = s[c].add(share.mul(d[c]));
                     }
-                    pressure = pressure.sub(mu.mul(third[b].mul(d[0].add(d[1]).add(d[2]))));
+                    pressure = pressure.sub(mu.mul(share.mul(third.mul(d[0].add(d[1]).add(d[2])))));
                 }
                 for s in &mut s {
                     *s = mu.mul(*s);
@@ -472,7 +475,7 @@ mod tests {
                 let gradient = [0, 1, 2].map(|i| [0, 1, 2].map(|c| g[(i, c)]));
                 let weight = volume.abs() * (0.5 + 0.4 * noise.next());
                 let (lambda, mu) = (weight * (5e4 + 3e4 * noise.next()), weight * (2e3 + 1e3 * noise.next()));
-                elements.push((n, ElementConstants { gradient, lambda, mu }));
+                elements.push((n, ElementConstants { gradient, lambda, mu, branch: 1.0 + 0.3 * noise.next() }));
             }
             Self { rest, elements }
         }
@@ -634,7 +637,7 @@ mod tests {
             for (b, d) in d.iter_mut().enumerate().take(branches) {
                 *d = (*d + change) * rates.decay[b];
                 let deviator = *d - Mat3::from_diagonal_element(d.trace() / 3.0);
-                s += 2.0 * c.mu * rates.share[b] * deviator;
+                s += 2.0 * c.mu * c.branch * rates.share[b] * deviator;
             }
             let squeeze = (f.determinant() - COLLAPSE_ONSET).min(0.0);
             let rows = [f.row(0).transpose(), f.row(1).transpose(), f.row(2).transpose()];
@@ -675,7 +678,7 @@ mod tests {
             let mut soup = Soup::new(&mut noise, 4, 1);
             soup.rest = vec![Vec3::zeros(), Vec3::x() * 0.01, Vec3::y() * 0.01, Vec3::z() * 0.01];
             let gradient = [[100.0, 0.0, 0.0], [0.0, 100.0, 0.0], [0.0, 0.0, 100.0]];
-            soup.elements[0] = ([0, 1, 2, 3], ElementConstants { gradient, lambda: 3e-3, mu: 2e-4 });
+            soup.elements[0] = ([0, 1, 2, 3], ElementConstants { gradient, lambda: 3e-3, mu: 2e-4, branch: 1.5 });
             soup
         };
         let shear = 1e-7;
@@ -688,7 +691,7 @@ mod tests {
         for step in 1..=1000 {
             let f = force(&mut pool, &rates, &x);
             model *= rates.decay[0];
-            let stress = 2.0 * 2e-4 * (0.5 * shear + share * model);
+            let stress = 2.0 * 2e-4 * (0.5 * shear + 1.5 * share * model);
             assert!((f[2].x / (-stress * 100.0) - 1.0).abs() < 1e-6);
             let exact = 0.5 * shear * (-(step as Real) * h / time).exp();
             assert!((pool.history(0).expect("there").branch[0][5] / exact - 1.0).abs() < 1e-5);

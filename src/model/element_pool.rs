@@ -24,6 +24,8 @@ pub struct ElementConstants {
     pub lambda: Real,
     /// μ·w·vol [N·m].
     pub mu: Real,
+    /// Factor on the shear moduli of the Maxwell branches over μ.
+    pub branch: Real,
 }
 
 /// What an element remembers between two evaluations. Components of strains are xx, yy, zz, yz, xz, xy.
@@ -161,6 +163,7 @@ impl ElementPool {
         }
         b.lambda[lane] = constants.lambda;
         b.mu[lane] = constants.mu;
+        b.branch[lane] = constants.branch;
         self.write_history(block, lane, history);
         self.len += 1;
         true
@@ -388,6 +391,7 @@ impl ElementPool {
         }
         b.lambda[lane] = 0.0;
         b.mu[lane] = 0.0;
+        b.branch[lane] = 0.0;
         b.calm[lane] = Real::INFINITY;
         self.write_history(block, lane, &History::REST);
     }
@@ -404,6 +408,7 @@ impl ElementPool {
         }
         b.lambda[j] = source.lambda[i];
         b.mu[j] = source.mu[i];
+        b.branch[j] = source.branch[i];
         b.calm[j] = source.calm[i];
         let history = self.read_history(from, i);
         self.write_history(to, j, &history);
@@ -440,6 +445,7 @@ const UNUSED: Block = Block {
     gradient: [[[0.0; LANES]; 3]; 3],
     lambda: [0.0; LANES],
     mu: [0.0; LANES],
+    branch: [0.0; LANES],
     strain: [[0.0; LANES]; 6],
     det: [1.0; LANES],
     calm: [Real::INFINITY; LANES],
@@ -482,7 +488,7 @@ mod tests {
     fn constants(id: u32) -> ElementConstants {
         let number = |i: usize, c: usize| (2.0 + id as Real + 3.0 * i as Real - c as Real).sqrt();
         let gradient = [0, 1, 2].map(|i| [0, 1, 2].map(|c| number(i, c)));
-        ElementConstants { gradient, lambda: 1.0, mu: 0.1 * id as Real }
+        ElementConstants { gradient, lambda: 1.0, mu: 0.1 * id as Real, branch: 1.0 + 0.01 * id as Real }
     }
 
     fn history(x: Real) -> History {

@@ -112,7 +112,7 @@ fn instantaneous(body: &Body, e: u32) -> Real {
         return 1.0;
     }
     let material = body.material_of(e);
-    let branches: Real = body.maxwell().iter().map(|b| b.modulus).sum();
+    let branches = body.branch_factor(e) * body.maxwell().iter().map(|b| b.modulus).sum::<Real>();
     (1.0 + 4.0 / 3.0 * material.mu * branches / material.pressure_modulus()) * (1.0 + 2.0 * STEP_VISCOSITY)
 }
 

@@ -303,6 +303,7 @@ fn calibrated(
     // agree with that, is what the others are to agree with.
     let whole = parts.levels.iter().take_while(|level| level.is_whole()).count();
     let agreed = (whole < parts.levels.len()).then(|| parts.levels[whole - 1].stiffness_factor.clone());
+    let damped = if agreed.is_some() { parts.levels[whole - 1].branch_factor[0] } else { 1.0 };
     let material_of = |level: usize, element: usize| match &agreed {
         Some(factors) if level + 1 == whole => calibration::scaled(material(level, element), factors[element]),
         _ => material(level, element),
@@ -311,7 +312,10 @@ fn calibrated(
     if let Some(agreed) = agreed {
         calibration.factors[whole - 1] = agreed;
     }
-    parts.levels.iter_mut().zip(calibration.factors).for_each(|(level, factors)| level.stiffness_factor = factors);
+    let factors = calibration.factors.into_iter().zip(calibration.branch_factors);
+    for (level, (stiffness, branch)) in parts.levels.iter_mut().zip(factors) {
+        (level.stiffness_factor, level.branch_factor) = (stiffness, vec![damped * branch; level.mesh.elements.len()]);
+    }
     parts.maxwell = maxwell_branches(damping_ratio, calibration.slowest_mode, calibration.slowest_mode);
     parts.slowest_mode = calibration.slowest_mode;
     Ok(Body::new(parts)?)

@@ -31,6 +31,7 @@ fn the_slowest_mode_is_damped_as_asked_on_every_level_and_across_levels() {
         (0..body.levels().len()).map(|r| (format!("level {r}"), uniform(&body, r))).collect();
     sets.extend((0..4).map(|seed| (format!("set {seed}"), random_set(&body, &mut Random(seed)))));
     for axis in [Vec3::z(), Vec3::y()] {
+        let mut ratios = vec![];
         for (name, nodes) in &sets {
             let sag = sagging(&body, nodes.clone(), axis * -1.0, 1500);
             let mut swing = with_settings(&sag, &settings(None));
@@ -43,6 +44,11 @@ fn the_slowest_mode_is_damped_as_asked_on_every_level_and_across_levels() {
             let ratio = damping_ratio(&signal);
             println!("{name}: ζ = {ratio:.3}, first zeros {:.3?} s", &zeros(&signal)[..3]);
             assert!((0.1..0.2).contains(&ratio), "{name} is damped at {ratio}");
+            ratios.push(ratio);
+        }
+        let finest = ratios[body.finest()];
+        for (ratio, (name, _)) in ratios.iter().zip(&sets) {
+            assert!((ratio / finest - 1.0).abs() < 0.05, "{name} is damped at {ratio}, the finest level at {finest}");
         }
     }
 }

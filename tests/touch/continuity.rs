@@ -90,3 +90,37 @@ fn neither_force_nor_stiffness_makes_a_step() {
         assert!(steps.force < 1.0 && steps.ahead < 1.0 && steps.stiffness < STEP, "{steps:?}");
     }
 }
+
+/// A body that stands still for a tick, because the budget did not cover it, leaves the tool to go on alone: what it then
+/// has to catch up with does not come in one blow.
+#[test]
+fn a_tick_in_which_the_body_stands_still_is_not_felt() {
+    let cube = adaptive_cube(&["tool.radius=0.01", "body.cells=[[4,4,4],[8,8,8],[14,14,14]]"]);
+    let largest_step = |every: u32| {
+        let mut press = simulation(&cube);
+        tick(&mut press, attach());
+        let (mut last, mut worst, mut still) = (Vec3::zeros(), 0.0 as Real, 0);
+        for i in 0..250u32 {
+            // Down at 80 mm/s.
+            let mut now = inputs(&[Some(at(TOP + Vec3::z() * (0.022 - 0.08 * Real::from(i) * TICK)))]);
+            if i > 180 && i.is_multiple_of(every) {
+                now.budget = 0;
+            }
+            let outputs = press.advance(&now);
+            still += u32::from(outputs.plan.taken < outputs.plan.needed);
+            let force = outputs.tools[0].state.force;
+            if i > 180 {
+                worst = worst.max((force - last).norm() / (UNFELT.1 * force.norm()).max(UNFELT.0));
+            }
+            last = force;
+        }
+        (worst, still)
+    };
+    let (without, with) = (largest_step(u32::MAX), largest_step(7));
+    println!(
+        "largest step {:.2} of what may be felt, {:.2} with {} ticks of standing still",
+        without.0, with.0, with.1
+    );
+    assert!(without.1 == 0 && with.1 > 8);
+    assert!(with.0 < without.0 + 0.6, "a step of {:.2} of what may be felt", with.0);
+}

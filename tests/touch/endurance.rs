@@ -160,7 +160,7 @@ fn thirty_wild_clients_never_break_the_body_and_it_recovers() {
     ];
     assert!(cubes[..2].iter().all(|cube| cube.rest.body.history.len() == 384));
     let limit = cubes[0].settings.limits.force * (1.0 + 1e-9);
-    let (mut worst_bend, mut folded) = (0.0 as Real, 0);
+    let (mut worst_bend, mut folded, mut knotted) = (0.0 as Real, 0, 0);
     for seed in 0..30 {
         let mut client = Wild::new(seed);
         let mut wild = simulation(&cubes[seed as usize % 3]);
@@ -178,23 +178,24 @@ fn thirty_wild_clients_never_break_the_body_and_it_recovers() {
         }
         wild.advance(&inputs(&[Some(ToolEvent::Detach); 3]));
         // What is left to fade moves by 1e-3 of the body's size in a frame at most.
-        for _ in 0..4000 {
-            assert!(!wild.advance(&Inputs::default()).restored);
-        }
+        let restored = (0..4000).filter(|_| wild.advance(&Inputs::default()).restored).count();
+        assert!(restored <= 1, "seed {seed} is put back {restored} times");
+        knotted += restored;
         let left = rest_distance(&wild);
         println!("seed {seed}: up to {:.0} mm from rest, {physical:.1} N; {:.3} mm left", bend * 1e3, left * 1e3);
         worst_bend = worst_bend.max(bend);
         assert!(fastest(&wild) < 0.01, "seed {seed} does not come to rest");
-        // What was stabbed right through a mesh may stay folded, as a ball keeps a dent: that is an equilibrium, too.
+        // What was stabbed right through a mesh may stay folded, as a ball keeps a dent: that is an equilibrium, too, and
+        // the body is put back where elements are crushed in it.
         if left > 0.05 * SIDE {
             folded += 1;
             wild.advance(&Inputs { reset: true, ..Inputs::default() });
             assert!(rest_distance(&wild) < 1e-6 * SIDE, "a reset unfolds it");
         }
     }
-    println!("{folded} of 30 keep a fold");
+    println!("{folded} of 30 keep a fold, {knotted} were put back out of one");
     assert!(worst_bend > 0.02, "wild enough to mean something");
-    assert!(folded < 10);
+    assert!(folded + knotted < 10 && knotted > 0);
 }
 
 // ---- The same inputs, the same bits ----

@@ -163,7 +163,7 @@ fn element_forces(body: &Body, constants: &ElementConstants, history: &History, 
     for (branch, held) in body.maxwell().iter().zip(&history.branch) {
         let [xx, yy, zz, yz, xz, xy] = *held;
         let d = Mat3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz) * 2.0;
-        s += (d - Mat3::identity() * (d.trace() / 3.0)) * (mu * branch.modulus);
+        s += (d - Mat3::identity() * (d.trace() / 3.0)) * (mu * constants.branch * branch.modulus);
     }
     let mut p = f * s;
     let det = f.determinant();

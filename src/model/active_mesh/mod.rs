@@ -704,5 +704,10 @@ fn constants(body: &Body, e: u32, active: u8) -> ElementConstants {
     let factor = body.stiffness_factor(e);
     let weight = factor * body.volume(e) * Real::from(active) / 4.0;
     let material = body.material_of(e);
-    ElementConstants { gradient, lambda: weight * material.lambda, mu: weight * material.mu }
+    ElementConstants {
+        gradient,
+        lambda: weight * material.lambda,
+        mu: weight * material.mu,
+        branch: body.branch_factor(e),
+    }
 }

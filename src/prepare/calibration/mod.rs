@@ -13,6 +13,9 @@
 //! what deforms the body counts: sinking and tipping as a whole on soft springs tells nothing about its elements. A body
 //! that nothing holds is loaded without resultant instead, its middle against its ends.
 //!
+//! Locked elements store less of the same work as shear, which alone the Maxwell branches damp: the moduli of these get a
+//! factor of the level's own, too, the finest level's part of shear in the energy of the answers over its own.
+//!
 //! Each answer is a linear elastic solution at rest, by conjugate gradients. The three axes are solved as one system, a
 //! node's unknown being a 3×3 block with a column per axis: that reads the matrix once for three. All of it is
 //! `+ − × ÷ √` in a fixed order, whatever the number of threads: each row of the matrix gathers its own sum, and sums
@@ -32,16 +35,19 @@ use crate::math::{Mat3, Real, Vec3};
 use crate::model::material::Material;
 use block::{Block, ZERO, add_scaled, columns, product};
 use load::{balanced_load, weight};
+use rayon::prelude::*;
 use rigid::{holds_firmly, mean_motion};
 use softness::local_factors;
 use solver::{SLOW, TOLERANCE, solve};
-use system::{System, row};
+use system::{System, gradients, row};
 
 /// Smallest factor ever returned: with a smaller one the level's own shape and holds are wrong, not its stiffness.
 pub const LEAST_FACTOR: Real = 0.2;
 /// Largest factor ever returned: a level that is far softer than the finest does not cover the same body, and stiffening
 /// it shortens its step.
 pub const LARGEST_FACTOR: Real = 1.5;
+/// Largest factor on the moduli of a level's Maxwell branches.
+const MOST_DAMPED: Real = 1.5;
 /// How often the softness is changed from place to place. A third time changes periods and amplitudes by a thousandth.
 const ROUNDS: usize = 2;
 
@@ -83,6 +89,9 @@ pub enum CalibrationError {
 pub struct Calibration {
     /// Factors on λ and μ (n_levels × n_elements) that make all levels answer as the finest does; 1 on the last one.
     pub factors: Vec<Vec<Real>>,
+    /// Factors on the moduli of Maxwell branches over μ (n_levels) that make all levels damp as the finest does; 1 on the
+    /// last one.
+    pub branch_factors: Vec<Real>,
     /// Angular frequency ω₁ of the slowest mode [rad/s], without the body's sinking on its holds: Rayleigh and Ritz's
     /// estimate from the three answers, a few per cent too high at most. 0 when nothing moves.
     pub slowest_mode: Real,
@@ -126,12 +135,15 @@ pub fn calibrate(
         }
         answers.push(answer(&systems, l, &systems[l].load, guess, TOLERANCE)?);
     }
-    let Some(finest) = answers.pop() else { return Ok(Calibration { factors, slowest_mode: 0.0 }) };
+    let mut branch_factors = vec![1.0; levels.len()];
+    let Some(finest) = answers.pop() else { return Ok(Calibration { factors, branch_factors, slowest_mode: 0.0 }) };
+    let last = levels.len() - 1;
+    let sheared = part_of_shear(&levels[last], |e| material(last, e), &factors[last], &finest.displacement);
     let slowest_mode = slowest_mode(&systems[levels.len() - 1], &finest.deforming);
     let wanted = at_coarser_nodes(levels, finest.deforming);
     // Coarse elements are too stiff already; none is to be stiffer than the finest.
     let stiffest = |l: usize| mean_modulus(levels, levels.len() - 1, &material) / mean_modulus(levels, l, &material);
-    for (l, (mut now, wanted)) in answers.into_iter().zip(&wanted).enumerate() {
+    for (l, (level, (mut now, wanted))) in levels.iter().zip(answers.into_iter().zip(&wanted)).enumerate() {
         // Amplitudes go almost with the softness. Where a level cannot follow the finest, its parts cannot, either.
         let factor = now.amplitude / finest.amplitude;
         if !wanted.is_empty() && (LEAST_FACTOR..LARGEST_FACTOR).contains(&factor) {
@@ -143,13 +155,18 @@ pub fn calibrate(
                 now = respond(&mut systems, levels, l, &material, &factors[l], now.displacement)?;
             }
         }
+        // No element as a whole is softened any more: parts stay what they are.
+        let own = part_of_shear(level, |e| material(l, e), &factors[l], &now.displacement);
+        if sheared > 0.0 && own > 0.0 {
+            branch_factors[l] = (sheared / own).clamp(1.0 / MOST_DAMPED, MOST_DAMPED);
+        }
         let all = |factor| factors[l].iter().map(|f| within(f * factor)).collect::<Vec<_>>();
         let factor = matching_factor(now, finest.amplitude, |factor, guess| {
             respond(&mut systems, levels, l, &material, &all(factor), guess)
         })?;
         factors[l] = all(factor);
     }
-    Ok(Calibration { factors, slowest_mode })
+    Ok(Calibration { factors, branch_factors, slowest_mode })
 }
 
 /// The nearest factor within the range.
@@ -181,6 +198,29 @@ fn at_coarser_nodes(levels: &[Level], finest: Vec<Block>) -> Vec<Vec<Block>> {
 fn mean_modulus(levels: &[Level], l: usize, material: &impl Fn(usize, usize) -> Material) -> Real {
     let elements = levels[l].mesh.elements.len();
     (0..elements).map(|e| material(l, e).pressure_modulus()).sum::<Real>() / elements as Real
+}
+
+/// How much of the strain energy of the displacements `u` of `level`, along all axes together, is shear's: `μ dev ε:ε` over
+/// `½ λ (tr ε)² + μ ε:ε`.
+fn part_of_shear(level: &Level, material: impl Fn(usize) -> Material + Sync, factors: &[Real], u: &[Block]) -> Real {
+    let of_element = |e: usize| {
+        let (gradients, volume) = gradients(&level.mesh.corners(e));
+        let (material, weight) = (material(e), factors[e] * level.fraction[e] * volume);
+        let (mut all, mut sheared) = (0.0, 0.0);
+        for axis in 0..3 {
+            let along = |n: u32| Vec3::from(u[n as usize].map(|row| row[axis]));
+            let nodes = level.mesh.elements[e];
+            let gradient: Mat3 = nodes.iter().zip(gradients).map(|(n, g)| along(*n) * g.transpose()).sum();
+            let strain = (gradient + gradient.transpose()) * 0.5;
+            let (square, trace) = (strain.dot(&strain), strain.trace());
+            all += weight * (0.5 * material.lambda * trace * trace + material.mu * square);
+            sheared += weight * material.mu * (square - trace * trace / 3.0);
+        }
+        (all, sheared)
+    };
+    let each: Vec<(Real, Real)> = (0..level.mesh.elements.len()).into_par_iter().map(of_element).collect();
+    let (all, sheared) = each.iter().fold((0.0, 0.0), |sum, x| (sum.0 + x.0, sum.1 + x.1));
+    if all > 0.0 { sheared / all } else { 0.0 }
 }
 
 /// `material`, stiffer by `factor`.
