@@ -7,9 +7,9 @@
 //! and a recording replays on any x86-64 machine.
 //!
 //! With `F` the deformation gradient, `E = ½(FᵀF − I)` and `ΔE` its change since the last evaluation, the stress is
-//! `S = λ tr(E) I + 2μ E + c_v λ tr(ΔE) I + 2 c_s μ ΔE + Σ_b 2μ r g_b dev(D_b)` with the memory of branch `b`
-//! `D_b ← (D_b + ΔE)·decay_b`, and the force on vertex `i` is `−P ∇L_i` with `P = F S`, plus
-//! `k (J − 0.6) cof F` where `J = det F < 0.6`. Viscosity acts on `ΔE`, so no velocity is read.
+//! `S = λ tr(E) I + 2μ E + c_v λ tr(ΔE) I + 2 c_s μ ΔE + Σ_b 2μ r g_b dev(D_b)` with the element's own factor `r` on all
+//! branches and the memory of branch `b` `D_b ← (D_b + ΔE)·decay_b`, and the force on vertex `i` is `−P ∇L_i` with
+//! `P = F S`, plus `k (J − 0.6) cof F` where `J = det F < 0.6`. Viscosity acts on `ΔE`, so no velocity is read.
 
 pub use super::lanes::Padded;
 use super::lanes::{LANES, Lanes, Plain, Row};

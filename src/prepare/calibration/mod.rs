@@ -155,7 +155,7 @@ pub fn calibrate(
                 now = respond(&mut systems, levels, l, &material, &factors[l], now.displacement)?;
             }
         }
-        // No element as a whole is softened any more: parts stay what they are.
+        // One more factor on all elements leaves the parts of the energy as they are.
         let own = part_of_shear(level, |e| material(l, e), &factors[l], &now.displacement);
         if sheared > 0.0 && own > 0.0 {
             branch_factors[l] = (sheared / own).clamp(1.0 / MOST_DAMPED, MOST_DAMPED);
