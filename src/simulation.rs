@@ -17,7 +17,7 @@ use crate::math::{Real, Vec3};
 use crate::model::active_mesh::Loads;
 use crate::model::constraint::PointMemory;
 use crate::model::element_kernel::{Extremes, Path};
-use crate::model::material::COLLAPSE_ONSET;
+use crate::model::knot::{Home, KNOT_FRAMES};
 pub use crate::model::step_class::TICK;
 use crate::model::{ActiveMesh, Body, Constraint, State};
 use crate::stepping::{step, work};
@@ -191,10 +191,8 @@ pub struct Simulation {
     tools: Vec<ToolState>,
     points: Vec<Vec<PointMemory>>,
     start: State,
-    /// Display vertices of `start` [m].
-    start_skin: Vec<Vec3>,
-    /// Farther than this from there [m] the body is somewhere else.
-    far: Real,
+    /// Where `start` is.
+    home: Home,
     vertices: Vec<Vec3>,
     constraints: Vec<Constraint>,
     points_of_action: Vec<Vec3>,
@@ -219,7 +217,6 @@ impl Simulation {
         }
         let mesh = ActiveMesh::new(&body, &start.body, settings.most_elements)?;
         let vertices = body.surface().vertices.len();
-        let (low, high) = body.surface().bounds();
         let mut points: Vec<Vec<PointMemory>> = (0..tools).map(|_| Vec::with_capacity(MOST_POINTS)).collect();
         points.iter_mut().zip(&start.points).for_each(|(to, from)| to.extend_from_slice(from));
         Ok(Self {
@@ -229,8 +226,7 @@ impl Simulation {
             knotted: start.knotted,
             tools: start.tools,
             points,
-            start_skin: skin_of(&mesh, vertices),
-            far: KNOT_SIZE * (high - low).norm(),
+            home: Home::new(&body, &mesh),
             vertices: vec![Vec3::zeros(); vertices],
             constraints: Vec::with_capacity(MOST_POINTS * tools),
             points_of_action: Vec::with_capacity(MOST_POINTS * tools),
@@ -271,7 +267,7 @@ impl Simulation {
     /// When it is of another body.
     pub fn with_reset_state(mut self, state: &State) -> Result<Self, String> {
         let mesh = ActiveMesh::new(&self.body, state, self.settings.most_elements)?;
-        self.start_skin = skin_of(&mesh, self.vertices.len());
+        self.home = Home::new(&self.body, &mesh);
         self.start = state.clone();
         Ok(self)
     }
@@ -525,7 +521,6 @@ impl Simulation {
     /// Our last line: a state that is not finite, or that the body would stay in for ever, is replaced by the one a reset
     /// returns to, and the hand feels nothing.
     fn contain(&mut self) {
-        self.count_knotted();
         if self.mesh.is_finite() && self.knotted < KNOT_FRAMES {
             return;
         }
@@ -535,24 +530,6 @@ impl Simulation {
             tool.force.fill(0.0);
             tool.torque.fill(0.0);
         }
-    }
-
-    /// What no element resists, a body passing through itself, may leave it folded over itself or wound up for good: some
-    /// elements crushed, although nothing touches it, and far from where it was. A body that only swings comes by there,
-    /// or is not crushed on its way, and one that its own weight crushes does not leave.
-    fn count_knotted(&mut self) {
-        let stood_still = self.outputs.plan.taken < self.outputs.plan.needed;
-        if !self.tick.is_multiple_of(TICKS_PER_FRAME) || stood_still {
-            return;
-        }
-        let touched = self.constraints.iter().any(|c| c.multiplier > 0.0);
-        if touched || self.outputs.extremes.det_f >= COLLAPSE_ONSET {
-            self.knotted = 0;
-            return;
-        }
-        self.mesh.skin(&mut self.vertices);
-        let is_far = |(now, start): (&Vec3, &Vec3)| (now - start).norm_squared() > self.far * self.far;
-        self.knotted = if self.vertices.iter().zip(&self.start_skin).any(is_far) { self.knotted + 1 } else { 0 };
     }
 
     fn render_forces(&mut self) {
@@ -588,21 +565,21 @@ impl Simulation {
         if frame {
             self.mesh.skin(&mut self.outputs.skin);
             self.mesh.display_levels(&self.body, &mut self.outputs.levels);
+            self.count_knotted();
             self.outputs.hash = self.hash();
+        }
+    }
+
+    fn count_knotted(&mut self) {
+        // Where the body stood still there is no news of it.
+        if self.outputs.plan.taken == self.outputs.plan.needed {
+            let touched = self.constraints.iter().any(|c| c.multiplier > 0.0);
+            let knotted = !touched && self.home.is_knotted(self.outputs.extremes.det_f, &self.outputs.skin);
+            self.knotted = if knotted { self.knotted + 1 } else { 0 };
         }
     }
 }
 
-fn skin_of(mesh: &ActiveMesh, vertices: usize) -> Vec<Vec3> {
-    let mut skin = vec![Vec3::zeros(); vertices];
-    mesh.skin(&mut skin);
-    skin
-}
-
-/// A body that is knotted for as many frames does not come out of it: two seconds.
-const KNOT_FRAMES: u32 = 64;
-/// How far from where it started some part of it then is, over its size.
-const KNOT_SIZE: Real = 0.1;
 /// Places along a tool's way that are refined for it, [`LOOK_AHEAD`] apart.
 const LOOKS_AHEAD: usize = 3;
 /// [s].

@@ -11,6 +11,7 @@ pub mod element_kernel;
 pub mod element_pool;
 pub mod energy;
 pub mod interface;
+pub mod knot;
 pub mod lanes;
 pub mod material;
 mod node_compliance;
