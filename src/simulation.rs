@@ -233,7 +233,7 @@ impl Simulation {
             focus: Vec::with_capacity(MOST_TOOLS * MOST_PARTS * LOOKS_AHEAD),
             adaptation: adaptation::Workspace::new(&body, &settings.adaptivity.clone().unwrap_or_default()),
             stepping: step::Workspace::new(&mesh, MOST_POINTS * tools),
-            detection: detection::Workspace::new(&body),
+            detection: detection::Workspace::new(&body, tools),
             outputs: Outputs {
                 tick: start.tick,
                 tools: vec![ToolOutput::default(); tools],

@@ -31,6 +31,8 @@ pub(super) struct Candidate {
     pub(super) stencil: [(u32, Real); 3],
     /// Surface area that the point stands for [m²].
     pub(super) area: Real,
+    /// Part of its own area that a triangle's point has not left to the corners.
+    pub(super) share: Real,
     /// That of points beside it that were left out [m²].
     pub(super) taken: Real,
 }
@@ -38,7 +40,20 @@ pub(super) struct Candidate {
 impl Candidate {
     fn new(part: usize, side: Side, (place, stencil): (Vec3, [(u32, Real); 3]), area: Real) -> Self {
         let Side { point, normal, gap, core, sheet } = side;
-        Self { point, gap, normal, place, part: part as u32, core, sheet, known: None, stencil, area, taken: 0.0 }
+        Self {
+            point,
+            gap,
+            normal,
+            place,
+            part: part as u32,
+            core,
+            sheet,
+            known: None,
+            stencil,
+            area,
+            share: 1.0,
+            taken: 0.0,
+        }
     }
 
     /// The place of its triangle with other `weights` [m].
@@ -323,8 +338,8 @@ pub(super) fn area_vector(on: &Touchable, t: u32) -> Vec3 {
     (b - a).cross(&(c - a))
 }
 
-/// Part of the surface's area that vertices stand for; the rest is that of points inside triangles.
-const VERTEX_SHARE: Real = 0.5;
+/// Part of a triangle's area that is its own point's, far from all corners.
+const OWN_SHARE: Real = 0.5;
 
 /// Part nearest to `place`, coordinates of its core's nearest point there, and its distance [m], less that of its surface
 /// from its core.
@@ -364,7 +379,7 @@ pub(super) fn near_vertices(on: &Touchable, touch: &Touch, near: &[u32], out: &m
         let outward: Vec3 = on.body.triangles_around(v as usize).iter().map(|t| area_vector(on, *t)).sum();
         let stencil = [(v, 1.0), (0, 0.0), (0, 0.0)];
         if let Some(side) = touch.side(on, (part, core), (place, outward), &stencil, v) {
-            let area = VERTEX_SHARE * on.body.vertex_area()[v as usize];
+            let area = on.body.vertex_area()[v as usize];
             put(out, Candidate::new(part, side, (place, stencil), area));
         }
     }
@@ -397,7 +412,7 @@ pub(super) fn near_triangles(
             let known = remembered(touch.memory, first + t + part as u32 * touch.per_part);
             let below = touch.below(part, &corners, outward, first + t).and_then(|(side, place)| {
                 let weights = weights_in_triangle(&corners, place)?;
-                let area = (1.0 - VERTEX_SHARE) * 0.5 * outward.norm();
+                let area = OWN_SHARE * 0.5 * outward.norm();
                 Some(Candidate::new(part, side, (place, std::array::from_fn(|i| (triangle[i], weights[i]))), area))
             });
             if let Some(below) = below.filter(|c| c.sheet == Sheet::Sunk) {
@@ -418,7 +433,7 @@ pub(super) fn near_triangles(
             }
             let stencil = std::array::from_fn(|i| (triangle[i], weights[i]));
             let side = touch.side(on, (part, core), (place, outward), &stencil, first + t);
-            let area = (1.0 - VERTEX_SHARE) * 0.5 * outward.norm();
+            let area = OWN_SHARE * 0.5 * outward.norm();
             let side =
                 side.filter(|s| matches!(s.sheet, Sheet::Front | Sheet::Sunk | Sheet::Turned) || below.is_none());
             let side = side.map(|s| Candidate::new(part, s, (place, stencil), area));

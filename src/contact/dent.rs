@@ -1,19 +1,23 @@
 //! The dent that the mesh is too coarse to show.
 //!
-//! Under a point load an elastic half-space gives way by `1/r`, times [`half_space`]; a mesh shows the part of it that lies
-//! farther away than its elements are wide. The rest is put in series with each contact point, as a compliance that all
-//! points of a tool share.
+//! Under a point load an elastic half-space gives way by `1/r`, times [`Material::half_space`]; a mesh shows the part of it
+//! that its nodes can. What that is follows from what the nodes that carry the points give way ([`Body::compliance_between`]);
+//! the rest is put in series with the contact points, as a compliance that all points of a tool share.
+//!
+//! [`Body::compliance_between`]: crate::model::Body::compliance_between
 
-use super::candidate::Candidate;
+use super::candidate::{Candidate, Sheet};
 use super::detection::{Touchable, points_of_a_part};
 use super::shape::Posed;
+use super::tool::MOST_POINTS;
 use crate::math::{Real, Vec3};
-use crate::model::constraint::PointMemory;
-use crate::model::{Material, Row, skin};
+use crate::model::constraint::{MOST_ROW_NODES, PointMemory};
+use crate::model::{Row, skin};
 
 /// What a candidate's force does to the surface below the mesh's size.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Load {
+    /// At rest [m].
     place: Vec3,
     normal: Vec3,
     /// The nodes that carry it, ...
@@ -41,53 +45,38 @@ impl Load {
         let stencil = candidate.stencil();
         let nearest = stencil.iter().max_by(|a, b| a.1.total_cmp(&b.1)).map_or(stencil[0].0, |(v, _)| *v);
         let material = on.body.material_at(nearest);
-        let half_space = half_space(material);
         let (row, fade) = skin::row(on.mesh, stencil);
-        // A load is felt about as far as the elements that carry it are wide, and as much as their nodes give way: one on
-        // a node moves that alone, one between nodes has to move them all.
-        let width: Real = stencil.iter().map(|(v, w)| w * width(on, *v)).sum();
-        let alone = |&(slot, b): &(u32, Real)| b * b * on.body.node_compliance(on.mesh.node(slot));
-        let alone: Real = row.entries().iter().map(alone).sum();
-        let now = WIDE / width + (ALONE + ALONE_LAMBDA * material.lambda / material.mu) * alone / half_space;
         let known = candidate.known.map(|k| &memory[k as usize]);
-        // Where the resolution has changed, or a point beside this one is no longer kept, they are others all at once.
-        let follow = |before: Real, now: Real| before + followed * (now - before);
-        let shown = known.map_or(now, |m| follow(m.shown, now));
-        let taken = known.map_or(candidate.taken, |m| follow(m.taken, candidate.taken));
+        // A point beside this one that is no longer kept leaves it its area all at once.
+        let taken = known.map_or(candidate.taken, |m| m.taken + followed * (candidate.taken - m.taken));
         Self {
-            place: candidate.place,
+            place: stencil.iter().map(|(v, w)| on.body.surface().vertices[*v as usize] * *w).sum(),
             normal: candidate.normal,
             row,
             fade,
             taken,
             radius: ((candidate.area + taken) / std::f64::consts::PI).sqrt().max(LEAST_RADIUS),
-            shown,
-            half_space,
+            shown: 0.0,
+            half_space: material.half_space(),
             nu: material.poisson_ratio(),
             multiplier: known.map_or(0.0, |m| m.multiplier),
             disc: 0.0,
         }
     }
 
-    /// Under itself [m/N]: the mean over its disc.
-    pub(super) fn own(&self) -> Real {
+    /// Under itself [m/N]: the mean over its disc. Where the mesh shows more than that, something is left all the same.
+    fn own(&self) -> Real {
         let (s, c) = (self.radius, self.shown);
-        self.half_space * if s * c < CUT { 2.0 / s - c + 2.0 / 15.0 * s * c * c } else { BEYOND / (c * s * s) }
+        self.half_space * if s * c < CUT { DISC / s - c + 2.0 / 15.0 * s * c * c } else { BEYOND / (c * s * s) }
     }
 
-    /// Here, along this normal, because of `other` [m/N]. Discs that overlap count as side by side, or the matrix would not
-    /// be positive definite.
-    pub(super) fn from(&self, other: &Load) -> Real {
-        let c = 0.5 * (self.shown + other.shown);
-        let squared = (self.place - other.place).norm_squared();
-        // Most pairs are farther apart than that.
-        if squared * c * c >= CUT * CUT {
-            return 0.0;
-        }
-        let apart = squared.sqrt().max(LEAST_APART * (self.radius + other.radius));
-        let shown = (1.0 / apart - c + 0.2 * c * c * apart).max(0.0);
+    /// Here, along this normal, because of `other` [m/N], when the mesh shows `shown` of it [m/N]. Discs that overlap count
+    /// as side by side, or the matrix would not be positive definite.
+    fn from(&self, other: &Load, shown: Real) -> Real {
+        let apart = (self.place - other.place).norm().max(LEAST_APART * (self.radius + other.radius));
         // Between two materials it is neither's.
-        0.5 * (self.half_space + other.half_space) * shown * self.normal.dot(&other.normal).max(0.0)
+        let half_space = 0.5 * (self.half_space + other.half_space);
+        (half_space / apart - shown) * self.normal.dot(&other.normal).max(0.0)
     }
 
     /// What is left of it beyond [`MOST_DENT`] [m/N]: none at all would leave nothing to divide by where a point hangs on
@@ -97,40 +86,176 @@ impl Load {
     }
 }
 
-/// `(1−ν²)/(πE)` [m²/N]: an elastic half-space gives way by this much per newton and per distance from the load.
-fn half_space(material: &Material) -> Real {
-    let nu = material.poisson_ratio();
-    (1.0 - nu * nu) / (std::f64::consts::PI * material.youngs_modulus())
+/// Dents of the points of one tool, as far as the mesh does not show them. Reused from tick to tick.
+#[derive(Debug)]
+pub(super) struct Dents {
+    /// Nodes that carry the points, ascending.
+    wanted: Vec<u32>,
+    /// Node in each place; [`NOBODY`] in free ones.
+    nodes: Vec<u32>,
+    /// Place of each node (n_nodes); [`NOWHERE`] for most.
+    place_of: Vec<u8>,
+    /// Compliance between the nodes of two places [m/N]. It is the body's at rest, and so kept from tick to tick.
+    between: Vec<Real>,
+    /// Of each point's row the nodes' places and weights.
+    carriers: Vec<Vec<(u8, Real)>>,
+    /// What each node gives way to a newton on one point [m/N].
+    given: Vec<Real>,
+    /// What the mesh shows at one point of the dent of another, then what it does not [m/N].
+    points: Vec<[Real; MOST_POINTS]>,
 }
 
-/// How far a load on display vertex `v` is felt [m]. Each vertex hangs on a level of its own; after a change of resolution that
-/// fades over, too.
-fn width(on: &Touchable, v: u32) -> Real {
-    let attachment = on.mesh.attachment(v);
-    on.body.element_width(attachment.element) * (1.0 + on.mesh.fade[v as usize][3] / attachment.spacing)
+/// Most nodes that carry the points of a tool and count for their dents.
+const MOST_CARRIERS: usize = 192;
+const NOBODY: u32 = u32::MAX;
+const NOWHERE: u8 = u8::MAX;
+
+impl Dents {
+    /// For a body of `nodes`.
+    pub(super) fn new(nodes: usize) -> Self {
+        Self {
+            wanted: Vec::with_capacity(MOST_POINTS * MOST_ROW_NODES),
+            nodes: vec![NOBODY; MOST_CARRIERS],
+            place_of: vec![NOWHERE; nodes],
+            between: vec![0.0; MOST_CARRIERS * MOST_CARRIERS],
+            carriers: (0..MOST_POINTS).map(|_| Vec::with_capacity(MOST_ROW_NODES)).collect(),
+            given: vec![0.0; MOST_CARRIERS],
+            points: vec![[0.0; MOST_POINTS]; MOST_POINTS],
+        }
+    }
+
+    /// Fills in what the mesh shows of the dents of `loads`, which belong to `candidates`.
+    pub(super) fn show(
+        &mut self,
+        on: &Touchable,
+        candidates: &[Candidate],
+        memory: &[PointMemory],
+        followed: Real,
+        loads: &mut [Load],
+    ) {
+        self.find_carriers(on, loads);
+        for i in 0..loads.len() {
+            self.given.fill(0.0);
+            for &(l, b) in &self.carriers[i] {
+                let to_l = &self.between[usize::from(l) * MOST_CARRIERS..][..MOST_CARRIERS];
+                self.given.iter_mut().zip(to_l).for_each(|(given, c)| *given += b * c);
+            }
+            for j in 0..=i {
+                self.points[i][j] = self.carriers[j].iter().map(|(k, b)| b * self.given[usize::from(*k)]).sum();
+            }
+        }
+        let mut part = [0.0; MOST_POINTS];
+        for (i, (load, candidate)) in loads.iter_mut().zip(candidates).enumerate() {
+            let wider: Real = candidate.stencil().iter().map(|(v, w)| w * wider(on, *v)).sum();
+            let now = (self.points[i][i] / (load.half_space * wider)).max(LEAST_SHOWN / load.radius);
+            // Where the resolution has changed it is another all at once.
+            let known = candidate.known.map(|k| memory[k as usize].shown);
+            load.shown = known.map_or(now, |before| before + followed * (now - before));
+            part[i] = (load.shown / (now * wider)).sqrt();
+            (0..=i).for_each(|j| self.points[i][j] *= part[i] * part[j]);
+        }
+    }
+
+    /// Leaves what the mesh does not show of the dents of `loads`.
+    pub(super) fn take_off_what_is_shown(&mut self, loads: &[Load]) {
+        let (mut root, mut too_much) = ([0.0; MOST_POINTS], [0.0; MOST_POINTS]);
+        for (i, load) in loads.iter().enumerate() {
+            let own = load.own();
+            root[i] = own.sqrt();
+            for (j, other) in loads[..i].iter().enumerate() {
+                let most = root[i] * root[j];
+                let rest = load.from(other, self.points[i][j]).clamp(-MOST_RAISED * most, MOST_SHARED * most);
+                self.points[i][j] = rest;
+                let raised = (-rest).max(0.0);
+                (too_much[i], too_much[j]) = (too_much[i] + raised, too_much[j] + raised);
+            }
+            self.points[i][i] = own;
+        }
+        let part: [Real; MOST_POINTS] = std::array::from_fn(|i| MOST_RAISED_IN_ALL * root[i] * root[i] / too_much[i]);
+        for i in 0..loads.len() {
+            for j in 0..i {
+                let rest = self.points[i][j];
+                let kept = if rest < 0.0 { rest * part[i].min(part[j]).min(1.0) } else { rest };
+                (self.points[i][j], self.points[j][i]) = (kept, kept);
+            }
+        }
+    }
+
+    /// Compliances of point `i` to those of all `n` [m/N].
+    pub(super) fn of_point(&self, i: usize, n: usize) -> &[Real] {
+        &self.points[i][..n]
+    }
+
+    /// Finds a place for each node that carries one of `loads`. Should there be more nodes than places, the last ones count
+    /// as not giving way.
+    fn find_carriers(&mut self, on: &Touchable, loads: &[Load]) {
+        let rows = || loads.iter().map(|load| load.row.entries().iter().map(|(slot, b)| (on.mesh.node(*slot), *b)));
+        self.wanted.clear();
+        self.wanted.extend(rows().flatten().filter(|(_, b)| b.abs() > LEAST_CARRIED).map(|(node, _)| node));
+        self.wanted.sort_unstable();
+        self.wanted.dedup();
+        self.wanted.truncate(MOST_CARRIERS);
+        let is_free = |node: u32, wanted: &[u32]| node == NOBODY || wanted.binary_search(&node).is_err();
+        let mut place = 0;
+        for w in 0..self.wanted.len() {
+            let node = self.wanted[w];
+            if self.place_of[node as usize] != NOWHERE {
+                continue;
+            }
+            while place < MOST_CARRIERS && !is_free(self.nodes[place], &self.wanted) {
+                place += 1;
+            }
+            let Some(before) = self.nodes.get_mut(place) else { break };
+            if let Some(old) = self.place_of.get_mut(std::mem::replace(before, node) as usize) {
+                *old = NOWHERE;
+            }
+            self.place_of[node as usize] = place as u8;
+            for (other, of) in self.nodes.iter().enumerate().filter(|(_, of)| **of != NOBODY) {
+                let c = on.body.compliance_between(node, *of);
+                self.between[place * MOST_CARRIERS + other] = c;
+                self.between[other * MOST_CARRIERS + place] = c;
+            }
+        }
+        for (row, carriers) in rows().zip(&mut self.carriers) {
+            carriers.clear();
+            let placed = row.map(|(node, b)| (node, self.place_of[node as usize], b));
+            let wanted = |node: u32| self.wanted.binary_search(&node).is_ok();
+            carriers
+                .extend(placed.filter(|(node, place, _)| *place != NOWHERE && wanted(*node)).map(|(_, p, b)| (p, b)));
+        }
+    }
 }
 
-/// A triangle's point that comes near one of its corners hands its area on to all three, little by little: on the corner it
-/// is no more, and nothing is to be felt of that.
-pub(super) fn give_on(on: &Touchable, parts: &[Posed], candidates: &mut [Candidate]) {
+/// How much farther a load on display vertex `v` is felt than the level shows that it hangs on now: each vertex hangs on a level
+/// of its own, and a change of it fades over.
+fn wider(on: &Touchable, v: u32) -> Real {
+    1.0 + on.mesh.fade[v as usize][3] / on.mesh.attachment(v).spacing
+}
+
+/// Vertices have all the area when `candidates` come, ascending by point; a triangle's point takes its own from the corners,
+/// the less the nearer it is to one of them: on a corner it is none, and nothing is to be felt of how it gets there. What
+/// has next to none left is no candidate, unless it tells that something has sunk below it.
+pub(super) fn share_areas(on: &Touchable, parts: &[Posed], candidates: &mut Vec<Candidate>) {
     let (vertices, per_part) = (on.vertices.len() as u32, points_of_a_part(on.body));
+    let is_vertex = |c: &Candidate| c.point % per_part < vertices;
     for i in 0..candidates.len() {
         let c = candidates[i];
-        if c.point % per_part < vertices {
+        if is_vertex(&c) {
             continue;
         }
         let near = GIVEN_ON * parts[c.part as usize].part.half_thickness();
         let nearest = c.stencil.iter().map(|(v, _)| (on.vertices[*v as usize] - c.place).norm()).fold(near, Real::min);
         let x = nearest / near;
-        let kept = x * x * (3.0 - 2.0 * x);
-        candidates[i].area *= kept;
+        candidates[i].share = x * x * (3.0 - 2.0 * x);
+        candidates[i].area = candidates[i].share * c.area;
         for (v, _) in c.stencil {
             let corner = v + c.part * per_part;
             if let Ok(k) = candidates.binary_search_by_key(&corner, |c| c.point) {
-                candidates[k].area += (1.0 - kept) * c.area / 3.0;
+                candidates[k].area = (candidates[k].area - candidates[i].area / 3.0).max(0.0);
             }
         }
     }
+    candidates.retain(|c| c.share > LEAST_SHARE || c.sheet != Sheet::Front);
 }
 
 /// The points of a ball together have no more area than the disc that it touches, of radius `a³ = 3FR/(4E*)` [Hertz 1881],
@@ -157,7 +282,7 @@ pub(super) fn share_discs(parts: &[Posed], candidates: &[Candidate], loads: &mut
                 load.radius *= (most * squares).sqrt() / force;
                 // The disc grows with the cube root of the force.
                 let (s, c) = (load.radius, load.shown);
-                let grows = (2.0 / s - 2.0 / 15.0 * s * c * c).max(0.0) / 3.0;
+                let grows = (DISC / s - 2.0 / 15.0 * s * c * c).max(0.0) / 3.0;
                 load.disc = load.half_space * grows * load.multiplier / force;
             }
         }
@@ -180,17 +305,23 @@ fn cube_root(x: Real) -> Real {
     factor * root
 }
 
-/// What a mesh shows of a point load's dent, measured at random places of covers of blocks: this over the width of the
-/// elements that carry it, ...
-const WIDE: Real = 0.97;
-/// ... and this much of what its nodes give way alone, ...
-const ALONE: Real = 1.2;
-/// ... more by this for each λ/μ.
-const ALONE_LAMBDA: Real = 0.05;
-/// The mesh shows all of a dent from this far on, times what it shows of it at its middle: where `1/x − 1 + x/5` is 0.
+/// Weight from which on a node counts among those that carry a point.
+const LEAST_CARRIED: Real = 0.02;
+/// What the mesh shows at least, over the radius of the point's disc.
+const LEAST_SHOWN: Real = 0.01;
+/// Most that two points share of their own dents: all of it would be no dent of their own.
+const MOST_SHARED: Real = 0.9;
+/// Where a mesh shows more than there is, a point raises another; most of their own dents that it does so by, ...
+const MOST_RAISED: Real = 0.1;
+/// ... and that all others together do, or the matrix would not be positive definite on a body that is crumpled.
+const MOST_RAISED_IN_ALL: Real = 0.9;
+/// What a disc gives way on the average over a constant pressure, over its radius, would be 2; with this the forces of balls
+/// on some ten discs are Hertz's.
+const DISC: Real = 2.14;
+/// Radius of a disc times what the mesh shows, from which on a disc gives way less than the mesh shows, or little more: ...
 const CUT: Real = 1.382;
-/// What continues a disc's own dent beyond that.
-const BEYOND: Real = 1.206;
+/// ... what it gives way then goes on without a step.
+const BEYOND: Real = 1.4;
 /// Least distance between two loads over the sum of their radii.
 const LEAST_APART: Real = 0.85;
 /// Part of half of a part's thickness that the dent below the mesh's size may take: beyond it the displayed surface would swallow
@@ -198,8 +329,10 @@ const LEAST_APART: Real = 0.85;
 pub(super) const MOST_DENT: Real = 0.3;
 /// Part of what the mesh shows that is left of the compliance beyond that.
 const FIRMER: Real = 0.025;
-/// Part of half of a part's thickness within which a triangle's point hands its area on to a corner.
+/// Part of half of a part's thickness within which a triangle's point leaves its area to the corners.
 const GIVEN_ON: Real = 0.3;
+/// Of a triangle's own area that its point is a candidate for.
+const LEAST_SHARE: Real = 1e-3;
 /// A ball that does not push yet has the disc of this depth [m].
 const LEAST_DEPTH: Real = 20e-6;
 /// Of a disc [m]: what has no area would give way without bound.

@@ -5,7 +5,7 @@
 //! place in the middle of the tick.
 
 use super::candidate::{Candidate, Sheet, Touch, follow_sunk, is_in, near_triangles, near_vertices, sunk_depth};
-use super::dent::{Load, MOST_DENT, give_on, share_discs};
+use super::dent::{Dents, Load, MOST_DENT, share_areas, share_discs};
 use super::shape::posed;
 use super::tool::{MOST_POINTS, Tool, ToolState};
 use super::wrench::middle_pose;
@@ -28,6 +28,8 @@ const SLACK_KEPT: Real = 0.85;
 pub struct Workspace {
     candidates: Vec<Candidate>,
     loads: Vec<Load>,
+    /// Of each tool.
+    dents: Vec<Dents>,
     memory: Vec<PointMemory>,
     /// Display vertices around the tool.
     near: Vec<u32>,
@@ -35,7 +37,7 @@ pub struct Workspace {
     seen: Vec<u32>,
     turn: u32,
     /// Whether dents below the mesh's size are restored.
-    dents: bool,
+    restores: bool,
     /// Part of the way to what the mesh shows now that a point's compliance goes in a tick.
     followed: Real,
     /// No display edge is longer [m], unless it is stretched beyond [`MOST_STRETCH`].
@@ -46,8 +48,8 @@ pub struct Workspace {
 const MOST_STRETCH: Real = 2.0;
 
 impl Workspace {
-    /// For surfaces of `body`: all of it may come near a tool at once.
-    pub fn new(body: &Body) -> Self {
+    /// For surfaces of `body`, all of which may come near one of `tools` tools at once.
+    pub fn new(body: &Body, tools: usize) -> Self {
         // Some triangles have a point for each of several parts.
         let most = body.surface().vertices.len() + 2 * body.surface().triangles.len();
         let surface = body.surface();
@@ -58,11 +60,12 @@ impl Workspace {
         Self {
             candidates: Vec::with_capacity(most),
             loads: Vec::with_capacity(MOST_POINTS),
+            dents: (0..tools).map(|_| Dents::new(body.node_count())).collect(),
             memory: Vec::with_capacity(MOST_POINTS),
             near: Vec::with_capacity(surface.vertices.len()),
             seen: vec![0; surface.triangles.len()],
             turn: 0,
-            dents: true,
+            restores: true,
             followed: SHOWN_FOLLOWED,
             longest_edge: MOST_STRETCH * longest,
         }
@@ -72,7 +75,7 @@ impl Workspace {
 impl Workspace {
     /// For comparison: points without compliance.
     pub(crate) fn restore_no_dents(&mut self) {
-        self.dents = false;
+        self.restores = false;
     }
 
     /// For questions about a copy: compliances as they will be once the tool rests.
@@ -132,14 +135,18 @@ pub fn detect(
     near_triangles(on, &touch, &work.near, (&mut work.seen, work.turn), candidates);
 
     follow_sunk(on, &all[..parts], margin, candidates);
+    candidates.sort_unstable_by_key(|c| c.point);
+    share_areas(on, &all[..parts], candidates);
     thin_out(candidates, memory, on.vertices.len() as u32, per_part);
     recall(on, candidates, memory, per_part, parts as u32);
 
-    give_on(on, &all[..parts], candidates);
     work.memory.clear();
     work.loads.clear();
     work.loads.extend(candidates.iter().map(|c| Load::new(on, c, memory, work.followed)));
+    let dents = &mut work.dents[index as usize];
+    dents.show(on, candidates, memory, work.followed, &mut work.loads);
     share_discs(&all[..parts], candidates, &mut work.loads);
+    dents.take_off_what_is_shown(&work.loads);
     let first = constraints.len() as u32;
     // The pose is where the coupling's springs are as long as the last force and torque made them.
     let allowed_for = Pushed { force: -tool.physical_force, torque: -tool.physical_torque };
@@ -151,21 +158,20 @@ pub fn detect(
         let known = candidate.known.map(|k| &memory[k as usize]);
         let load = work.loads[i];
         let mut compliance = [0.0; MOST_POINTS];
-        if work.dents {
-            for (j, (g, other)) in compliance.iter_mut().zip(&work.loads).enumerate() {
-                *g = if i == j { load.own() } else { load.from(other) };
-            }
+        if work.restores {
+            let n = work.loads.len();
+            compliance[..n].copy_from_slice(dents.of_point(i, n));
         }
         let moved = n.dot(&(end - start));
         // Overlap at the start of the tick that neither the last multiplier nor the last slack explains: a tool that
         // came too fast, a body that stood still meanwhile, a point just found. It is closed gradually.
         let soft: Real = compliance.iter().zip(&work.loads).map(|(g, other)| g * other.multiplier).sum();
-        let firm = if work.dents { load.firm() } else { 0.0 };
+        let firm = if work.restores { load.firm() } else { 0.0 };
         let shown = soft.min(most_dent + firm * load.multiplier);
         let overlap = n.dot(&start) + radius - n.dot(&candidate.place) - shown;
         let slack = match known {
-            Some(m) if overlap <= m.slack + UNNOTICED + 0.5 * moved.abs() => m.slack.min(overlap.max(0.0)),
-            _ => overlap.max(0.0),
+            Some(m) => m.slack.min(overlap.max(0.0)).max(overlap - UNNOTICED - 0.5 * moved.abs()),
+            None => overlap.max(0.0),
         };
         let same = |m: &&PointMemory| m.point % per_part == candidate.point % per_part;
         let (anchor, tangential) = match known.filter(|_| of.friction > 0.0).filter(same) {
@@ -242,7 +248,7 @@ fn thin_out(candidates: &mut Vec<Candidate>, memory: &[PointMemory], vertices: u
         let touched: Real = candidates.iter().filter(|c| c.gap < 0.0).map(|c| c.area).sum();
         let spread = SPREAD * touched / MOST_POINTS as Real;
         let mut kept = 0;
-        for i in 0..candidates.len() {
+        for i in 0..candidates.partition_point(|c| !apart(c)) {
             let place = candidates[i].place;
             let crowded = |c: &Candidate| (c.place - place).norm_squared() < spread;
             if kept < MOST_POINTS && !candidates[..kept].iter().any(crowded) {
@@ -258,8 +264,8 @@ fn thin_out(candidates: &mut Vec<Candidate>, memory: &[PointMemory], vertices: u
             kept[nearest.unwrap_or(0)].taken += other.area;
         }
         candidates.truncate(MOST_POINTS);
+        candidates.sort_unstable_by_key(|c| c.point);
     }
-    candidates.sort_unstable_by_key(|c| c.point);
 }
 
 /// Squared distance of points that are kept over the area that each has to stand for: as many as there may be find room.

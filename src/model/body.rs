@@ -4,7 +4,7 @@
 
 use super::csr::Csr;
 use super::material::Material;
-use super::node_compliance::{element_width, node_compliance};
+use super::node_compliance::NodeCompliance;
 use super::organ::{self, Organ, OrganLevel, OrganParts};
 use crate::geometry::locate::Host;
 use crate::geometry::{Moments, Surface};
@@ -120,7 +120,7 @@ pub struct Body {
     fixed: Vec<bool>,
     rim: Vec<bool>,
     uneven: Vec<bool>,
-    compliance: Vec<Real>,
+    compliance: NodeCompliance,
     mass: Real,
     centre: Vec3,
     vertex_area: Vec<Real>,
@@ -222,7 +222,7 @@ impl Body {
             fixed,
             rim,
             uneven,
-            compliance: Vec::new(),
+            compliance: NodeCompliance::default(),
             mass: parts.levels[finest].node_mass.iter().sum(),
             centre: parts.levels[finest].centre_of_mass(),
             vertex_area: parts.surface.vertex_areas(),
@@ -240,7 +240,7 @@ impl Body {
             checksum,
             parts,
         };
-        body.compliance = node_compliance(&body);
+        body.compliance = NodeCompliance::new(&body);
         body
     }
 
@@ -452,14 +452,9 @@ impl Body {
         self.parts.mass_moments()
     }
 
-    /// How far node `n` gives way along the surface's normal for a newton along it, while all others are held [m/N].
-    pub fn node_compliance(&self, n: u32) -> Real {
-        self.compliance[n as usize]
-    }
-
-    /// `V Σ|g|²` of element `e`, times its factor on the stiffness [m]: a point load on it is felt about as far.
-    pub fn element_width(&self, e: u32) -> Real {
-        self.stiffness_factor(e) * element_width(self.corners(e))
+    /// How far node `k` gives way along the surface's normal for a newton on node `l` along it, about [m/N].
+    pub fn compliance_between(&self, k: u32, l: u32) -> Real {
+        self.compliance.between(k, l, (self.rest(k) - self.rest(l)).norm())
     }
 
     /// True for nodes that are never active, on the rim of a level that covers only a region.

@@ -28,6 +28,11 @@ impl Csr {
 
     /// The items of `key`.
     pub fn of(&self, key: u32) -> &[u32] {
-        &self.items[self.start[key as usize] as usize..self.start[key as usize + 1] as usize]
+        &self.items[self.start_of(key)..self.start[key as usize + 1] as usize]
+    }
+
+    /// Number of the first item of `key` among all.
+    pub fn start_of(&self, key: u32) -> usize {
+        self.start[key as usize] as usize
     }
 }

@@ -54,6 +54,12 @@ impl Material {
         self.lambda / (2.0 * (self.lambda + self.mu))
     }
 
+    /// `(1−ν²)/(πE)` [m²/N]: under a point load an elastic half-space gives way by this much per newton and per distance.
+    pub fn half_space(&self) -> Real {
+        let nu = self.poisson_ratio();
+        (1.0 - nu * nu) / (std::f64::consts::PI * self.youngs_modulus())
+    }
+
     /// `λ + 2μ` [Pa], the modulus of pressure waves.
     pub fn pressure_modulus(&self) -> Real {
         self.lambda + 2.0 * self.mu
