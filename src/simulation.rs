@@ -6,7 +6,7 @@
 //! [`Snapshot`] is all that it carries over: restored, the same inputs give the same bits.
 
 use crate::adaptation::{self, Adaptivity, Focus, Means};
-use crate::contact::detection::{self, Touchable};
+use crate::contact::detection;
 use crate::contact::friction;
 use crate::contact::outside::is_outside;
 use crate::contact::safety::{self, ForceLimits, Limited};
@@ -233,7 +233,7 @@ impl Simulation {
             focus: Vec::with_capacity(MOST_TOOLS * MOST_PARTS * LOOKS_AHEAD),
             adaptation: adaptation::Workspace::new(&body, &settings.adaptivity.clone().unwrap_or_default()),
             stepping: step::Workspace::new(&mesh, MOST_POINTS * tools),
-            detection: detection::Workspace::new(&body, tools),
+            detection: detection::Workspace::new(&body, &mesh, tools),
             outputs: Outputs {
                 tick: start.tick,
                 tools: vec![ToolOutput::default(); tools],
@@ -344,6 +344,7 @@ impl Simulation {
 
     /// Changes the body between ticks: for tests, studies and for settling a body before it is served.
     pub fn mesh_mut(&mut self) -> &mut ActiveMesh {
+        self.detection.forget();
         &mut self.mesh
     }
 
@@ -351,6 +352,7 @@ impl Simulation {
     pub fn load(&mut self, snapshot: &Snapshot) {
         (self.tick, self.credit, self.knotted) = (snapshot.tick, snapshot.credit, snapshot.knotted);
         self.mesh.restore(&self.body, &snapshot.body);
+        self.detection.forget();
         self.tools.copy_from_slice(&snapshot.tools);
         for (to, from) in self.points.iter_mut().zip(&snapshot.points) {
             to.clear();
@@ -368,6 +370,7 @@ impl Simulation {
         self.tools.iter_mut().for_each(|tool| tool.previous = tool.pose);
         self.detection.settle();
         self.find_contacts();
+        self.mesh.skin(&mut self.vertices);
         (&mut self.mesh, &self.constraints, &self.vertices)
     }
 
@@ -395,6 +398,7 @@ impl Simulation {
 
     fn back_to_start(&mut self) {
         self.mesh.restore(&self.body, &self.start);
+        self.detection.forget();
         self.knotted = 0;
         self.points.iter_mut().for_each(Vec::clear);
         self.constraints.clear();
@@ -440,7 +444,9 @@ impl Simulation {
             let loads = Loads { points: &self.points, gravity: self.settings.gravity };
             self.outputs.adapted =
                 adaptation::adapt(body, mesh, adaptivity, &self.focus, (&means, &loads), ticks, &mut self.adaptation);
-            if self.outputs.adapted.work > 0 {
+            let changed = self.outputs.adapted.work > 0;
+            self.detection.change_resolution(changed);
+            if changed {
                 self.settle_tools();
             }
         }
@@ -473,11 +479,9 @@ impl Simulation {
             self.points.iter_mut().for_each(Vec::clear);
             return;
         }
-        self.mesh.skin(&mut self.vertices);
-        let on = Touchable { body: &self.body, mesh: &self.mesh, vertices: &self.vertices, tick: TICK };
         for (i, (tool, points)) in self.tools.iter_mut().zip(&mut self.points).enumerate() {
             let of = &self.settings.tools[i];
-            if tool.phase == Phase::Waiting && is_outside(&on, &of.shape, &tool.pose) {
+            if tool.phase == Phase::Waiting && is_outside(&self.body, &self.mesh, &of.shape, &tool.pose) {
                 tool.phase = Phase::Engaged;
                 tool.previous = tool.pose;
                 // It may have touched elsewhere a tick ago, before its client let go of it and took it up again.
@@ -488,7 +492,7 @@ impl Simulation {
                 continue;
             }
             let out = (&mut self.constraints, &mut self.points_of_action);
-            detection::detect(&on, i as u32, of, tool, points, out, &mut self.detection);
+            detection::detect((&self.body, &self.mesh), i as u32, of, tool, points, out, &mut self.detection);
         }
     }
 

@@ -4,11 +4,12 @@
 //! as before: what is remembered of each point tells the two apart, and where a thin tip slides on below the next
 //! triangle, it is followed.
 
-use super::detection::Touchable;
+use super::detection::{Touchable, points_of_a_part};
 use super::outside::is_inside;
 use super::shape::{MOST_PARTS, Posed};
 use crate::math::{Real, Vec3};
 use crate::model::constraint::PointMemory;
+use crate::model::{ActiveMesh, Body};
 
 /// A constraint in the making.
 #[derive(Clone, Copy, Debug)]
@@ -110,14 +111,14 @@ pub(super) struct Touch<'a> {
 }
 
 /// How deep any core is behind any of the points that it touched at the last tick [m].
-pub(super) fn sunk_depth(on: &Touchable, parts: &[Posed], per_part: u32, memory: &[PointMemory]) -> Real {
-    let vertices = on.vertices.len() as u32;
+pub(super) fn sunk_depth(body: &Body, mesh: &ActiveMesh, parts: &[Posed], memory: &[PointMemory]) -> Real {
+    let (vertices, per_part) = (body.surface().vertices.len() as u32, points_of_a_part(body));
     let depth = |m: &PointMemory| {
         let (part, point) = ((m.point / per_part) as usize, m.point % per_part);
         let place = match point.checked_sub(vertices) {
-            None => on.vertices[point as usize],
+            None => mesh.vertex(point),
             Some(t) => {
-                let corners = on.body.surface().triangles[t as usize].map(|v| on.vertices[v as usize]);
+                let corners = body.surface().triangles[t as usize].map(|v| mesh.vertex(v));
                 corners[0] * m.weights[0] + corners[1] * m.weights[1] + corners[2] * m.weights[2]
             }
         };
@@ -234,7 +235,7 @@ pub(super) fn follow_sunk(on: &Touchable, parts: &[Posed], margin: Real, candida
         }
         let (away, Some(c)) = nearest else { continue };
         let from = at.frame.at(c.core);
-        if away > 1e-9 && faces_away(on, c, from) && is_inside(on, from) {
+        if away > 1e-9 && faces_away(on, c, from) && is_inside(on.body, on.mesh, from) {
             if matches!(c.sheet, Sheet::Front | Sheet::Turned) {
                 (c.normal, c.gap) = (-c.normal, -away - at.part.radius());
             }

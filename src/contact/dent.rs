@@ -22,6 +22,8 @@ pub(super) struct Load {
     normal: Vec3,
     /// The nodes that carry it, ...
     pub(super) row: Row,
+    /// ... their level, should it be the same, ...
+    level: Option<usize>,
     /// ... and the fade of the place [m].
     pub(super) fade: Vec3,
     /// As [`Candidate::taken`], followed [m²].
@@ -46,6 +48,8 @@ impl Load {
         let nearest = stencil.iter().max_by(|a, b| a.1.total_cmp(&b.1)).map_or(stencil[0].0, |(v, _)| *v);
         let material = on.body.material_at(nearest);
         let (row, fade) = skin::row(on.mesh, stencil);
+        let mut levels = row.entries().iter().map(|(slot, _)| on.body.level_of(on.mesh.node(*slot)));
+        let level = levels.next().filter(|level| levels.all(|other| other == *level));
         let known = candidate.known.map(|k| &memory[k as usize]);
         // A point beside this one that is no longer kept leaves it its area all at once.
         let taken = known.map_or(candidate.taken, |m| m.taken + followed * (candidate.taken - m.taken));
@@ -53,6 +57,7 @@ impl Load {
             place: stencil.iter().map(|(v, w)| on.body.surface().vertices[*v as usize] * *w).sum(),
             normal: candidate.normal,
             row,
+            level,
             fade,
             taken,
             radius: ((candidate.area + taken) / std::f64::consts::PI).sqrt().max(LEAST_RADIUS),
@@ -164,7 +169,8 @@ impl Dents {
             root[i] = own.sqrt();
             for (j, other) in loads[..i].iter().enumerate() {
                 let most = root[i] * root[j];
-                let rest = load.from(other, self.points[i][j]).clamp(-MOST_RAISED * most, MOST_SHARED * most);
+                let raised = if load.level.is_some() && load.level == other.level { MOST_RAISED * most } else { 0.0 };
+                let rest = load.from(other, self.points[i][j]).clamp(-raised, MOST_SHARED * most);
                 self.points[i][j] = rest;
                 let raised = (-rest).max(0.0);
                 (too_much[i], too_much[j]) = (too_much[i] + raised, too_much[j] + raised);
@@ -311,8 +317,9 @@ const LEAST_CARRIED: Real = 0.02;
 const LEAST_SHOWN: Real = 0.01;
 /// Most that two points share of their own dents: all of it would be no dent of their own.
 const MOST_SHARED: Real = 0.9;
-/// Where a mesh shows more than there is, a point raises another; most of their own dents that it does so by, ...
-const MOST_RAISED: Real = 0.1;
+/// Where a mesh shows more than there is, a point raises another, unless levels meet, of which too little is known; most of
+/// their own dents that it does so by, ...
+const MOST_RAISED: Real = 0.05;
 /// ... and that all others together do, or the matrix would not be positive definite on a body that is crumpled.
 const MOST_RAISED_IN_ALL: Real = 0.9;
 /// What a disc gives way on the average over a constant pressure, over its radius, would be 2; with this the forces of balls

@@ -6,11 +6,13 @@
 
 use super::candidate::{Candidate, Sheet, Touch, follow_sunk, is_in, near_triangles, near_vertices, sunk_depth};
 use super::dent::{Dents, Load, MOST_DENT, share_areas, share_discs};
+use super::nearby::Nearby;
 use super::shape::posed;
 use super::tool::{MOST_POINTS, Tool, ToolState};
 use super::wrench::middle_pose;
 use crate::math::{Real, Vec3};
 use crate::model::constraint::{Constraint, PointMemory, Pushed};
+use crate::model::step_class::TICK;
 use crate::model::{ActiveMesh, Body, Friction};
 
 /// Points this far from the tool [m] become constraints, so that contact begins with an open gap, and no tool passes
@@ -30,6 +32,10 @@ pub struct Workspace {
     loads: Vec<Load>,
     /// Of each tool.
     dents: Vec<Dents>,
+    /// Around each tool.
+    nearby: Vec<Nearby>,
+    /// Display vertices [m], (n_vertices); those far from the tool at hand as of some earlier tick.
+    vertices: Vec<Vec3>,
     memory: Vec<PointMemory>,
     /// Display vertices around the tool.
     near: Vec<u32>,
@@ -42,14 +48,16 @@ pub struct Workspace {
     followed: Real,
     /// No display edge is longer [m], unless it is stretched beyond [`MOST_STRETCH`].
     longest_edge: Real,
+    /// Whether the resolution has changed since the last tick.
+    changed: bool,
 }
 
 /// Stretch of display edges up to which no triangle near a tool is missed.
 const MOST_STRETCH: Real = 2.0;
 
 impl Workspace {
-    /// For surfaces of `body`, all of which may come near one of `tools` tools at once.
-    pub fn new(body: &Body, tools: usize) -> Self {
+    /// For the surface of `body`, all of which may come near one of `tools` tools at once.
+    pub fn new(body: &Body, mesh: &ActiveMesh, tools: usize) -> Self {
         // Some triangles have a point for each of several parts.
         let most = body.surface().vertices.len() + 2 * body.surface().triangles.len();
         let surface = body.surface();
@@ -60,6 +68,8 @@ impl Workspace {
         Self {
             candidates: Vec::with_capacity(most),
             loads: Vec::with_capacity(MOST_POINTS),
+            nearby: (0..tools).map(|_| Nearby::new(body, mesh)).collect(),
+            vertices: surface.vertices.clone(),
             dents: (0..tools).map(|_| Dents::new(body.node_count())).collect(),
             memory: Vec::with_capacity(MOST_POINTS),
             near: Vec::with_capacity(surface.vertices.len()),
@@ -68,6 +78,7 @@ impl Workspace {
             restores: true,
             followed: SHOWN_FOLLOWED,
             longest_edge: MOST_STRETCH * longest,
+            changed: false,
         }
     }
 }
@@ -78,29 +89,38 @@ impl Workspace {
         self.restores = false;
     }
 
+    /// What is where may have changed at once.
+    pub(crate) fn forget(&mut self) {
+        self.nearby.iter_mut().for_each(Nearby::forget);
+    }
+
+    /// The resolution is another in this tick than in the last one, or is not.
+    pub(crate) fn change_resolution(&mut self, changed: bool) {
+        self.changed = changed;
+        if changed {
+            self.forget();
+        }
+    }
+
     /// For questions about a copy: compliances as they will be once the tool rests.
     pub(crate) fn settle(&mut self) {
         self.followed = 1.0;
     }
 }
 
-/// Inputs of detection that are the same for every tool.
+/// What a tool may touch.
 #[derive(Debug)]
-pub struct Touchable<'a> {
-    /// The body.
-    pub body: &'a Body,
-    /// The body as it moves.
-    pub mesh: &'a ActiveMesh,
-    /// Display vertices at the start of the tick [m], (n_vertices).
-    pub vertices: &'a [Vec3],
-    /// Length of the tick [s].
-    pub tick: Real,
+pub(super) struct Touchable<'a> {
+    pub(super) body: &'a Body,
+    pub(super) mesh: &'a ActiveMesh,
+    /// Display vertices at the start of the tick [m], (n_vertices), as far as they are near the tool.
+    pub(super) vertices: &'a [Vec3],
 }
 
-/// Appends the constraints of tool `index` to `constraints` and the surface point at which each one acts [m] to
+/// Appends the constraints of tool `index` on the body at the start of a tick to `constraints` and the surface point at which each one acts [m] to
 /// `points_of_action`; `memory` holds the tool's points of the last tick, ascending, and receives this tick's.
 pub fn detect(
-    on: &Touchable,
+    (body, mesh): (&Body, &ActiveMesh),
     index: u32,
     of: &Tool,
     tool: &ToolState,
@@ -110,22 +130,25 @@ pub fn detect(
 ) {
     let candidates = &mut work.candidates;
     candidates.clear();
-    let per_part = points_of_a_part(on.body);
+    let per_part = points_of_a_part(body);
     let middle = middle_pose(tool);
     let ((all, parts), (start, _), (end, _)) =
         (posed(&middle, &of.shape), posed(&tool.previous, &of.shape), posed(&tool.pose, &of.shape));
     let way = |i: usize| start[i].frame.farthest_move(&end[i].frame, all[i].part);
-    let margin = (0..parts).map(|i| way(i) + FASTEST_SURFACE * on.tick).fold(MARGIN, Real::max);
-    let deep = sunk_depth(on, &all[..parts], per_part, memory);
+    let margin = (0..parts).map(|i| way(i) + FASTEST_SURFACE * TICK).fold(MARGIN, Real::max);
+    let deep = sunk_depth(body, mesh, &all[..parts], memory);
     let touch = Touch { parts: &all[..parts], margin, deep, per_part, memory };
     // Whatever touches the tool has all its vertices within an edge's length of the box of one of its parts.
     work.near.clear();
     let windows = touch.windows(work.longest_edge);
-    for (v, p) in on.vertices.iter().enumerate() {
-        if windows[..parts].iter().any(|w| is_in(w, p)) {
-            work.near.push(v as u32);
+    let joined = |a: (Vec3, Vec3), b: &(Vec3, Vec3)| (a.0.inf(&b.0), a.1.sup(&b.1));
+    let window = windows[..parts].iter().fold(windows[0], joined);
+    for &v in work.nearby[index as usize].place(body, mesh, window, &mut work.vertices) {
+        if windows[..parts].iter().any(|w| is_in(w, &work.vertices[v as usize])) {
+            work.near.push(v);
         }
     }
+    let on = &Touchable { body, mesh, vertices: &work.vertices };
     near_vertices(on, &touch, &work.near, candidates);
     work.turn = work.turn.wrapping_add(1);
     if work.turn == 0 {
@@ -170,7 +193,12 @@ pub fn detect(
         let shown = soft.min(most_dent + firm * load.multiplier);
         let overlap = n.dot(&start) + radius - n.dot(&candidate.place) - shown;
         let slack = match known {
-            Some(m) => m.slack.min(overlap.max(0.0)).max(overlap - UNNOTICED - 0.5 * moved.abs()),
+            Some(m) => {
+                // Other nodes show other parts of the dents: nothing is to be felt of that at once, be it more or less.
+                let before = m.slack + if work.changed { m.dent - shown } else { 0.0 };
+                let smaller = before.min(overlap.max(before.min(0.0)));
+                smaller.max(overlap - UNNOTICED - 0.5 * moved.abs())
+            }
             None => overlap.max(0.0),
         };
         let same = |m: &&PointMemory| m.point % per_part == candidate.point % per_part;
@@ -184,13 +212,13 @@ pub fn detect(
             None => (tool.previous.to_own(candidate.place), Vec3::zeros()),
         };
         let anchored = (tool.previous.to_world(anchor), tool.pose.to_world(anchor));
-        let slack_end = if slack > 1e-7 { slack * SLACK_KEPT } else { 0.0 };
+        let slack_end = if slack.abs() > 1e-7 { slack * SLACK_KEPT } else { 0.0 };
         constraints.push(Constraint {
             row: load.row,
             normal: n,
             // What is displayed, and touched, is the row's point and its fade.
             offset: n.dot(&(start - load.fade)) + radius - slack,
-            rate: (moved + slack - slack_end) / on.tick,
+            rate: (moved + slack - slack_end) / TICK,
             first,
             compliance,
             disc: load.disc,
@@ -204,7 +232,7 @@ pub fn detect(
                 coefficient: of.friction,
                 compliance: (2.0 - load.nu) / (2.0 * (1.0 - load.nu)),
                 anchor: anchored.0 - load.fade,
-                rate: (anchored.1 - anchored.0) / on.tick,
+                rate: (anchored.1 - anchored.0) / TICK,
                 multiplier: tangential,
                 mean_multiplier: Vec3::zeros(),
             },
@@ -219,6 +247,7 @@ pub fn detect(
             // What the solve changes is written back after it.
             multiplier: 0.0,
             slack: slack_end,
+            dent: 0.0,
             shown: load.shown,
             taken: load.taken,
             normal: n,

@@ -25,6 +25,7 @@ pub fn remember(
     for (c, point) in constraints.iter().zip(points) {
         debug_assert_eq!(c.point, point.point);
         point.multiplier = c.multiplier;
+        point.dent = c.dent(constraints);
         if !moved {
             // The tool went on alone: closed within the next tick, that would be a blow.
             point.slack = (point.slack + c.rate * TICK).max(0.0);

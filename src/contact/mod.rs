@@ -6,6 +6,7 @@ mod candidate;
 mod dent;
 pub mod detection;
 pub mod friction;
+mod nearby;
 pub mod outside;
 pub mod safety;
 pub mod shape;

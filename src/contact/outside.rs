@@ -1,25 +1,26 @@
 //! Whether a tool is outside the body.
 
 use super::candidate::{is_apart, is_in, weights_in_triangle};
-use super::detection::Touchable;
 use super::shape::{Posed, Shape, posed};
 use crate::math::{Pose, Vec3};
+use crate::model::{ActiveMesh, Body};
 
-/// True when the tool neither touches nor lies inside the closed surface `vertices`: where it may engage.
-pub fn is_outside(on: &Touchable, shape: &Shape, pose: &Pose) -> bool {
+/// True when the tool neither touches nor lies inside the closed surface: where it may engage.
+pub fn is_outside(body: &Body, mesh: &ActiveMesh, shape: &Shape, pose: &Pose) -> bool {
     let (all, parts) = posed(pose, shape);
-    all[..parts].iter().all(|at| is_part_outside(on, at))
+    all[..parts].iter().all(|at| is_part_outside(body, mesh, at))
 }
 
-fn is_part_outside(on: &Touchable, at: &Posed) -> bool {
+fn is_part_outside(body: &Body, mesh: &ActiveMesh, at: &Posed) -> bool {
     let radius = at.part.radius();
     let window = at.window(radius);
     let near = |p: Vec3, core: Vec3| (p - at.frame.at(core)).norm_squared() < radius * radius;
-    if on.vertices.iter().any(|p| is_in(&window, p) && near(*p, at.nearest(*p))) {
+    let vertices = 0..body.surface().vertices.len() as u32;
+    if vertices.map(|v| mesh.vertex(v)).any(|p| is_in(&window, &p) && near(p, at.nearest(p))) {
         return false;
     }
-    let grazes = on.body.surface().triangles.iter().any(|triangle| {
-        let corners = triangle.map(|v| on.vertices[v as usize]);
+    let grazes = body.surface().triangles.iter().any(|triangle| {
+        let corners = triangle.map(|v| mesh.vertex(v));
         if is_apart(&corners, &window) {
             return false;
         }
@@ -29,15 +30,16 @@ fn is_part_outside(on: &Touchable, at: &Posed) -> bool {
             near(p, core.unwrap_or_else(|| at.nearest(p)))
         })
     });
-    !grazes && !is_inside(on, at.frame.at(Vec3::zeros()))
+    !grazes && !is_inside(body, mesh, at.frame.at(Vec3::zeros()))
 }
 
 /// True when `p` lies inside: three rays vote by the parity of their crossings, so that none decides alone.
-pub(super) fn is_inside(on: &Touchable, p: Vec3) -> bool {
+pub(super) fn is_inside(body: &Body, mesh: &ActiveMesh, p: Vec3) -> bool {
     let mut crossings = [0u32; 3];
-    for triangle in &on.body.surface().triangles {
+    for triangle in &body.surface().triangles {
+        let corners = triangle.map(|v| mesh.vertex(v));
         for (axis, count) in crossings.iter_mut().enumerate() {
-            *count += u32::from(crosses(on.vertices, triangle, p, axis));
+            *count += u32::from(crosses(triangle, &corners, p, axis));
         }
     }
     crossings.iter().filter(|c| *c % 2 == 1).count() >= 2
@@ -47,26 +49,26 @@ pub(super) fn is_inside(on: &Touchable, p: Vec3) -> bool {
 ///
 /// The ray leans a little, so that it does not run along the edges of boxes and other regular shapes. A ray through an
 /// edge meets exactly one of its two triangles: both ask on which side it passes with the edge's ends in the same order.
-fn crosses(vertices: &[Vec3], triangle: &[u32; 3], p: Vec3, axis: usize) -> bool {
+fn crosses(triangle: &[u32; 3], corners: &[Vec3; 3], p: Vec3, axis: usize) -> bool {
     let (i, j) = ((axis + 1) % 3, (axis + 2) % 3);
-    let flat = |v: u32| {
-        let d = vertices[v as usize] - p;
+    let flat = |k: usize| {
+        let d = corners[k] - p;
         (d[i] - 0.0173 * d[axis], d[j] - 0.0419 * d[axis])
     };
     // Twice the area of the ray's foot with the edge, and the side; positive counts as left, zero too.
-    let side = |from: u32, to: u32| {
-        let (a, b) = (flat(from.min(to)), flat(from.max(to)));
+    let side = |from: usize, to: usize| {
+        let in_order = triangle[from] < triangle[to];
+        let (a, b) = if in_order { (flat(from), flat(to)) } else { (flat(to), flat(from)) };
         let area = a.0 * b.1 - a.1 * b.0;
-        if from < to { (area, area >= 0.0) } else { (-area, area < 0.0) }
+        if in_order { (area, area >= 0.0) } else { (-area, area < 0.0) }
     };
-    let [a, b, c] = *triangle;
-    let (to_a, to_b, to_c) = (side(b, c), side(c, a), side(a, b));
+    let (to_a, to_b, to_c) = (side(1, 2), side(2, 0), side(0, 1));
     if to_a.1 != to_b.1 || to_b.1 != to_c.1 {
         return false;
     }
-    let height = |v: u32| vertices[v as usize][axis] - p[axis];
+    let height = |k: usize| corners[k][axis] - p[axis];
     let total = to_a.0 + to_b.0 + to_c.0;
-    let weighted = to_a.0 * height(a) + to_b.0 * height(b) + to_c.0 * height(c);
+    let weighted = to_a.0 * height(0) + to_b.0 * height(1) + to_c.0 * height(2);
     // The sign of weighted / total.
     (weighted > 0.0) == (total > 0.0) && weighted != 0.0
 }

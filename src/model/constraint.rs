@@ -154,6 +154,14 @@ pub struct Constraint {
     pub allowed_for: Pushed,
 }
 
+impl Constraint {
+    /// How far the surface gives way here below the mesh's size [m] under the multipliers of the tool's constraints, `own`.
+    pub fn dent(&self, own: &[Constraint]) -> Real {
+        let all: Real = self.compliance.iter().zip(own).map(|(g, other)| g * other.multiplier).sum();
+        all.min(self.most_dent + self.firm * self.multiplier)
+    }
+}
+
 /// What is remembered of a contact point from tick to tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct PointMemory {
@@ -165,8 +173,10 @@ pub struct PointMemory {
     pub shown: Real,
     /// Area that it stands for beside its own, of points that were left out [m²].
     pub taken: Real,
-    /// Overlap that has not been closed yet [m].
+    /// Overlap that has not been closed yet [m]; below zero where a change of resolution has left less than there was.
     pub slack: Real,
+    /// [`Constraint::dent`] after the last tick [m].
+    pub dent: Real,
     /// Last normal, from the tool towards the surface.
     pub normal: Vec3,
     /// Last force along the surface [N].
