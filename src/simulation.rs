@@ -344,7 +344,7 @@ impl Simulation {
 
     /// Changes the body between ticks: for tests, studies and for settling a body before it is served.
     pub fn mesh_mut(&mut self) -> &mut ActiveMesh {
-        self.detection.forget();
+        self.detection.change_resolution(true);
         &mut self.mesh
     }
 

@@ -11,7 +11,7 @@ use super::detection::{Touchable, points_of_a_part};
 use super::shape::Posed;
 use super::tool::MOST_POINTS;
 use crate::math::{Real, Vec3};
-use crate::model::constraint::{MOST_ROW_NODES, PointMemory};
+use crate::model::constraint::PointMemory;
 use crate::model::{Row, skin};
 
 /// What a candidate's force does to the surface below the mesh's size.
@@ -22,8 +22,6 @@ pub(super) struct Load {
     normal: Vec3,
     /// The nodes that carry it, ...
     pub(super) row: Row,
-    /// ... their level, should it be the same, ...
-    level: Option<usize>,
     /// ... and the fade of the place [m].
     pub(super) fade: Vec3,
     /// As [`Candidate::taken`], followed [m²].
@@ -48,8 +46,6 @@ impl Load {
         let nearest = stencil.iter().max_by(|a, b| a.1.total_cmp(&b.1)).map_or(stencil[0].0, |(v, _)| *v);
         let material = on.body.material_at(nearest);
         let (row, fade) = skin::row(on.mesh, stencil);
-        let mut levels = row.entries().iter().map(|(slot, _)| on.body.level_of(on.mesh.node(*slot)));
-        let level = levels.next().filter(|level| levels.all(|other| other == *level));
         let known = candidate.known.map(|k| &memory[k as usize]);
         // A point beside this one that is no longer kept leaves it its area all at once.
         let taken = known.map_or(candidate.taken, |m| m.taken + followed * (candidate.taken - m.taken));
@@ -57,7 +53,6 @@ impl Load {
             place: stencil.iter().map(|(v, w)| on.body.surface().vertices[*v as usize] * *w).sum(),
             normal: candidate.normal,
             row,
-            level,
             fade,
             taken,
             radius: ((candidate.area + taken) / std::f64::consts::PI).sqrt().max(LEAST_RADIUS),
@@ -102,7 +97,7 @@ pub(super) struct Dents {
     place_of: Vec<u8>,
     /// Compliance between the nodes of two places [m/N]. It is the body's at rest, and so kept from tick to tick.
     between: Vec<Real>,
-    /// Of each point's row the nodes' places and weights.
+    /// Of each point the nodes' places and weights.
     carriers: Vec<Vec<(u8, Real)>>,
     /// What each node gives way to a newton on one point [m/N].
     given: Vec<Real>,
@@ -110,6 +105,8 @@ pub(super) struct Dents {
     points: Vec<[Real; MOST_POINTS]>,
 }
 
+/// Most nodes of the elements that a point hangs on: three vertices have four each.
+const MOST_NODES: usize = 12;
 /// Most nodes that carry the points of a tool and count for their dents.
 const MOST_CARRIERS: usize = 192;
 const NOBODY: u32 = u32::MAX;
@@ -119,26 +116,19 @@ impl Dents {
     /// For a body of `nodes`.
     pub(super) fn new(nodes: usize) -> Self {
         Self {
-            wanted: Vec::with_capacity(MOST_POINTS * MOST_ROW_NODES),
+            wanted: Vec::with_capacity(MOST_POINTS * MOST_NODES),
             nodes: vec![NOBODY; MOST_CARRIERS],
             place_of: vec![NOWHERE; nodes],
             between: vec![0.0; MOST_CARRIERS * MOST_CARRIERS],
-            carriers: (0..MOST_POINTS).map(|_| Vec::with_capacity(MOST_ROW_NODES)).collect(),
+            carriers: (0..MOST_POINTS).map(|_| Vec::with_capacity(MOST_NODES)).collect(),
             given: vec![0.0; MOST_CARRIERS],
             points: vec![[0.0; MOST_POINTS]; MOST_POINTS],
         }
     }
 
     /// Fills in what the mesh shows of the dents of `loads`, which belong to `candidates`.
-    pub(super) fn show(
-        &mut self,
-        on: &Touchable,
-        candidates: &[Candidate],
-        memory: &[PointMemory],
-        followed: Real,
-        loads: &mut [Load],
-    ) {
-        self.find_carriers(on, loads);
+    pub(super) fn show(&mut self, on: &Touchable, candidates: &[Candidate], loads: &mut [Load]) {
+        self.find_carriers(on, candidates);
         for i in 0..loads.len() {
             self.given.fill(0.0);
             for &(l, b) in &self.carriers[i] {
@@ -152,11 +142,8 @@ impl Dents {
         let mut part = [0.0; MOST_POINTS];
         for (i, (load, candidate)) in loads.iter_mut().zip(candidates).enumerate() {
             let wider: Real = candidate.stencil().iter().map(|(v, w)| w * wider(on, *v)).sum();
-            let now = (self.points[i][i] / (load.half_space * wider)).max(LEAST_SHOWN / load.radius);
-            // Where the resolution has changed it is another all at once.
-            let known = candidate.known.map(|k| memory[k as usize].shown);
-            load.shown = known.map_or(now, |before| before + followed * (now - before));
-            part[i] = (load.shown / (now * wider)).sqrt();
+            load.shown = (self.points[i][i] / (load.half_space * wider)).max(LEAST_SHOWN / load.radius);
+            part[i] = (1.0 / wider).sqrt();
             (0..=i).for_each(|j| self.points[i][j] *= part[i] * part[j]);
         }
     }
@@ -169,8 +156,7 @@ impl Dents {
             root[i] = own.sqrt();
             for (j, other) in loads[..i].iter().enumerate() {
                 let most = root[i] * root[j];
-                let raised = if load.level.is_some() && load.level == other.level { MOST_RAISED * most } else { 0.0 };
-                let rest = load.from(other, self.points[i][j]).clamp(-raised, MOST_SHARED * most);
+                let rest = load.from(other, self.points[i][j]).clamp(-MOST_RAISED * most, MOST_SHARED * most);
                 self.points[i][j] = rest;
                 let raised = (-rest).max(0.0);
                 (too_much[i], too_much[j]) = (too_much[i] + raised, too_much[j] + raised);
@@ -194,8 +180,14 @@ impl Dents {
 
     /// Finds a place for each node that carries one of `loads`. Should there be more nodes than places, the last ones count
     /// as not giving way.
-    fn find_carriers(&mut self, on: &Touchable, loads: &[Load]) {
-        let rows = || loads.iter().map(|load| load.row.entries().iter().map(|(slot, b)| (on.mesh.node(*slot), *b)));
+    fn find_carriers(&mut self, on: &Touchable, candidates: &[Candidate]) {
+        // Nodes of the element that a vertex hangs on, also where these hang on others: when they come to be active, what is
+        // shown stays as it is.
+        let of_vertex = |(v, w): &(u32, Real)| {
+            let (at, w) = (on.mesh.attachment(*v), *w);
+            at.slots.into_iter().zip(at.weights).map(move |(slot, b)| (on.mesh.node(slot), w * b))
+        };
+        let rows = || candidates.iter().map(|c| c.stencil().iter().flat_map(of_vertex));
         self.wanted.clear();
         self.wanted.extend(rows().flatten().filter(|(_, b)| b.abs() > LEAST_CARRIED).map(|(node, _)| node));
         self.wanted.sort_unstable();
@@ -317,8 +309,7 @@ const LEAST_CARRIED: Real = 0.02;
 const LEAST_SHOWN: Real = 0.01;
 /// Most that two points share of their own dents: all of it would be no dent of their own.
 const MOST_SHARED: Real = 0.9;
-/// Where a mesh shows more than there is, a point raises another, unless levels meet, of which too little is known; most of
-/// their own dents that it does so by, ...
+/// Where a mesh shows more than there is, a point raises another; most of their own dents that it does so by, ...
 const MOST_RAISED: Real = 0.05;
 /// ... and that all others together do, or the matrix would not be positive definite on a body that is crumpled.
 const MOST_RAISED_IN_ALL: Real = 0.9;

@@ -25,6 +25,9 @@ const FASTEST_SURFACE: Real = 1.0;
 /// Part of an overlap found late that remains after each tick: 32 of them (a frame) close 99.5 % of it.
 const SLACK_KEPT: Real = 0.85;
 
+/// Part of the shift of a dent by a change of resolution that remains after each tick: a time constant of 7 ms.
+const SHIFT_KEPT: Real = 0.87;
+
 /// Memory that detection needs and no one keeps.
 #[derive(Debug)]
 pub struct Workspace {
@@ -44,7 +47,7 @@ pub struct Workspace {
     turn: u32,
     /// Whether dents below the mesh's size are restored.
     restores: bool,
-    /// Part of the way to what the mesh shows now that a point's compliance goes in a tick.
+    /// Part of the way to what it stands for now that a point's area goes in a tick.
     followed: Real,
     /// No display edge is longer [m], unless it is stretched beyond [`MOST_STRETCH`].
     longest_edge: Real,
@@ -76,7 +79,7 @@ impl Workspace {
             seen: vec![0; surface.triangles.len()],
             turn: 0,
             restores: true,
-            followed: SHOWN_FOLLOWED,
+            followed: TAKEN_FOLLOWED,
             longest_edge: MOST_STRETCH * longest,
             changed: false,
         }
@@ -102,7 +105,7 @@ impl Workspace {
         }
     }
 
-    /// For questions about a copy: compliances as they will be once the tool rests.
+    /// For questions about a copy: areas as they will be once the tool rests.
     pub(crate) fn settle(&mut self) {
         self.followed = 1.0;
     }
@@ -167,7 +170,7 @@ pub fn detect(
     work.loads.clear();
     work.loads.extend(candidates.iter().map(|c| Load::new(on, c, memory, work.followed)));
     let dents = &mut work.dents[index as usize];
-    dents.show(on, candidates, memory, work.followed, &mut work.loads);
+    dents.show(on, candidates, &mut work.loads);
     share_discs(&all[..parts], candidates, &mut work.loads);
     dents.take_off_what_is_shown(&work.loads);
     let first = constraints.len() as u32;
@@ -192,13 +195,12 @@ pub fn detect(
         let firm = if work.restores { load.firm() } else { 0.0 };
         let shown = soft.min(most_dent + firm * load.multiplier);
         let overlap = n.dot(&start) + radius - n.dot(&candidate.place) - shown;
+        // Other nodes show other parts of the dents: nothing is to be felt of that at once, be it more or less.
+        let changed = known.filter(|_| work.changed).map_or(0.0, |m| m.dent - shown);
+        let shift = known.map_or(0.0, |m| m.shift) + changed;
+        let overlap = overlap - shift;
         let slack = match known {
-            Some(m) => {
-                // Other nodes show other parts of the dents: nothing is to be felt of that at once, be it more or less.
-                let before = m.slack + if work.changed { m.dent - shown } else { 0.0 };
-                let smaller = before.min(overlap.max(before.min(0.0)));
-                smaller.max(overlap - UNNOTICED - 0.5 * moved.abs())
-            }
+            Some(m) => m.slack.min(overlap.max(0.0)).max(overlap - UNNOTICED - 0.5 * moved.abs()),
             None => overlap.max(0.0),
         };
         let same = |m: &&PointMemory| m.point % per_part == candidate.point % per_part;
@@ -212,13 +214,14 @@ pub fn detect(
             None => (tool.previous.to_own(candidate.place), Vec3::zeros()),
         };
         let anchored = (tool.previous.to_world(anchor), tool.pose.to_world(anchor));
-        let slack_end = if slack.abs() > 1e-7 { slack * SLACK_KEPT } else { 0.0 };
+        let left = |of: Real, kept: Real| if of.abs() > 1e-7 { of * kept } else { 0.0 };
+        let (slack_end, shift_end) = (left(slack, SLACK_KEPT), left(shift, SHIFT_KEPT));
         constraints.push(Constraint {
             row: load.row,
             normal: n,
             // What is displayed, and touched, is the row's point and its fade.
-            offset: n.dot(&(start - load.fade)) + radius - slack,
-            rate: (moved + slack - slack_end) / TICK,
+            offset: n.dot(&(start - load.fade)) + radius - slack - shift,
+            rate: (moved + slack - slack_end + shift - shift_end) / TICK,
             first,
             compliance,
             disc: load.disc,
@@ -247,8 +250,8 @@ pub fn detect(
             // What the solve changes is written back after it.
             multiplier: 0.0,
             slack: slack_end,
+            shift: shift_end,
             dent: 0.0,
-            shown: load.shown,
             taken: load.taken,
             normal: n,
             tangential,
@@ -342,7 +345,7 @@ const ALIKE: Real = 0.5;
 const UNNOTICED: Real = 5e-5;
 
 /// [`Workspace::followed`] of a tick.
-const SHOWN_FOLLOWED: Real = 0.05;
+const TAKEN_FOLLOWED: Real = 0.05;
 /// Numbers that the points of one part of a tool take: its vertices and triangles.
 pub fn points_of_a_part(body: &Body) -> u32 {
     (body.surface().vertices.len() + body.surface().triangles.len()) as u32

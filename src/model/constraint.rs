@@ -169,12 +169,12 @@ pub struct PointMemory {
     pub point: u32,
     /// Last multiplier [N].
     pub multiplier: Real,
-    /// What the mesh shows of its dent, over that of a half-space at a distance of one [1/m].
-    pub shown: Real,
     /// Area that it stands for beside its own, of points that were left out [m²].
     pub taken: Real,
-    /// Overlap that has not been closed yet [m]; below zero where a change of resolution has left less than there was.
+    /// Overlap that has not been closed yet [m].
     pub slack: Real,
+    /// What changes of resolution have made of the dent more (below zero) or less, as far as it is not followed yet [m].
+    pub shift: Real,
     /// [`Constraint::dent`] after the last tick [m].
     pub dent: Real,
     /// Last normal, from the tool towards the surface.

@@ -37,8 +37,7 @@ impl NodeCompliance {
     pub(super) fn new(body: &Body) -> Self {
         let normals = normals(body);
         let blocks = blocks(body);
-        let (around, materials): (Vec<_>, Vec<_>) =
-            (0..body.node_count() as u32).map(|n| surroundings(body, n)).unzip();
+        let (around, materials) = surroundings(body);
         let of_node = |n: usize| {
             let (outward, near, material) = (normals[n], &around[n], &materials[n]);
             let held = if body.is_fixed(n as u32) { None } else { blocks[n].try_inverse() };
@@ -110,19 +109,25 @@ impl Surroundings {
     }
 }
 
-fn surroundings(body: &Body, n: u32) -> (Surroundings, Material) {
-    let mut material = Material { lambda: 0.0, mu: 0.0, ..*body.material() };
-    let (mut width, mut volume) = (0.0, 0.0);
-    for &e in body.elements_around(n) {
-        let (of, part) = (body.material_of(e), body.volume(e));
-        material.lambda += part * of.lambda;
-        material.mu += part * of.mu;
-        width += part * body.stiffness_factor(e) * element_width(body.corners(e));
-        volume += part;
+/// What is around each node, and the mean of the materials there.
+fn surroundings(body: &Body) -> (Vec<Surroundings>, Vec<Material>) {
+    // λ, μ and width times the volume, and the volume.
+    let mut sums = vec![[0.0; 4]; body.node_count()];
+    for e in 0..body.element_count() as u32 {
+        let (material, part) = (body.material_of(e), body.volume(e));
+        let width = body.stiffness_factor(e) * element_width(body.corners(e));
+        for n in body.element(e) {
+            let more = [part * material.lambda, part * material.mu, part * width, part];
+            sums[n as usize].iter_mut().zip(more).for_each(|(sum, more)| *sum += more);
+        }
     }
-    (material.lambda, material.mu, width) = (material.lambda / volume, material.mu / volume, width / volume);
-    let nu = material.poisson_ratio();
-    (Surroundings { half_space: material.half_space(), nearer: 1.0 + NEARER_NU * nu * nu, width }, material)
+    let of_node = |[lambda, mu, width, volume]: [Real; 4]| {
+        let material = Material { lambda: lambda / volume, mu: mu / volume, ..*body.material() };
+        let nu = material.poisson_ratio();
+        let nearer = 1.0 + NEARER_NU * nu * nu;
+        (Surroundings { half_space: material.half_space(), nearer, width: width / volume }, material)
+    };
+    sums.into_iter().map(of_node).unzip()
 }
 
 /// What counts of how far a node gives way that its neighbours hold.

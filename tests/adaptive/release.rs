@@ -87,13 +87,17 @@ fn let_go_by_a_tool_an_adaptive_body_swings_like_a_fine_one() {
         assert!(nodes[0] < 0.3 && nodes[1] < 0.3, "little is saved");
         assert!(swing.changes[0] + swing.changes[1] > 20 && swing.mixed > 50, "resolution stays as it is");
         for (what, adaptive, fine) in [("mass", &swing.mean, &fine.mean), ("tip", &swing.tip, &fine.tip)] {
-            let quarter = SWING as usize / 4;
             let off = period(adaptive) / period(fine) - 1.0;
-            let amplitude = |of: std::ops::Range<usize>| rms(&adaptive[of.clone()]) / rms(&fine[of]) - 1.0;
-            let (first, last) = (amplitude(0..quarter), amplitude(3 * quarter..4 * quarter));
+            // Over whole periods, each of its own: parts of one would tell of the phase.
+            let ends = |signal: &[Real]| {
+                let two = (2.0 * period(signal) / TICK).round() as usize;
+                (rms(&signal[..two]), rms(&signal[signal.len() - two..]))
+            };
+            let (adaptive, fine_ends) = (ends(adaptive), ends(fine));
+            let (first, last) = (adaptive.0 / fine_ends.0 - 1.0, adaptive.1 / fine_ends.1 - 1.0);
             println!(
-                "  {what}, swings by {:.2} mm rms: period {:+.2} %, amplitude {:+.2} % in the first quarter and {:+.2} % \
-                 in the last",
+                "  {what}, swings by {:.2} mm rms: period {:+.2} %, amplitude {:+.2} % in the first two periods and \
+                 {:+.2} % in the last",
                 rms(fine) * 1e3,
                 off * 100.0,
                 first * 100.0,

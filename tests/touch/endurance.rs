@@ -195,7 +195,7 @@ fn thirty_wild_clients_never_break_the_body_and_it_recovers() {
     }
     println!("{folded} of 30 keep a fold, {knotted} were put back out of one");
     assert!(worst_bend > 0.02, "wild enough to mean something");
-    assert!(folded + knotted < 10 && knotted > 0);
+    assert!(folded == 0 && knotted <= 3);
 }
 
 // ---- The same inputs, the same bits ----
