@@ -380,6 +380,7 @@ impl Simulation {
         self.move_tools(inputs);
         self.adapt(inputs.budget);
         self.find_contacts();
+        self.detection.change_resolution(false);
         self.step(inputs.budget);
         self.contain();
         self.render_forces();
@@ -445,8 +446,8 @@ impl Simulation {
             self.outputs.adapted =
                 adaptation::adapt(body, mesh, adaptivity, &self.focus, (&means, &loads), ticks, &mut self.adaptation);
             let changed = self.outputs.adapted.work > 0;
-            self.detection.change_resolution(changed);
             if changed {
+                self.detection.change_resolution(true);
                 self.settle_tools();
             }
         }

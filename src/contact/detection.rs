@@ -120,8 +120,9 @@ pub(super) struct Touchable<'a> {
     pub(super) vertices: &'a [Vec3],
 }
 
-/// Appends the constraints of tool `index` on the body at the start of a tick to `constraints` and the surface point at which each one acts [m] to
-/// `points_of_action`; `memory` holds the tool's points of the last tick, ascending, and receives this tick's.
+/// Appends the constraints of tool `index` on the body at the start of a tick to `constraints` and the surface point at
+/// which each one acts [m] to `points_of_action`; `memory` holds the tool's points of the last tick, ascending, and
+/// receives this tick's.
 pub fn detect(
     (body, mesh): (&Body, &ActiveMesh),
     index: u32,
