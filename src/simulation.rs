@@ -193,6 +193,7 @@ pub struct Simulation {
     start: State,
     /// Where `start` is.
     home: Home,
+    /// All display vertices [m], as of when all were last asked for.
     vertices: Vec<Vec3>,
     constraints: Vec<Constraint>,
     points_of_action: Vec<Vec3>,
@@ -445,8 +446,7 @@ impl Simulation {
             let loads = Loads { points: &self.points, gravity: self.settings.gravity };
             self.outputs.adapted =
                 adaptation::adapt(body, mesh, adaptivity, &self.focus, (&means, &loads), ticks, &mut self.adaptation);
-            let changed = self.outputs.adapted.work > 0;
-            if changed {
+            if self.outputs.adapted.work > 0 {
                 self.detection.change_resolution(true);
                 self.settle_tools();
             }
@@ -480,9 +480,12 @@ impl Simulation {
             self.points.iter_mut().for_each(Vec::clear);
             return;
         }
+        if self.tools.iter().any(|t| t.phase == Phase::Waiting) {
+            self.mesh.skin(&mut self.vertices);
+        }
         for (i, (tool, points)) in self.tools.iter_mut().zip(&mut self.points).enumerate() {
             let of = &self.settings.tools[i];
-            if tool.phase == Phase::Waiting && is_outside(&self.body, &self.mesh, &of.shape, &tool.pose) {
+            if tool.phase == Phase::Waiting && is_outside(&self.body, &self.vertices, &of.shape, &tool.pose) {
                 tool.phase = Phase::Engaged;
                 tool.previous = tool.pose;
                 // It may have touched elsewhere a tick ago, before its client let go of it and took it up again.

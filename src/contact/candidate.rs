@@ -235,7 +235,7 @@ pub(super) fn follow_sunk(on: &Touchable, parts: &[Posed], margin: Real, candida
         }
         let (away, Some(c)) = nearest else { continue };
         let from = at.frame.at(c.core);
-        if away > 1e-9 && faces_away(on, c, from) && is_inside(on.body, on.mesh, from) {
+        if away > 1e-9 && faces_away(on, c, from) && is_inside(on.body, |v| on.mesh.vertex(v), from) {
             if matches!(c.sheet, Sheet::Front | Sheet::Turned) {
                 (c.normal, c.gap) = (-c.normal, -away - at.part.radius());
             }

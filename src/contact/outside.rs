@@ -3,24 +3,24 @@
 use super::candidate::{is_apart, is_in, weights_in_triangle};
 use super::shape::{Posed, Shape, posed};
 use crate::math::{Pose, Vec3};
-use crate::model::{ActiveMesh, Body};
+use crate::model::Body;
 
-/// True when the tool neither touches nor lies inside the closed surface: where it may engage.
-pub fn is_outside(body: &Body, mesh: &ActiveMesh, shape: &Shape, pose: &Pose) -> bool {
+/// True when the tool neither touches nor lies inside the `body`, its display vertices where `vertices` are [m]: where it
+/// may engage.
+pub fn is_outside(body: &Body, vertices: &[Vec3], shape: &Shape, pose: &Pose) -> bool {
     let (all, parts) = posed(pose, shape);
-    all[..parts].iter().all(|at| is_part_outside(body, mesh, at))
+    all[..parts].iter().all(|at| is_part_outside(body, vertices, at))
 }
 
-fn is_part_outside(body: &Body, mesh: &ActiveMesh, at: &Posed) -> bool {
+fn is_part_outside(body: &Body, vertices: &[Vec3], at: &Posed) -> bool {
     let radius = at.part.radius();
     let window = at.window(radius);
     let near = |p: Vec3, core: Vec3| (p - at.frame.at(core)).norm_squared() < radius * radius;
-    let vertices = 0..body.surface().vertices.len() as u32;
-    if vertices.map(|v| mesh.vertex(v)).any(|p| is_in(&window, &p) && near(p, at.nearest(p))) {
+    if vertices.iter().any(|p| is_in(&window, p) && near(*p, at.nearest(*p))) {
         return false;
     }
     let grazes = body.surface().triangles.iter().any(|triangle| {
-        let corners = triangle.map(|v| mesh.vertex(v));
+        let corners = triangle.map(|v| vertices[v as usize]);
         if is_apart(&corners, &window) {
             return false;
         }
@@ -30,14 +30,15 @@ fn is_part_outside(body: &Body, mesh: &ActiveMesh, at: &Posed) -> bool {
             near(p, core.unwrap_or_else(|| at.nearest(p)))
         })
     });
-    !grazes && !is_inside(body, mesh, at.frame.at(Vec3::zeros()))
+    !grazes && !is_inside(body, |v| vertices[v as usize], at.frame.at(Vec3::zeros()))
 }
 
-/// True when `p` lies inside: three rays vote by the parity of their crossings, so that none decides alone.
-pub(super) fn is_inside(body: &Body, mesh: &ActiveMesh, p: Vec3) -> bool {
+/// True when `p` lies inside the `body` with its display vertices at `place` [m]: three rays vote by the parity of their
+/// crossings, so that none decides alone.
+pub(super) fn is_inside(body: &Body, place: impl Fn(u32) -> Vec3, p: Vec3) -> bool {
     let mut crossings = [0u32; 3];
     for triangle in &body.surface().triangles {
-        let corners = triangle.map(|v| mesh.vertex(v));
+        let corners = triangle.map(&place);
         for (axis, count) in crossings.iter_mut().enumerate() {
             *count += u32::from(crosses(triangle, &corners, p, axis));
         }
