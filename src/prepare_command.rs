@@ -16,7 +16,7 @@ use palpate::prepare::region::{Reach, keep_finest_within};
 use palpate::prepare::report::{LevelReport, report};
 use palpate::prepare::section::Plane;
 use palpate::prepare::thin_walls::{Thin, ThinPlaces, thin_places};
-use palpate::prepare::{Shape, prepare};
+use palpate::prepare::{self, Shape, prepare};
 use palpate::realtime::governor::WORK_TIME;
 use palpate::scene::LoadedScene;
 use palpate::scene::prepared::body_keys;
@@ -54,7 +54,7 @@ pub struct PrepareArgs {
     #[arg(long, value_name = "NAME")]
     labels: Option<String>,
     /// About how many vertices viewers get
-    #[arg(long, default_value_t = 2500)]
+    #[arg(long, default_value_t = prepare::DISPLAY_VERTICES)]
     display_vertices: usize,
     /// Scene whose material and holds the body is prepared for; scenes that use the body may have others
     #[arg(long, default_value = "organ")]
@@ -107,8 +107,8 @@ impl std::str::FromStr for Length {
 }
 
 pub fn run(args: &PrepareArgs) -> anyhow::Result<ExitCode> {
-    if !(1e-6..=1e6).contains(&args.scale) || !(50..=5_000).contains(&args.display_vertices) {
-        bail!("--scale is from 1e-6 to 1e6, --display-vertices from 50 to 5000");
+    if !(1e-6..=1e6).contains(&args.scale) || !(50..=20_000).contains(&args.display_vertices) {
+        bail!("--scale is from 1e-6 to 1e6, --display-vertices from 50 to 20000");
     }
     let mut progress = Progress::new();
     let mut inputs = Vec::new();
@@ -153,7 +153,7 @@ pub fn run(args: &PrepareArgs) -> anyhow::Result<ExitCode> {
             let around = surface.to_trimesh();
             body.levels().iter().map(|level| thin_places(surface, &around, level)).collect()
         }
-        Shape::Meshes(_) => vec![ThinPlaces::default(); body.levels().len()],
+        Shape::Meshes { .. } => vec![ThinPlaces::default(); body.levels().len()],
     };
     let forecast = forecast(body, unit_time(body), WORK_TIME * 1e-9);
     progress.finish("looked at the levels");
@@ -213,7 +213,7 @@ fn picture(file: &Path, body: &Body, shape: &Shape) -> anyhow::Result<()> {
     }
     let surface = match shape {
         Shape::Closed { surface, .. } => surface,
-        Shape::Meshes(_) => body.surface(),
+        Shape::Meshes { .. } => body.surface(),
     };
     let (low, high) = surface.bounds();
     let plane = Plane::through(low, high);

@@ -573,16 +573,22 @@ impl Simulation {
         if frame {
             self.mesh.skin(&mut self.outputs.skin);
             self.mesh.display_levels(&self.body, &mut self.outputs.levels);
-            self.count_knotted();
+        }
+        self.count_knotted();
+        if frame {
             self.outputs.hash = self.hash();
         }
     }
 
     fn count_knotted(&mut self) {
         // Where the body stood still there is no news of it.
-        if self.outputs.plan.taken == self.outputs.plan.needed {
-            let touched = self.constraints.iter().any(|c| c.multiplier > 0.0);
-            let knotted = !touched && self.home.is_knotted(self.outputs.extremes.det_f, &self.outputs.skin);
+        if self.outputs.plan.taken != self.outputs.plan.needed {
+            return;
+        }
+        if self.constraints.iter().any(|c| c.multiplier > 0.0) {
+            self.knotted = 0;
+        } else if self.outputs.frame {
+            let knotted = self.home.is_knotted(self.outputs.extremes.det_f, &self.outputs.skin);
             self.knotted = if knotted { self.knotted + 1 } else { 0 };
         }
     }

@@ -36,6 +36,9 @@ pub(super) struct Candidate {
     pub(super) share: Real,
     /// That of points beside it that were left out [m²].
     pub(super) taken: Real,
+    /// Where not all can be kept, those go first of which this is greater: apart from the tool, not of the last tick, a
+    /// triangle's.
+    pub(super) last: (bool, bool, bool),
 }
 
 impl Candidate {
@@ -54,6 +57,7 @@ impl Candidate {
             area,
             share: 1.0,
             taken: 0.0,
+            last: Default::default(),
         }
     }
 

@@ -272,16 +272,18 @@ const LET_GO: Real = 2e-4;
 /// that is kept, so that the surface is as stiff as before.
 fn thin_out(candidates: &mut Vec<Candidate>, memory: &[PointMemory], vertices: u32, per_part: u32) {
     if candidates.len() > MOST_POINTS {
-        let known = |c: &Candidate| memory.binary_search_by_key(&c.point, |m| m.point).is_ok();
-        let apart = |c: &Candidate| c.gap > if known(c) { LET_GO } else { 0.0 };
-        let last = |c: &Candidate| (apart(c), !known(c), c.point % per_part >= vertices);
+        for c in candidates.iter_mut() {
+            let known = memory.binary_search_by_key(&c.point, |m| m.point).is_ok();
+            let apart = c.gap > if known { LET_GO } else { 0.0 };
+            c.last = (apart, !known, c.point % per_part >= vertices);
+        }
         candidates
-            .sort_unstable_by(|a, b| last(a).cmp(&last(b)).then(a.gap.total_cmp(&b.gap)).then(a.point.cmp(&b.point)));
+            .sort_unstable_by(|a, b| a.last.cmp(&b.last).then(a.gap.total_cmp(&b.gap)).then(a.point.cmp(&b.point)));
         // The deepest alone would leave the rim of a wide contact without a force.
         let touched: Real = candidates.iter().filter(|c| c.gap < 0.0).map(|c| c.area).sum();
         let spread = SPREAD * touched / MOST_POINTS as Real;
         let mut kept = 0;
-        for i in 0..candidates.partition_point(|c| !apart(c)) {
+        for i in 0..candidates.partition_point(|c| !c.last.0) {
             let place = candidates[i].place;
             let crowded = |c: &Candidate| (c.place - place).norm_squared() < spread;
             if kept < MOST_POINTS && !candidates[..kept].iter().any(crowded) {

@@ -2,7 +2,9 @@
 
 use super::candidate::is_in;
 use crate::math::{Real, Vec3};
+use crate::model::active_mesh::MOST_ASIDE;
 use crate::model::element_kernel::Padded;
+use crate::model::element_pool::CLASSES;
 use crate::model::{ActiveMesh, Body};
 
 /// Display vertices around a tool, kept until one that is not among them may have come near. Which they are makes no
@@ -14,8 +16,6 @@ pub(super) struct Nearby {
     reach: (Vec3, Vec3),
     /// Where the nodes were then [m], (n_slots).
     from: Vec<Padded>,
-    /// Most that a vertex moves when no node moves by more than one.
-    lever: Real,
     marked: Vec<bool>,
     is_known: bool,
 }
@@ -30,7 +30,6 @@ impl Nearby {
             vertices: Vec::with_capacity(vertices),
             reach: Default::default(),
             from: Vec::with_capacity(mesh.motion.position.len()),
-            lever: 0.0,
             marked: vec![false; vertices],
             is_known: false,
         }
@@ -67,7 +66,7 @@ impl Nearby {
             let (now, then) = (&mesh.motion.position[slot as usize], &self.from[slot as usize]);
             moved = moved.max((0..3).map(|c| (now[c] - then[c]) * (now[c] - then[c])).sum());
         }
-        let far = self.lever * moved.sqrt();
+        let far = mesh.lever() * moved.sqrt();
         let (least, most) = (self.reach.0.add_scalar(far), self.reach.1.add_scalar(-far));
         (0..3).all(|c| low[c] >= least[c] && high[c] <= most[c])
     }
@@ -76,21 +75,42 @@ impl Nearby {
         self.reach = (low.add_scalar(-AHEAD), high.add_scalar(AHEAD));
         self.from.clear();
         self.from.extend_from_slice(&mesh.motion.position);
-        self.marked.fill(false);
-        self.lever = 1.0;
-        for v in 0..self.marked.len() as u32 {
-            self.lever = self.lever.max(mesh.attachment(v).weights.iter().map(|w| w.abs()).sum());
-            // What fades goes no farther than that.
-            let fade = Vec3::from_row_slice(&mesh.fade[v as usize][..3]).norm();
-            let wider = (self.reach.0.add_scalar(-fade), self.reach.1.add_scalar(fade));
-            if is_in(&wider, &mesh.vertex(v)) {
-                for t in body.triangles_around(v as usize) {
-                    body.surface().triangles[*t as usize].iter().for_each(|v| self.marked[*v as usize] = true);
+        self.vertices.iter().for_each(|v| self.marked[*v as usize] = false);
+        self.vertices.clear();
+        for class in 0..CLASSES {
+            for e in mesh.pool().ids(class) {
+                let hosted = body.hosted(e);
+                if !hosted.is_empty() && self.may_reach(mesh, body.element(e)) {
+                    hosted.iter().filter(|v| mesh.attachment(**v).element == e).for_each(|v| self.mark(body, mesh, *v));
                 }
             }
         }
-        self.vertices.clear();
-        self.vertices.extend((0..self.marked.len() as u32).filter(|v| self.marked[*v as usize]));
+        mesh.astray().iter().chain(mesh.fading()).for_each(|v| self.mark(body, mesh, *v));
+        self.vertices.sort_unstable();
         self.is_known = true;
+    }
+
+    /// False when no vertex that hangs on the element of these nodes, neither astray nor fading, is within reach.
+    fn may_reach(&self, mesh: &ActiveMesh, nodes: [u32; 4]) -> bool {
+        let places = nodes.map(|n| mesh.slot(n).map_or(Vec3::zeros(), |slot| mesh.position(slot)));
+        let (low, high) = places.iter().fold((places[0], places[0]), |(low, high), p| (low.inf(p), high.sup(p)));
+        let aside = (high - low) * (3.0 * MOST_ASIDE);
+        (0..3).all(|c| low[c] - aside[c] <= self.reach.1[c] && high[c] + aside[c] >= self.reach.0[c])
+    }
+
+    /// Takes vertex `v` along, and all that it shares a triangle with, if it is within reach.
+    fn mark(&mut self, body: &Body, mesh: &ActiveMesh, v: u32) {
+        // What fades goes no farther than that.
+        let fade = Vec3::from_row_slice(&mesh.fade[v as usize][..3]).norm();
+        let wider = (self.reach.0.add_scalar(-fade), self.reach.1.add_scalar(fade));
+        if is_in(&wider, &mesh.vertex(v)) {
+            for t in body.triangles_around(v as usize) {
+                for &v in &body.surface().triangles[*t as usize] {
+                    if !std::mem::replace(&mut self.marked[v as usize], true) {
+                        self.vertices.push(v);
+                    }
+                }
+            }
+        }
     }
 }

@@ -5,6 +5,7 @@
 mod cells;
 pub mod crossings;
 pub mod decimate;
+pub mod display;
 mod gltf;
 pub mod labels;
 pub mod locate;

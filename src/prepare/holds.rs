@@ -3,9 +3,10 @@
 use super::{PrepareError, Region};
 use crate::geometry::Surface;
 use crate::hierarchy::Level;
-use crate::math::Vec3;
+use crate::math::{Real, Vec3};
 use crate::model::body::{Hold, vertices_in};
 use crate::model::material::Material;
+use std::collections::BTreeMap;
 
 /// What holds the levels of a body.
 pub(super) struct Held {
@@ -52,9 +53,32 @@ pub(super) fn hold_regions(
             if vertices.is_empty() {
                 return Err(empty("surface point"));
             }
-            let spring = |v: u32| Hold { vertex: v, stiffness: per_area * areas[v as usize] };
-            held.springs.extend(vertices.into_iter().map(spring));
+            let spread = spread_out(&vertices, surface, &areas, APART * finest.spacing);
+            held.springs.extend(spread.into_iter().map(|(vertex, area)| Hold { vertex, stiffness: per_area * area }));
         }
     }
     Ok(held)
 }
+
+/// Of `vertices` one for each cube of edge `apart` [m], the one nearest to the middle of those in it, with the area [m²] of
+/// all of them: springs closer than elements hold no better, and every one of them costs time in every step.
+fn spread_out(vertices: &[u32], surface: &Surface, areas: &[Real], apart: Real) -> Vec<(u32, Real)> {
+    let mut cubes: BTreeMap<[i64; 3], Vec<u32>> = BTreeMap::new();
+    for &v in vertices {
+        let place = surface.vertices[v as usize] / apart;
+        cubes.entry([place.x, place.y, place.z].map(|x| x.floor() as i64)).or_default().push(v);
+    }
+    let spread = cubes.values().map(|together| {
+        let area: Real = together.iter().map(|v| areas[*v as usize]).sum();
+        let middle: Vec3 = together.iter().map(|v| surface.vertices[*v as usize] * (areas[*v as usize] / area)).sum();
+        let away = |v: &u32| (surface.vertices[*v as usize] - middle).norm_squared();
+        let nearest = together.iter().copied().min_by(|a, b| away(a).total_cmp(&away(b)));
+        (nearest.unwrap_or_default(), area)
+    });
+    let mut spread: Vec<(u32, Real)> = spread.collect();
+    spread.sort_unstable_by_key(|s| s.0);
+    spread
+}
+
+/// Edge of the cubes that hold one spring each, over the finest spacing: with wider ones levels do not sag alike.
+const APART: Real = 0.5;

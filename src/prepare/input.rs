@@ -2,7 +2,6 @@
 
 use super::body_file::InputFile;
 use super::{Shape, boundary_surface, spacings};
-use crate::geometry::decimate::decimate;
 use crate::geometry::mesh_io::{self, LengthUnit, Solid};
 use crate::geometry::repair::Repairs;
 use crate::geometry::{LabelledMesh, MeshError};
@@ -79,7 +78,7 @@ pub fn shape(solids: Vec<Solid>, fineness: &Fineness, display_vertices: usize) -
         }
         (0, 1..) if *fineness == Fineness::Automatic => {
             meshes.sort_by_key(|mesh| mesh.mesh.nodes.len());
-            return Ok(Shape::Meshes(meshes));
+            return Ok(Shape::Meshes { meshes, display_vertices });
         }
         (0, _) => return Err("several meshes are the levels themselves: leave --levels and --finest out".into()),
         _ => return Err("one body takes one surface, or meshes alone: prepare the others by themselves".into()),
@@ -89,11 +88,7 @@ pub fn shape(solids: Vec<Solid>, fineness: &Fineness, display_vertices: usize) -
         Fineness::Finest(finest) => spacings::down_to(*finest, surface.volume()),
         Fineness::Levels(spacings) => spacings.clone(),
     };
-    // Between the vertices of large triangles nothing would be held, seen to move or felt as it is.
-    let finest = spacings.last().copied().unwrap_or_default();
-    let display = decimate(&surface, display_vertices).refined(display_vertices, finest);
-    let display = Some(display).filter(|display| *display != surface);
-    Ok(Shape::Closed { surface, spacings, display, labelled })
+    Ok(Shape::covered(surface, spacings, labelled, display_vertices))
 }
 
 #[cfg(test)]

@@ -15,6 +15,7 @@ pub mod section;
 pub mod spacings;
 pub mod thin_walls;
 
+use crate::geometry::display::displayed;
 use crate::geometry::{LabelledMesh, Moments, Surface, TetMesh};
 use crate::hierarchy::cover::{CoverError, cover_within};
 use crate::hierarchy::level::{Level, mean_edge};
@@ -27,6 +28,13 @@ use holds::{Held, hold_regions};
 use inclusions::{Inclusion, materials};
 use labels::label_parts;
 use merge::MergeError;
+
+/// Vertices that are shown and touched of a body unless somebody says otherwise, about. A tool touches few places of large
+/// triangles, and the force would change as it slides from one to the next; of very small ones a wide tool touches more
+/// places than count.
+pub const DISPLAY_VERTICES: usize = 5_500;
+/// Longest edge of a displayed triangle, over the finest spacing, unless there would be more vertices then.
+const DISPLAYED: Real = 0.35;
 
 /// Where the levels come from.
 #[derive(Clone, Debug)]
@@ -42,9 +50,13 @@ pub enum Shape {
         /// The mesh that the surface is that of, for its labels.
         labelled: Option<LabelledMesh>,
     },
-    /// Given meshes, coarse to fine; the display surface is the boundary of the last, cut into smaller triangles where those
-    /// are few.
-    Meshes(Vec<LabelledMesh>),
+    /// Given meshes, the levels themselves.
+    Meshes {
+        /// Coarse to fine.
+        meshes: Vec<LabelledMesh>,
+        /// The boundary of the last is shown, cut into triangles so small that it has about as many vertices.
+        display_vertices: usize,
+    },
 }
 
 impl Shape {
@@ -53,16 +65,31 @@ impl Shape {
         Shape::Closed { surface, spacings, display: None, labelled: None }
     }
 
+    /// The same, about `display_vertices` of it shown; `labelled` is the mesh that it is that of, for its labels.
+    pub fn covered(
+        surface: Surface,
+        spacings: Vec<Real>,
+        labelled: Option<LabelledMesh>,
+        display_vertices: usize,
+    ) -> Self {
+        // Between the vertices of triangles that are wider than elements nothing would be held, seen to move or felt as it is.
+        let finest = spacings.last().copied().unwrap_or_else(|| spacings::automatic(surface.volume())[3]);
+        let display = displayed(&surface, display_vertices, DISPLAYED * finest);
+        let display = Some(display).filter(|display| *display != surface);
+        Shape::Closed { surface, spacings, display, labelled }
+    }
+
     /// Given meshes, coarse to fine, without labels.
     pub fn meshes(meshes: impl IntoIterator<Item = TetMesh>) -> Self {
-        Shape::Meshes(meshes.into_iter().map(LabelledMesh::from).collect())
+        let meshes = meshes.into_iter().map(LabelledMesh::from).collect();
+        Shape::Meshes { meshes, display_vertices: DISPLAY_VERTICES }
     }
 
     /// The meshes that it was given, for their labels.
     fn labelled(&self) -> &[LabelledMesh] {
         match self {
             Shape::Closed { labelled, .. } => labelled.as_slice(),
-            Shape::Meshes(meshes) => meshes,
+            Shape::Meshes { meshes, .. } => meshes,
         }
     }
 
@@ -70,7 +97,7 @@ impl Shape {
     pub fn moments(&self) -> Moments {
         match self {
             Shape::Closed { surface, .. } => Moments::of_surface(surface),
-            Shape::Meshes(meshes) => {
+            Shape::Meshes { meshes, .. } => {
                 let none = LabelledMesh::default();
                 let finest = &meshes.last().unwrap_or(&none).mesh;
                 Moments::of_mesh(finest, &vec![1.0; finest.elements.len()])
@@ -82,7 +109,7 @@ impl Shape {
     pub fn bounds(&self) -> (Vec3, Vec3) {
         match self {
             Shape::Closed { surface, display, .. } => display.as_ref().unwrap_or(surface).bounds(),
-            Shape::Meshes(meshes) => bounds_of(meshes.iter().map(|mesh| &mesh.mesh.nodes)),
+            Shape::Meshes { meshes, .. } => bounds_of(meshes.iter().map(|mesh| &mesh.mesh.nodes)),
         }
     }
 }
@@ -240,10 +267,6 @@ pub fn prepare(recipe: &Recipe, progress: &mut dyn FnMut(&str, usize, usize)) ->
     Ok(body)
 }
 
-/// The boundary of given meshes is cut into triangles so small that it has about as many vertices: a tool touches few places
-/// of larger ones, and the force would change as it slides from one to the next.
-const DISPLAY_VERTICES: Real = 5_500.0;
-
 /// The levels of `shape`, tied and with the display surface in each, and that surface; nothing holds them yet.
 fn tied_levels(
     shape: &Shape,
@@ -265,13 +288,14 @@ fn tied_levels(
             }
             (display.as_ref().unwrap_or(surface).clone(), levels)
         }
-        Shape::Meshes(meshes) => {
+        Shape::Meshes { meshes, display_vertices } => {
             let level = |LabelledMesh { mesh, .. }: &LabelledMesh| {
                 let fraction = vec![1.0; mesh.elements.len()];
                 Level::new(mesh.clone(), fraction, mean_edge(mesh), density)
             };
             let surface = boundary_surface(&meshes.last().unwrap_or(&LabelledMesh::default()).mesh);
-            let parts = (DISPLAY_VERTICES / surface.vertices.len().max(1) as Real).sqrt().round().max(1.0) as u32;
+            let more = *display_vertices as Real / surface.vertices.len().max(1) as Real;
+            let parts = more.sqrt().round().max(1.0) as u32;
             (surface.subdivided(parts), meshes.iter().map(level).collect())
         }
     };

@@ -114,7 +114,7 @@ pub struct BodyKeys {
     #[serde(default = "two_levels")]
     #[garde(length(min = 1, max = 8), inner(inner(range(min = 1, max = 128))))]
     pub cells: Vec<[u32; 3]>,
-    /// Lattice constants of the levels [m], coarse to fine; empty: three chosen by volume.
+    /// Lattice constants of the levels [m], coarse to fine; empty: four chosen by volume.
     #[serde(default)]
     #[garde(length(max = 8), inner(range(min = 1e-4, max = 1.0)), custom(falling))]
     pub spacings: Vec<Real>,
@@ -381,7 +381,7 @@ fn two_levels() -> Vec<[u32; 3]> {
     vec![[3; 3], [5; 3]]
 }
 fn display_vertices() -> usize {
-    2_500
+    crate::prepare::DISPLAY_VERTICES
 }
 fn one_ball() -> Vec<ToolKeys> {
     vec![ToolKeys::ball("ball", centimetre())]

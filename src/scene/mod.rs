@@ -11,7 +11,6 @@ pub mod tool_keys;
 pub use keys::Scene;
 
 use crate::contact::tool::Part;
-use crate::geometry::decimate::decimate;
 use crate::geometry::{LabelledMesh, MeshError, Surface, mesh_io, primitives};
 use crate::math::{Pose, Real, Vec3};
 use crate::model::Body;
@@ -244,8 +243,7 @@ impl LoadedScene {
         let spacing = |area: Real| (area / keys.display_vertices as Real).sqrt();
         let closed = |mut surface: Surface| {
             surface.vertices.iter_mut().for_each(|v| *v *= keys.scale);
-            let display = Some(decimate(&surface, keys.display_vertices)).filter(|small| *small != surface);
-            prepare::Shape::Closed { surface, spacings: keys.spacings.clone(), display, labelled: None }
+            prepare::Shape::covered(surface, keys.spacings.clone(), None, keys.display_vertices)
         };
         Ok(Some(match keys.source {
             Source::Prepared => return Ok(None),
@@ -254,7 +252,8 @@ impl LoadedScene {
             Source::Toy => closed(primitives::toy_surface(spacing(TOY_AREA))),
             Source::Box => {
                 let size = Vec3::from(keys.size) * keys.scale;
-                prepare::Shape::meshes(keys.cells.iter().map(|c| primitives::box_mesh(size, *c)))
+                let meshes = keys.cells.iter().map(|c| primitives::box_mesh(size, *c).into()).collect();
+                prepare::Shape::Meshes { meshes, display_vertices: keys.display_vertices }
             }
             Source::Surface => {
                 let file = keys.file.as_ref().ok_or_else(|| missing("surface", "body.file, as in \"organ.stl\""))?;
@@ -273,7 +272,8 @@ impl LoadedScene {
                     mesh.mesh.nodes.iter_mut().for_each(|u| *u *= keys.scale);
                     Ok(mesh)
                 };
-                prepare::Shape::Meshes(keys.files.iter().map(read).collect::<Result<Vec<LabelledMesh>, SceneError>>()?)
+                let meshes = keys.files.iter().map(read).collect::<Result<Vec<LabelledMesh>, SceneError>>()?;
+                prepare::Shape::Meshes { meshes, display_vertices: keys.display_vertices }
             }
         }))
     }

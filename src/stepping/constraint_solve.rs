@@ -13,7 +13,7 @@ use crate::model::element_kernel::Padded;
 use crate::model::{ActiveMesh, Constraint};
 
 /// Sweeps over all points in one sub-step; the multipliers of the last sub-step are the start.
-const SWEEPS: usize = 3;
+const SWEEPS: usize = 5;
 
 /// What the sweeps need of each point beside the constraint itself; reused from tick to tick.
 #[derive(Clone, Copy, Debug, Default)]
@@ -64,8 +64,10 @@ pub fn solve(mesh: &mut ActiveMesh, constraints: &mut [Constraint], prepared: &m
             push(&mut motion.velocity, inverse_mass, c, &c.friction.multiplier, step);
         }
     }
-    for _ in 0..SWEEPS {
-        for i in 0..constraints.len() {
+    for sweep in 0..SWEEPS {
+        for k in 0..constraints.len() {
+            // To and fro: what one end is told by the other must not take a sweep for the way back.
+            let i = if sweep % 2 == 0 { k } else { constraints.len() - 1 - k };
             let (c, p) = (&mut constraints[i], &prepared[i]);
             let moved = step * c.normal.dot(&c.row.interpolate(&motion.velocity));
             let pushed = &mut pushed[c.tool as usize];

@@ -75,7 +75,7 @@ fn a_stroke_feels_a_nodule_as_on_the_finest_level() {
     let apart: Vec<Real> = expected.iter().zip(&found).map(|(a, b)| (a - b).abs()).collect();
     let rms = (apart.iter().map(|d| d * d).sum::<Real>() / apart.len() as Real).sqrt();
     println!(
-        "{:.3} N without it; the nodule adds up to {:.4} N on {all} elements, {:.4} N on at most {used}; apart by {:.4} N at \
+        "{:.3} N without it; the nodule adds up to {:.5} N on {all} elements, {:.5} N on at most {used}; apart by {:.4} N at \
          most, {rms:.4} N rms",
         most(&plain),
         most(&expected),

@@ -24,6 +24,8 @@ struct Worst {
     angular: Real,
     lightest: Real,
     faster: Real,
+    /// Of a display vertex [m].
+    shown: Real,
 }
 
 fn toy() -> Arc<Body> {
@@ -206,8 +208,18 @@ fn change(body: &Body, mesh: &mut ActiveMesh, changes: &[Change], random: &mut R
     stir(body, mesh, random);
     let (before, speed): (Momenta, Real) = (mesh.momenta(), fastest(mesh));
     let (linear, angular) = scale(mesh);
+    let vertices = || 0..body.surface().vertices.len() as u32;
+    let shown: Vec<Vec3> = vertices().map(|v| mesh.vertex(v)).collect();
     mesh.apply(body, changes);
     let after = mesh.momenta();
+    worst.shown = vertices().map(|v| (mesh.vertex(v) - shown[v as usize]).norm()).fold(worst.shown, Real::max);
+    let faded = vertices().filter(|v| mesh.fade[*v as usize] != [0.0; 4]);
+    assert!(faded.eq({
+        let mut fading = mesh.fading().to_vec();
+        fading.sort_unstable();
+        fading
+    }));
+    mesh.fade_out();
     worst.linear = worst.linear.max((after.linear - before.linear).norm() / linear);
     worst.angular = worst.angular.max((after.angular - before.angular).norm() / angular);
     worst.faster = worst.faster.max(fastest(mesh) / speed);
@@ -218,6 +230,7 @@ fn judge(worst: &Worst) {
     assert!(worst.row_sum < ROUNDING && worst.row_place < ROUNDING, "{worst:?}");
     assert!(worst.amplification < MOST_AMPLIFICATION && worst.amplification >= 1.0, "{worst:?}");
     assert!(worst.mass < ROUNDING && worst.centre < ROUNDING, "{worst:?}");
+    assert!(worst.shown < 2e-12, "the displayed surface jumps: {worst:?}");
     assert!(worst.linear < ROUNDING && worst.angular < ROUNDING, "{worst:?}");
     // Corners of nearly empty elements weigh a thousandth of the mean; without any mass they could not be moved.
     assert!(worst.lightest > 0.0, "{worst:?}");
@@ -240,6 +253,15 @@ fn walk(body: &Body, seeds: std::ops::Range<u64>, batches: usize) {
             check_mesh(body, &mesh, &mut worst);
             if batch % 5 == 4 {
                 check_history(body, &mesh);
+                let fresh = ActiveMesh::new(body, &saved(body, &mesh), body.element_count()).unwrap();
+                let element = |mesh: &ActiveMesh, v: u32| mesh.attachment(v).element;
+                let hung =
+                    (0..body.surface().vertices.len() as u32).filter(|v| element(&mesh, *v) != element(&fresh, *v));
+                assert_eq!(
+                    hung.collect::<Vec<u32>>(),
+                    Vec::<u32>::new(),
+                    "display vertices that hang elsewhere than in a fresh mesh"
+                );
             }
         }
         println!(" seed {seed}: {made} changes in {batches} batches, up to {largest} active nodes");

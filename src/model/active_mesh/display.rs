@@ -1,6 +1,6 @@
 //! The displayed surface: where its vertices hang, and what changes of resolution leave on it to fade.
 
-use super::{ActiveMesh, vec3};
+use super::{ActiveMesh, Work, vec3};
 use crate::geometry::locate::Host;
 use crate::geometry::tet_mesh::barycentric;
 use crate::math::{Real, Vec3};
@@ -21,6 +21,20 @@ pub struct Attachment {
     pub spacing: Real,
 }
 
+impl Attachment {
+    /// Its place with the nodes at `positions` [m], (n_slots).
+    fn place(&self, positions: &[Padded]) -> Padded {
+        let mut sum = [0.0; 4];
+        for (slot, w) in self.slots.iter().zip(self.weights) {
+            let x = &positions[*slot as usize];
+            for c in 0..4 {
+                sum[c] += w * x[c];
+            }
+        }
+        sum
+    }
+}
+
 impl ActiveMesh {
     /// Display vertices that the last change hung on another element.
     pub fn rehung(&self) -> &[u32] {
@@ -34,19 +48,7 @@ impl ActiveMesh {
 
     /// Position of display vertex `v` [m], fade included.
     pub fn vertex(&self, v: u32) -> Vec3 {
-        vec3(&self.embedded(v)) + vec3(&self.fade[v as usize])
-    }
-
-    pub(super) fn embedded(&self, v: u32) -> Padded {
-        let a = &self.attachment[v as usize];
-        let mut sum = [0.0; 4];
-        for (slot, w) in a.slots.iter().zip(a.weights) {
-            let x = &self.motion.position[*slot as usize];
-            for c in 0..4 {
-                sum[c] += w * x[c];
-            }
-        }
-        sum
+        vec3(&self.attachment[v as usize].place(&self.motion.position)) + vec3(&self.fade[v as usize])
     }
 
     /// Positions of all display vertices [m].
@@ -63,33 +65,86 @@ impl ActiveMesh {
         }
     }
 
-    /// Display vertices hang on the element whose vertices are active the most, the finer one of two alike; what they
-    /// would jump by from `before` goes into the fade.
-    pub(super) fn reattach(&mut self, body: &Body, before: &[Vec3]) {
-        self.work.rehung.clear();
-        for i in 0..self.work.elements.len() {
-            for &v in body.hosted(self.work.elements[i]) {
-                let before = self.attachment[v as usize];
-                self.attach(body, v);
-                let now = &self.attachment[v as usize];
-                self.fade[v as usize][3] += before.spacing - now.spacing;
-                if now.element != before.element {
-                    self.work.rehung.push(v);
-                }
-            }
+    /// Remembers where the nodes are before a change.
+    pub(super) fn remember_places(&mut self) {
+        for &slot in self.active.iter().chain(&self.interface) {
+            self.work.was[slot as usize] = self.motion.position[slot as usize];
         }
-        for (v, place) in before.iter().enumerate() {
-            let jump = place - self.vertex(v as u32);
+    }
+
+    /// Display vertices hang on the element whose vertices are active the most, the finer one of two alike; what they
+    /// would jump by from where the nodes were goes into the fade. Only those that may hang elsewhere now, or on a node that
+    /// has moved, are looked at.
+    pub(super) fn reattach(&mut self, body: &Body) {
+        self.work.rehung.clear();
+        let may_hang_elsewhere = self.find_shifted(body);
+        let shifted = std::mem::take(&mut self.work.shifted);
+        // Those on it are looked at again.
+        self.astray.clear();
+        for (i, &v) in shifted.iter().enumerate() {
+            let before = self.attachment[v as usize];
+            let place = vec3(&before.place(&self.work.was));
+            if i < may_hang_elsewhere {
+                self.attach(body, v);
+            }
+            let now = &self.attachment[v as usize];
+            let jump = place - vec3(&now.place(&self.motion.position));
+            let fade = &mut self.fade[v as usize];
+            let faded = *fade == [0.0; 4];
+            fade[3] += before.spacing - now.spacing;
+            if now.element != before.element {
+                self.work.rehung.push(v);
+            }
             // What has not moved but by rounding stays exactly where it is.
             if jump.norm_squared() > 1e-24 {
-                for c in 0..3 {
-                    self.fade[v][c] += jump[c];
-                }
+                (0..3).for_each(|c| fade[c] += jump[c]);
+            }
+            if faded && *fade != [0.0; 4] {
+                self.fading.push(v);
             }
         }
+        self.work.shifted = shifted;
         self.weigh_springs(body);
     }
 
+    /// Returns how many of them, the first ones, may hang elsewhere; the others are on what has moved.
+    fn find_shifted(&mut self, body: &Body) -> usize {
+        self.work.shifted.clear();
+        let Self { work: Work { shifted, vertex_stamp, turn, was, elements, .. }, attachment, .. } = self;
+        let mut add = |shifted: &mut Vec<u32>, v: u32| {
+            if std::mem::replace(&mut vertex_stamp[v as usize], *turn) != *turn {
+                shifted.push(v);
+            }
+        };
+        elements.iter().flat_map(|e| body.hosted(*e)).chain(&self.astray).for_each(|v| add(shifted, *v));
+        let may_hang_elsewhere = shifted.len();
+        for &slot in self.active.iter().chain(&self.interface) {
+            if self.motion.position[slot as usize] != was[slot as usize] {
+                for &e in body.elements_around(self.node[slot as usize]) {
+                    let on_it = body.hosted(e).iter().filter(|v| attachment[**v as usize].element == e);
+                    on_it.for_each(|v| add(shifted, *v));
+                }
+            }
+        }
+        may_hang_elsewhere
+    }
+
+    /// Display vertices that are not where the elements lie that they hang on.
+    pub fn astray(&self) -> &[u32] {
+        &self.astray
+    }
+
+    /// No display vertex moves by more than this when no node moves by more than one.
+    pub fn lever(&self) -> Real {
+        self.lever
+    }
+
+    /// Display vertices whose [`ActiveMesh::fade`] is not zero.
+    pub fn fading(&self) -> &[u32] {
+        &self.fading
+    }
+
+    /// Finds where `v`, which is not on the list of those astray, hangs.
     pub(super) fn attach(&mut self, body: &Body, v: u32) {
         let (mut most, mut host) = (0, None);
         for r in (0..body.levels().len()).rev() {
@@ -99,7 +154,11 @@ impl ActiveMesh {
                 (most, host) = (active, Some(candidate));
             }
         }
+        let astray = host.is_none_or(|host| host.weights.iter().any(|w| *w < -MOST_ASIDE));
         let host = host.unwrap_or_else(|| self.near_element(body, v));
+        if astray {
+            self.astray.push(v);
+        }
         let nodes = body.element(host.element);
         self.attachment[v as usize] = Attachment {
             element: host.element,
@@ -107,6 +166,7 @@ impl ActiveMesh {
             weights: host.weights,
             spacing: body.spacing_at(nodes[0]),
         };
+        self.lever = self.lever.max(host.weights.iter().map(|w| w.abs()).sum());
     }
 
     /// Where levels meet, none of the elements that contain a vertex may be in use: then one around an active node that
@@ -169,26 +229,34 @@ impl ActiveMesh {
     /// Fades what changes of resolution have left, by one tick.
     pub fn fade_out(&mut self) {
         self.ease_off();
-        let most = FASTEST_FADE * self.size;
-        for fade in &mut self.fade {
+        let (least, most) = (SLOWEST_FADE * self.size, FASTEST_FADE * self.size);
+        let Self { fading, fade, size, .. } = self;
+        fading.retain(|v| {
+            let fade = &mut fade[*v as usize];
             let away = vec3(fade).norm();
             if away > 1e-9 {
-                let far = (away - FAR_FADE * self.size).max(0.0);
-                let faded = ((away - far) * (1.0 - FADE_KEPT)).min(most) + far * (1.0 - FADE_KEPT);
+                let far = (away - FAR_FADE * *size).max(0.0);
+                let near = ((away - far) * (1.0 - FADE_KEPT)).min(most).max(least).min(away);
+                let faded = near + far * (1.0 - FADE_KEPT);
                 let kept = 1.0 - faded / away;
                 fade[..3].iter_mut().for_each(|x| *x *= kept);
             } else if away > 0.0 {
                 fade[..3].fill(0.0);
             }
             fade[3] = if fade[3].abs() > 1e-9 { fade[3] * SPACING_FADE_KEPT } else { 0.0 };
-        }
+            *fade != [0.0; 4]
+        });
     }
 }
 
+/// Weight that a vertex may have below zero and count as one of its element.
+pub const MOST_ASIDE: Real = 0.2;
 /// Part of the fade of a place that is left after a tick: a time constant of 285 ms, slow enough for the eye.
 const FADE_KEPT: Real = 0.9965;
 /// What a place moves by at most in a tick because of it, over the body's size: 1e-3 in a frame cannot be seen.
 const FASTEST_FADE: Real = 2.8e-5;
+/// What it moves by at least, over the body's size: so it arrives, and a place that has arrived takes no more time.
+const SLOWEST_FADE: Real = 3e-7;
 /// Beyond this part of the body's size, which only the wildest motion leaves, the fade is faster.
 const FAR_FADE: Real = 0.045;
 /// Part of the fade of a spacing that is left after a tick: 20 ms are slow enough for the hand, and a surface that was

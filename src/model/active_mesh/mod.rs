@@ -11,7 +11,7 @@ mod display;
 mod easing;
 mod reshape;
 
-pub use display::Attachment;
+pub use display::{Attachment, MOST_ASIDE};
 pub use easing::Loads;
 pub use reshape::Upkeep;
 
@@ -78,6 +78,9 @@ pub struct ActiveMesh {
     /// By display vertex: offset [m] of the displayed from the embedded place, and of the displayed from the level's
     /// spacing [m]; what a change of resolution leaves, faded to zero.
     pub fade: Vec<Padded>,
+    fading: Vec<u32>,
+    astray: Vec<u32>,
+    lever: Real,
     /// Counts up with every change of a class's elements, and with every change of interface rows (all classes).
     revision: [u32; CLASSES],
     /// By organ [kg].
@@ -103,7 +106,11 @@ struct Work {
     node_stamp: Vec<u32>,
     element_stamp: Vec<u32>,
     turn: u32,
-    before: Vec<Vec3>,
+    /// Where each slot was before the change [m].
+    was: Vec<Padded>,
+    /// Display vertices that may hang elsewhere, or on what has moved.
+    shifted: Vec<u32>,
+    vertex_stamp: Vec<u32>,
     rehung: Vec<u32>,
     concerned: Vec<u32>,
     balance: Vec<Vec3>,
@@ -166,6 +173,9 @@ impl ActiveMesh {
             free: list(),
             attachment: vec![nowhere; vertices],
             fade: vec![[0.0; 4]; vertices],
+            fading: Vec::with_capacity(vertices),
+            astray: Vec::with_capacity(vertices),
+            lever: 1.0,
             revision: [0; CLASSES],
             mass_unit: body.organs().iter().map(|organ| organ.mass / MASS_UNITS).collect(),
             size: (high - low).max(),
@@ -183,9 +193,10 @@ impl ActiveMesh {
                 node_stamp: vec![0; body.node_count()],
                 element_stamp: vec![0; body.element_count()],
                 turn: 0,
-                before: vec![Vec3::zeros(); vertices],
-                // An element that changes on each of several levels may name a vertex each time.
-                rehung: Vec::with_capacity(vertices * body.levels().len()),
+                was: vec![[0.0; 4]; slots],
+                shifted: Vec::with_capacity(vertices),
+                vertex_stamp: vec![0; vertices],
+                rehung: Vec::with_capacity(vertices),
                 concerned: Vec::with_capacity(body.element_count()),
                 balance: vec![Vec3::zeros(); slots],
                 handed: Vec::with_capacity(slots),
@@ -250,6 +261,10 @@ impl ActiveMesh {
         self.normalise(body);
         self.place_interface();
         self.fade.copy_from_slice(&state.fade);
+        self.fading.clear();
+        self.fading.extend((0..self.fade.len() as u32).filter(|v| self.fade[*v as usize] != [0.0; 4]));
+        self.astray.clear();
+        self.lever = 1.0;
         for v in 0..self.attachment.len() as u32 {
             self.attach(body, v);
         }

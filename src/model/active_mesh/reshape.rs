@@ -61,8 +61,7 @@ impl ActiveMesh {
         if changes.is_empty() {
             return Upkeep::default();
         }
-        let mut before = std::mem::take(&mut self.work.before);
-        self.skin(&mut before);
+        self.remember_places();
         // Of the organs that change.
         let momenta: [Option<Momenta>; MOST_ORGANS] = std::array::from_fn(|organ| {
             let changes = changes.iter().any(|(Change::Split(n) | Change::Merge(n))| body.organ_of(*n) == organ);
@@ -83,10 +82,9 @@ impl ActiveMesh {
                 self.correct_momenta(body, organ, before);
             }
         }
-        self.reattach(body, &before);
+        self.reattach(body);
         self.swap_elements(body);
         self.release_unused(body);
-        self.work.before = before;
         self.revision.iter_mut().for_each(|r| *r = r.wrapping_add(1));
         Upkeep {
             elements: (self.work.entering.len() + self.work.leaving.len()) as u32,
@@ -100,6 +98,7 @@ impl ActiveMesh {
         if self.work.turn == 0 {
             self.work.node_stamp.fill(0);
             self.work.element_stamp.fill(0);
+            self.work.vertex_stamp.fill(0);
             self.work.turn = 1;
         }
     }
