@@ -25,15 +25,15 @@ fn evened(mut surface: Surface, onto: &TriMesh) -> Surface {
         (b - a).cross(&(c - a))
     };
     for _ in 0..ROUNDS {
-        for v in 0..surface.vertices.len() {
-            let before: Vec<Vec3> = around[v].iter().map(|t| normal(&surface, *t)).collect();
+        for (v, around) in around.iter().enumerate() {
+            let before: Vec<Vec3> = around.iter().map(|t| normal(&surface, *t)).collect();
             let total: Vec3 = before.iter().sum();
             let smooth = |n: &Vec3| n.dot(&total) > SMOOTH * n.norm() * total.norm();
             if !before.iter().all(smooth) {
                 continue;
             }
             let (mut area, mut sum) = (0.0, Vec3::zeros());
-            for (t, normal) in around[v].iter().zip(&before) {
+            for (t, normal) in around.iter().zip(&before) {
                 let [a, b, c] = surface.corners(*t);
                 area += normal.norm();
                 sum += (a + b + c) * (normal.norm() / 3.0);
@@ -41,7 +41,7 @@ fn evened(mut surface: Surface, onto: &TriMesh) -> Surface {
             let middle = sum / area;
             let place = from_parry(onto.project_local_point(to_parry(middle), false).point);
             let old = std::mem::replace(&mut surface.vertices[v], place);
-            let kept = around[v].iter().zip(&before).all(|(t, before)| {
+            let kept = around.iter().zip(&before).all(|(t, before)| {
                 let now = normal(&surface, *t);
                 now.dot(before) > SMOOTH * now.norm() * before.norm()
             });
