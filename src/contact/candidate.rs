@@ -70,6 +70,25 @@ impl Candidate {
         stencil_of(&self.stencil)
     }
 
+    /// Squared distance [m²], as far as it tells whether one of two points can stand for the other: more where their normals
+    /// differ, and without bound to a point of another part or side of the tool.
+    pub(super) fn away(&self, other: &Candidate) -> Real {
+        let alike = self.part == other.part && self.normal.dot(&other.normal) > ALIKE;
+        let turned = (self.normal - other.normal) * TURNED;
+        if alike { (self.place - other.place).norm_squared() + turned.norm_squared() } else { Real::INFINITY }
+    }
+
+    /// Takes the area of `other`, which is left out, and where a tool `has_rims` the mean of both normals: what is round is
+    /// felt through its middle only with its own.
+    pub(super) fn stand_for(&mut self, other: &Candidate, has_rims: bool) {
+        self.taken += other.area;
+        if !has_rims {
+            return;
+        }
+        let part = other.area / (self.area + self.taken).max(Real::MIN_POSITIVE);
+        self.normal = (self.normal + (other.normal - self.normal) * part).normalize();
+    }
+
     /// True for a point of another place of the same sheet: their triangles or vertices meet.
     fn meets(&self, other: &Candidate) -> bool {
         self.stencil().iter().any(|(v, _)| other.stencil().iter().any(|(w, _)| v == w))
@@ -84,6 +103,12 @@ impl Candidate {
 fn stencil_of(stencil: &[(u32, Real); 3]) -> &[(u32, Real)] {
     if stencil[0].1 == 1.0 { &stencil[..1] } else { &stencil[..] }
 }
+
+/// Cosine between two normals up to which they count as those of one contact.
+pub(super) const ALIKE: Real = 0.5;
+
+/// Distance as which a normal counts that is another by one radian [m]: on a wide tool, rims need more points than faces.
+const TURNED: Real = 5e-3;
 
 /// Weight of a corner below which a place counts as on the edge opposite.
 const ON_EDGE: Real = 1e-3;

@@ -4,10 +4,10 @@
 //! of the tool's parts, so that nothing slips between vertices. Normals run from the core to the point, at the tool's
 //! place in the middle of the tick.
 
-use super::candidate::{Candidate, Sheet, Touch, follow_sunk, is_in, near_triangles, near_vertices, sunk_depth};
+use super::candidate::{ALIKE, Candidate, Sheet, Touch, follow_sunk, is_in, near_triangles, near_vertices, sunk_depth};
 use super::dent::{Dents, Load, MOST_DENT, share_areas, share_discs};
 use super::nearby::Nearby;
-use super::shape::posed;
+use super::shape::{Posed, posed};
 use super::tool::{MOST_POINTS, Tool, ToolState};
 use super::wrench::middle_pose;
 use crate::math::{Real, Vec3};
@@ -164,7 +164,7 @@ pub fn detect(
     follow_sunk(on, &all[..parts], margin, candidates);
     candidates.sort_unstable_by_key(|c| c.point);
     share_areas(on, &all[..parts], candidates);
-    thin_out(candidates, memory, on.vertices.len() as u32, per_part);
+    thin_out(&all[..parts], candidates, memory, (on.vertices.len() as u32, per_part));
     recall(on, candidates, memory, per_part, parts as u32);
 
     work.memory.clear();
@@ -181,7 +181,9 @@ pub fn detect(
         let (n, core) = (candidate.normal, candidate.core);
         let [start, end] = [&start, &end].map(|posed| posed[candidate.part as usize].frame.at(core));
         let part = all[candidate.part as usize].part;
-        let (radius, most_dent) = (part.radius(), MOST_DENT * part.half_thickness());
+        let most_dent = MOST_DENT * part.half_thickness();
+        // That of the part's rounding, but for what stands for others, too.
+        let radius = n.dot(&(candidate.place - all[candidate.part as usize].frame.at(core))) - candidate.gap;
         let known = candidate.known.map(|k| &memory[k as usize]);
         let load = work.loads[i];
         let mut compliance = [0.0; MOST_POINTS];
@@ -266,44 +268,72 @@ pub fn detect(
 /// Of the points of the last tick, those up to this far apart [m] count as touching where not all can be kept.
 const LET_GO: Real = 2e-4;
 
-/// Keeps as many points as the solver may take, in the order of their numbers: spread over all that is touched, and of
-/// those near each other the ones of the last tick, so that a wide tool's points do not take turns, then vertices before
-/// triangles and the deepest first, ties to the smaller number. Those left out that touch leave their area to the nearest
-/// that is kept, so that the surface is as stiff as before.
-fn thin_out(candidates: &mut Vec<Candidate>, memory: &[PointMemory], vertices: u32, per_part: u32) {
-    if candidates.len() > MOST_POINTS {
-        for c in candidates.iter_mut() {
-            let known = memory.binary_search_by_key(&c.point, |m| m.point).is_ok();
-            let apart = c.gap > if known { LET_GO } else { 0.0 };
-            c.last = (apart, !known, c.point % per_part >= vertices);
+/// Leaves no more points than the solver may take, in the order of their numbers: of those that touch some that are spread
+/// over all that is touched, then the nearest of the others. Those of the last tick come first, so that a wide tool's points
+/// do not take turns, then vertices before triangles and the deepest first, ties to the smaller number. What is left out
+/// leaves its area to the nearest that is kept, so that the surface is as stiff as before; on a solid tool that one has the
+/// mean normal of all that it stands for, or a rim would push to the side where more of its points are left.
+fn thin_out(
+    parts: &[Posed],
+    candidates: &mut Vec<Candidate>,
+    memory: &[PointMemory],
+    (vertices, per_part): (u32, u32),
+) {
+    if candidates.len() <= MOST_POINTS {
+        return;
+    }
+    for c in candidates.iter_mut() {
+        let known = memory.binary_search_by_key(&c.point, |m| m.point).is_ok();
+        let apart = c.gap > if known { LET_GO } else { 0.0 };
+        c.last = (apart, !known, c.point % per_part >= vertices);
+    }
+    candidates.sort_unstable_by(|a, b| a.last.cmp(&b.last).then(a.gap.total_cmp(&b.gap)).then(a.point.cmp(&b.point)));
+    let touching = candidates.partition_point(|c| !c.last.0);
+    if touching > MOST_POINTS {
+        spread_out(&mut candidates[..touching]);
+        let (kept, others) = candidates[..touching].split_at_mut(MOST_POINTS);
+        for other in others {
+            let nearest = kept.iter_mut().min_by(|a, b| a.away(other).total_cmp(&b.away(other)));
+            if let Some(nearest) = nearest.filter(|c| c.away(other) < Real::INFINITY) {
+                nearest.stand_for(other, parts[other.part as usize].is_solid());
+            }
         }
-        candidates
-            .sort_unstable_by(|a, b| a.last.cmp(&b.last).then(a.gap.total_cmp(&b.gap)).then(a.point.cmp(&b.point)));
-        // The deepest alone would leave the rim of a wide contact without a force.
-        let touched: Real = candidates.iter().filter(|c| c.gap < 0.0).map(|c| c.area).sum();
-        let spread = SPREAD * touched / MOST_POINTS as Real;
-        let mut kept = 0;
-        for i in 0..candidates.partition_point(|c| !c.last.0) {
-            let place = candidates[i].place;
-            let crowded = |c: &Candidate| (c.place - place).norm_squared() < spread;
-            if kept < MOST_POINTS && !candidates[..kept].iter().any(crowded) {
+    }
+    candidates.truncate(MOST_POINTS);
+    candidates.sort_unstable_by_key(|c| c.point);
+}
+
+/// Brings to the front of the `candidates` at most as many as the solver may take, none near another.
+fn spread_out(candidates: &mut [Candidate]) {
+    let touched: Real = candidates.iter().map(|c| c.area).sum();
+    let mut spread = SPREAD * touched / MOST_POINTS as Real;
+    for _ in 0..MOST_TURNS {
+        let (mut kept, mut i) = (0, 0);
+        while i < candidates.len() && kept <= MOST_POINTS {
+            let (before, rest) = candidates.split_at(i);
+            let near = if rest[0].last.1 { spread } else { STAYS * spread };
+            if !before[..kept].iter().any(|c| c.away(&rest[0]) < near) {
                 candidates[kept..=i].rotate_right(1);
                 kept += 1;
             }
+            i += 1;
         }
-        let (kept, others) = candidates.split_at_mut(MOST_POINTS);
-        let places: [Vec3; MOST_POINTS] = std::array::from_fn(|i| kept[i].place);
-        for other in others.iter().filter(|o| o.gap < 0.0) {
-            let away = |i: &usize| (places[*i] - other.place).norm_squared();
-            let nearest = (0..MOST_POINTS).min_by(|a, b| away(a).total_cmp(&away(b)));
-            kept[nearest.unwrap_or(0)].taken += other.area;
+        if kept <= MOST_POINTS {
+            return;
         }
-        candidates.truncate(MOST_POINTS);
-        candidates.sort_unstable_by_key(|c| c.point);
+        spread *= WIDER;
     }
 }
 
-/// Squared distance of points that are kept over the area that each has to stand for: as many as there may be find room.
+/// Part of the squared distance at which those of the last tick stay.
+const STAYS: Real = 0.5;
+
+/// By how much the squared distance grows while too many are kept, ...
+const WIDER: Real = 1.3;
+/// ... and how often.
+const MOST_TURNS: usize = 8;
+
+/// Squared distance of points that are kept, at first, over the area that each has to stand for.
 const SPREAD: Real = 0.8;
 
 /// Finds what is remembered of each candidate. A point that has gone from one part of a tool to the next keeps its force
@@ -340,9 +370,6 @@ fn recall(on: &Touchable, candidates: &mut [Candidate], memory: &[PointMemory], 
         candidates[i].known = known.map(|k| k as u32);
     }
 }
-
-/// Cosine between two normals up to which they count as those of one contact.
-const ALIKE: Real = 0.5;
 
 /// Overlap [m] that rounding and a solve of few sweeps may leave.
 const UNNOTICED: Real = 5e-5;
