@@ -30,7 +30,7 @@ pub struct Adaptivity {
 
 impl Default for Adaptivity {
     fn default() -> Self {
-        Self { split: 0.1, merge: 0.3, reach: 1.0, finest: usize::MAX }
+        Self { split: 0.1, merge: 0.3, reach: 1.4, finest: usize::MAX }
     }
 }
 

@@ -7,7 +7,7 @@
 //! [`Body::compliance_between`]: crate::model::Body::compliance_between
 
 use super::candidate::{Candidate, Sheet};
-use super::detection::{Touchable, points_of_a_part};
+use super::detection::{MARGIN, Touchable, points_of_a_part};
 use super::shape::Posed;
 use super::tool::MOST_POINTS;
 use crate::math::{Real, Vec3};
@@ -38,6 +38,8 @@ pub(super) struct Load {
     pub(super) multiplier: Real,
     /// As [`Constraint::disc`](crate::model::Constraint::disc).
     pub(super) disc: Real,
+    /// How near it is to touching: 1 when it does, 0 from the margin on.
+    closed: Real,
 }
 
 impl Load {
@@ -61,6 +63,7 @@ impl Load {
             nu: material.poisson_ratio(),
             multiplier: known.map_or(0.0, |m| m.multiplier),
             disc: 0.0,
+            closed: (1.0 - candidate.gap / MARGIN).clamp(0.0, 1.0),
         }
     }
 
@@ -77,6 +80,11 @@ impl Load {
         // Between two materials it is neither's.
         let half_space = 0.5 * (self.half_space + other.half_space);
         (half_space / apart - shown) * self.normal.dot(&other.normal).max(0.0)
+    }
+
+    /// How much it counts for what others may be raised by [m]: one that comes or goes, open or without area, not at all.
+    fn weight(&self) -> Real {
+        self.radius * self.closed
     }
 
     /// What is left of it beyond [`MOST_DENT`] [m/N]: none at all would leave nothing to divide by where a point hangs on
@@ -159,11 +167,16 @@ impl Dents {
                 let rest = load.from(other, self.points[i][j]).clamp(-MOST_RAISED * most, MOST_SHARED * most);
                 self.points[i][j] = rest;
                 let raised = (-rest).max(0.0);
-                (too_much[i], too_much[j]) = (too_much[i] + raised, too_much[j] + raised);
+                too_much[i] += other.weight() * raised;
+                too_much[j] += load.weight() * raised;
             }
             self.points[i][i] = own;
         }
-        let part: [Real; MOST_POINTS] = std::array::from_fn(|i| MOST_RAISED_IN_ALL * root[i] * root[i] / too_much[i]);
+        // Any positive weights of the points keep the matrix diagonally dominant.
+        let mut part = [0.0; MOST_POINTS];
+        for (i, load) in loads.iter().enumerate() {
+            part[i] = MOST_RAISED_IN_ALL * load.weight() * root[i] * root[i] / too_much[i];
+        }
         for i in 0..loads.len() {
             for j in 0..i {
                 let rest = self.points[i][j];
@@ -263,15 +276,14 @@ pub(super) fn share_discs(parts: &[Posed], candidates: &[Candidate], loads: &mut
     for (part, at) in parts.iter().enumerate() {
         let Some(radius) = at.part.ball_radius() else { continue };
         let own = |i: &usize| candidates[*i].part as usize == part;
-        let (mut force, mut reach, mut squares) = (0.0, 0.0, 0.0);
-        for load in (0..loads.len()).filter(own).map(|i| &loads[i]) {
-            force += load.multiplier;
-            reach += load.multiplier * load.half_space;
-            squares += load.multiplier * load.multiplier / (load.radius * load.radius);
-        }
+        let own_loads = || (0..loads.len()).filter(own).map(|i| &loads[i]);
+        let force: Real = own_loads().map(|load| load.multiplier).sum();
+        let reach: Real = own_loads().map(|load| load.multiplier * load.half_space).sum();
         // 1/E* is π times the half-space's compliance.
         let disc = cube_root(0.75 * std::f64::consts::PI * radius * reach);
         let most = (disc * disc).max(LEAST_DEPTH * radius);
+        let pressure = |load: &Load| (load.multiplier / (load.radius * load.radius)).min(MOST_PRESSURE * force / most);
+        let squares: Real = own_loads().map(|load| load.multiplier * pressure(load)).sum();
         for i in (0..loads.len()).filter(own) {
             let load = &mut loads[i];
             if force <= 0.0 {
@@ -331,6 +343,9 @@ const FIRMER: Real = 0.025;
 const GIVEN_ON: Real = 0.3;
 /// Of a triangle's own area that its point is a candidate for.
 const LEAST_SHARE: Real = 1e-3;
+/// Over the mean pressure on Hertz's disc, what a point counts with at most: a small force on next to no area would decide
+/// for all.
+const MOST_PRESSURE: Real = 10.0;
 /// A ball that does not push yet has the disc of this depth [m].
 const LEAST_DEPTH: Real = 20e-6;
 /// Of a disc [m]: what has no area would give way without bound.

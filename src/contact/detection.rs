@@ -17,7 +17,7 @@ use crate::model::{ActiveMesh, Body, Friction};
 
 /// Points this far from the tool [m] become constraints, so that contact begins with an open gap, and no tool passes
 /// between two ticks what it did not push: more where a tick's motion is more.
-const MARGIN: Real = 2e-3;
+pub(super) const MARGIN: Real = 2e-3;
 
 /// A surface that comes to meet a tool is taken to be no faster [m/s].
 const FASTEST_SURFACE: Real = 1.0;

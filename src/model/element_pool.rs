@@ -213,7 +213,10 @@ impl ElementPool {
     /// Strain of element `id` at its last evaluation: xx, yy, zz, yz, xz, xy.
     pub fn strain(&self, id: u32) -> Option<[Real; 6]> {
         // Not by way of the whole history: the branches lie elsewhere, and this is asked for often.
-        self.find(id).map(|(block, lane)| self.blocks[block].strain.map(|row| 0.5 * row[lane]))
+        let (block, lane) = self.find(id)?;
+        // Mapped, the rows of all lanes would be copied first.
+        let rows = &self.blocks[block].strain;
+        Some(std::array::from_fn(|c| 0.5 * rows[c][lane]))
     }
 
     /// [`ElementPool::strain`], and the determinant of the deformation gradient then.

@@ -183,7 +183,7 @@ const DISPLAY_VERTICES: usize = 4000;
 
 /// Thresholds from coarse to fine: strain jump, reach.
 const DRIVEN: [(Real, Real); 7] =
-    [(0.3, 0.2), (0.1, 0.35), (0.1, 0.5), (0.1, 0.7), (0.05, 0.7), (0.05, 1.0), (0.03, 1.3)];
+    [(0.3, 0.2), (0.1, 0.35), (0.1, 0.5), (0.1, 0.7), (0.05, 0.7), (0.05, 1.0), (0.1, 1.4)];
 
 /// Error of the tool force against cost: the curve that the mission is about.
 pub fn speed(out: &Path, progress: Progress) -> Result<String> {

@@ -19,7 +19,7 @@ fn a_budget_cut_tenfold_coarsens_and_no_tick_is_lost_or_too_dear() {
     (cube.damping_ratio, cube.spacings) = (0.15, vec![0.060, 0.034, 0.020, 0.0115]);
     let body = cube.body();
     report(&body);
-    let mut settings = settings(Some(Adaptivity { split: 0.02, ..Adaptivity::default() }));
+    let mut settings = settings(Some(Adaptivity { split: 0.02, reach: 1.0, ..Adaptivity::default() }));
     settings.limits = ForceLimits { force: 3.3, torque: 0.2, slew: 1000.0 };
     let settings_uniform = Settings { adaptivity: None, ..settings.clone() };
     let mut press = simulation(&body, &settings, uniform(&body, 0));
