@@ -196,8 +196,10 @@ impl Touch<'_> {
         let known = remembered(self.memory, point);
         let turned = normal.dot(&outward) >= 0.0;
         let behind = turned && is_behind(on, from, stencil_of(stencil));
+        // What a solid core passes gets inside of it first, unless it is thin and fast; what is beside its wall has not been.
+        let passed = |m: &PointMemory| !at.is_solid() || m.normal.dot(&normal) < -ALIKE;
         let sheet = match known {
-            Some(m) if behind && m.normal.dot(&outward) < 0.0 => Sheet::Sunk,
+            Some(m) if behind && m.normal.dot(&outward) < 0.0 && passed(m) => Sheet::Sunk,
             // A thin tip that slides fast turns its normal, and so does one that is through an edge.
             Some(m) if m.normal.dot(&normal) < 0.0 => Sheet::Turned,
             _ if !turned => Sheet::Front,

@@ -334,8 +334,8 @@ const CUT: Real = 1.382;
 const BEYOND: Real = 1.4;
 /// Least distance between two loads over the sum of their radii.
 const LEAST_APART: Real = 0.85;
-/// Part of half of a part's thickness that the dent below the mesh's size may take: beyond it the displayed surface would swallow
-/// a thin tip and lose it at the next triangle.
+/// Part of the radius of a ball or capsule that the dent below the mesh's size may take: beyond it the displayed surface would
+/// swallow a thin tip and lose it at the next triangle.
 pub(super) const MOST_DENT: Real = 0.3;
 /// Part of what the mesh shows that is left of the compliance beyond that.
 const FIRMER: Real = 0.025;

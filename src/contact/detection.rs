@@ -181,7 +181,8 @@ pub fn detect(
         let (n, core) = (candidate.normal, candidate.core);
         let [start, end] = [&start, &end].map(|posed| posed[candidate.part as usize].frame.at(core));
         let part = all[candidate.part as usize].part;
-        let most_dent = MOST_DENT * part.half_thickness();
+        // A solid core loses nothing that gets inside of it.
+        let most_dent = if part.is_solid() { Real::INFINITY } else { MOST_DENT * part.half_thickness() };
         // That of the part's rounding, but for what stands for others, too.
         let radius = n.dot(&(candidate.place - all[candidate.part as usize].frame.at(core))) - candidate.gap;
         let known = candidate.known.map(|k| &memory[k as usize]);

@@ -132,6 +132,7 @@ pub struct Constraint {
     pub disc: Real,
     /// Dent [m] beyond which the point gets firmer, so that the tool stays outside the displayed surface: the dent is the
     /// smaller one of `Σ_j G_j λ_j` and `most_dent + firm·λ`.
+    /// Infinite on a solid core.
     pub most_dent: Real,
     /// Compliance beyond that [m/N].
     pub firm: Real,

@@ -92,7 +92,7 @@ fn a_flat_end_feels_its_force_in_its_middle_and_quietly() {
 #[test]
 fn a_rim_and_an_edge_are_felt_inside_a_triangle_and_across_an_edge_of_the_surface() {
     // Display vertices stand every 25 mm: both the rim and the edge are shorter than a triangle.
-    let coarse = ["body.cells=[[4,4,4]]", "body.active_level=0"];
+    let coarse = ["body.cells=[[4,4,4]]", "body.active_level=0", "body.display_vertices=98"];
     let inside = TOP + Vec3::new(0.008, 0.016, 0.0);
     let across = TOP + Vec3::new(0.0125, 0.0, 0.0);
     let rounding = 0.0005;
@@ -119,6 +119,58 @@ fn a_rim_and_an_edge_are_felt_inside_a_triangle_and_across_an_edge_of_the_surfac
             );
             assert!(points > 0 && held > 0.1, "{name} {place_name}");
             assert!(down > -0.3e-3 && down < 0.3e-3, "{name} {place_name}: felt at {down} m");
+        }
+    }
+}
+
+/// What is sharp goes deeper into the displayed surface than a mesh can show: pressed in and held, it is felt the same on
+/// elements of any size, and without jolts.
+#[test]
+fn a_rim_an_edge_and_a_corner_are_felt_alike_and_quietly_on_any_mesh() {
+    let rounding = 0.0005;
+    let shapes: [(&str, ToolShape, [Real; 4], Real); 3] = [
+        (
+            "rim",
+            Part::cylinder(0.006, 0.02, rounding).into(),
+            quaternion(Vec3::y(), 0.25 * std::f64::consts::PI),
+            0.0039,
+        ),
+        (
+            "edge",
+            block(Vec3::new(-0.004, 0.0, 0.0), Vec3::new(0.008, 0.01, 0.01), rounding).into(),
+            quaternion(Vec3::x(), 0.25 * std::f64::consts::PI),
+            0.0,
+        ),
+        // A diagonal of the cube stands upright.
+        (
+            "corner",
+            block(Vec3::zeros(), Vec3::repeat(0.01), rounding).into(),
+            quaternion(Vec3::new(1.0, -1.0, 0.0), 0.9553),
+            0.0,
+        ),
+    ];
+    for (name, shape, turned, lift) in shapes {
+        for depth in [0.003, 0.006, 0.01] {
+            let mut felt = Vec::new();
+            for cells in ["[[4,4,4],[7,7,7],[12,12,12]]", "[[5,5,5],[9,9,9],[17,17,17]]"] {
+                let mut cube = scene(&["material.damping_time=0.01", &format!("body.cells={cells}")]);
+                cube.settings.tools[0].shape = shape.clone();
+                let place = TOP + Vec3::new(0.008, 0.016, lift + rounding);
+                let (forces, _, points) = lowered(&cube, depth, |down| posed(place - Vec3::z() * down, turned));
+                let held = forces[499].norm();
+                let bends = forces[100..].windows(3).map(|f| (f[2] - 2.0 * f[1] + f[0]).norm());
+                let kink = bends.fold(0.0, Real::max);
+                println!(
+                    "{name} {:.0} mm deep on {cells}: {held:.3} N on {points} points, sideways {:.3} N, kink {:.1} mN",
+                    1e3 * depth,
+                    forces[499].xy().norm(),
+                    1e3 * kink
+                );
+                assert!(kink < (0.1 * held).max(0.01), "{name} {depth} on {cells}: {kink} of {held} N");
+                assert!(forces[499].xy().norm() < 0.3 * held, "{name} {depth} on {cells}: {:?}", forces[499]);
+                felt.push(held);
+            }
+            assert!((felt[0] / felt[1] - 1.0).abs() < 0.15, "{name} {depth}: {felt:?}");
         }
     }
 }
@@ -181,9 +233,9 @@ fn what_tools_of_other_shapes_get_the_body_loses_tick_by_tick() {
     }
 }
 
-/// How far the force of a ball of `radius` that slides `depth` deep [m] over 30 mm of the top gets from its mean, over the mean,
-/// and that mean [N].
-fn sliding(cube: &Setup, radius: Real, depth: Real) -> (Real, Real) {
+/// How far the force of a ball of `radius` that slides `depth` deep [m] over 30 mm of the top, `beside` its middle [m], gets
+/// from its mean, over the mean, and that mean [N].
+fn sliding(cube: &Setup, radius: Real, depth: Real, beside: Real) -> (Real, Real) {
     let mut slide = simulation(cube);
     tick(&mut slide, attach());
     let mut forces = Vec::new();
@@ -191,7 +243,7 @@ fn sliding(cube: &Setup, radius: Real, depth: Real) -> (Real, Real) {
         let t = Real::from(i) * TICK;
         let way = 0.03 * ((t - 0.6) / 1.5).clamp(0.0, 1.0) - 0.015;
         let height = radius + 5e-4 - (depth + 5e-4) * ease(t, 0.0, 0.3);
-        let force = tick(&mut slide, at(TOP + Vec3::new(way, 0.003, height))).tools[0].state.physical_force;
+        let force = tick(&mut slide, at(TOP + Vec3::new(way, beside, height))).tools[0].state.physical_force;
         if i > 600 {
             forces.push(force.z);
         }
@@ -230,19 +282,21 @@ fn a_ball_that_slides_at_constant_depth_keeps_its_force() {
     let with = |more: &[&str]| scene(&[&ball, more].concat());
     // A third of its radius deep, the elements' own softening under large strain is felt beside the dent.
     for (name, cube, most) in [
-        ("uniform 12.5 mm", with(&["body.cells=[[4,4,4],[8,8,8]]", "body.active_level=1"]), 0.035),
-        ("adaptive, 25 to 8.3 mm", with(&["body.cells=[[4,4,4],[7,7,7],[12,12,12]]"]), 0.03),
+        ("uniform 12.5 mm", with(&["body.cells=[[4,4,4],[8,8,8]]", "body.active_level=1"]), 0.031),
+        ("adaptive, 25 to 8.3 mm", with(&["body.cells=[[4,4,4],[7,7,7],[12,12,12]]"]), 0.031),
         ("adaptive, 20 to 5.9 mm", with(&["body.cells=[[5,5,5],[9,9,9],[17,17,17]]"]), 0.025),
         ("cover of 8.5 mm", covered(0.0085, 0.01), 0.035),
     ] {
-        let (away, mean) = sliding(&cube, 0.01, 0.003);
-        println!("{name}: within {:.1} % of {mean:.4} N", 1e2 * away);
-        assert!(away < most, "{name}: {away}");
+        for beside in [0.003, -0.0011] {
+            let (away, mean) = sliding(&cube, 0.01, 0.003, beside);
+            println!("{name}, {:+.1} mm: within {:.2} % of {mean:.4} N", 1e3 * beside, 1e2 * away);
+            assert!(away < most, "{name}: {away}");
+        }
     }
     // As wide a contact without large strain, whatever the elements' size.
     let hertz = 4.0 / 3.0 * 1e4 / (1.0 - 0.35 * 0.35) * (0.04 as Real).sqrt() * (0.75e-3 as Real).powf(1.5);
     for spacing in [0.0125, 0.0085] {
-        let (away, mean) = sliding(&covered(spacing, 0.04), 0.04, 0.75e-3);
+        let (away, mean) = sliding(&covered(spacing, 0.04), 0.04, 0.75e-3, 0.003);
         println!("cover of {:.1} mm: within {:.1} % of {mean:.4} N, Hertz {hertz:.4} N", 1e3 * spacing, 1e2 * away);
         assert!(away < 0.025 && (mean / hertz - 1.0).abs() < 0.06, "{spacing}: {away}, {mean} N");
     }
