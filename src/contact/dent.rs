@@ -327,11 +327,11 @@ const MOST_RAISED: Real = 0.05;
 const MOST_RAISED_IN_ALL: Real = 0.9;
 /// What a disc gives way on the average over a constant pressure, over its radius, would be 2; with this the forces of balls
 /// on some ten discs are Hertz's.
-const DISC: Real = 2.14;
+const DISC: Real = 2.2;
 /// Radius of a disc times what the mesh shows, from which on a disc gives way less than the mesh shows, or little more: ...
 const CUT: Real = 1.382;
 /// ... what it gives way then goes on without a step.
-const BEYOND: Real = 1.4;
+const BEYOND: Real = 1.482;
 /// Least distance between two loads over the sum of their radii.
 const LEAST_APART: Real = 0.85;
 /// Part of the radius of a ball or capsule that the dent below the mesh's size may take: beyond it the displayed surface would

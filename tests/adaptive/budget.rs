@@ -130,8 +130,8 @@ fn on_a_short_budget_the_fine_levels_follow_a_stroke() {
             under[body.level_of(mesh.node(*near.unwrap()))] += 1;
         }
         println!(
-            "{budget} units a tick: ticks by level under the tool {under:?}; {changes} changes, {still} without a step; \
-             largest step of the force {step:.2} of what may be felt"
+            "{budget} units a tick, {needed} needed at most without a limit: ticks by level under the tool {under:?}; \
+             {changes} changes, {still} without a step; largest step of the force {step:.2} of what may be felt"
         );
         if budget == u32::MAX {
             assert!(needed > 45_000, "{needed} units: the budget is not short");

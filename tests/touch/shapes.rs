@@ -170,7 +170,7 @@ fn a_rim_an_edge_and_a_corner_are_felt_alike_and_quietly_on_any_mesh() {
                 assert!(forces[499].xy().norm() < 0.3 * held, "{name} {depth} on {cells}: {:?}", forces[499]);
                 felt.push(held);
             }
-            assert!((felt[0] / felt[1] - 1.0).abs() < 0.15, "{name} {depth}: {felt:?}");
+            assert!((felt[0] / felt[1] - 1.0).abs() < 0.1, "{name} {depth}: {felt:?}");
         }
     }
 }
@@ -285,7 +285,7 @@ fn a_ball_that_slides_at_constant_depth_keeps_its_force() {
         ("uniform 12.5 mm", with(&["body.cells=[[4,4,4],[8,8,8]]", "body.active_level=1"]), 0.031),
         ("adaptive, 25 to 8.3 mm", with(&["body.cells=[[4,4,4],[7,7,7],[12,12,12]]"]), 0.031),
         ("adaptive, 20 to 5.9 mm", with(&["body.cells=[[5,5,5],[9,9,9],[17,17,17]]"]), 0.025),
-        ("cover of 8.5 mm", covered(0.0085, 0.01), 0.035),
+        ("cover of 8.5 mm", covered(0.0085, 0.01), 0.036),
     ] {
         for beside in [0.003, -0.0011] {
             let (away, mean) = sliding(&cube, 0.01, 0.003, beside);
