@@ -172,10 +172,11 @@ impl Dents {
             }
             self.points[i][i] = own;
         }
-        // Any positive weights of the points keep the matrix diagonally dominant.
+        // Any positive weights of the points keep the matrix diagonally dominant; one without weight is not raised.
         let mut part = [0.0; MOST_POINTS];
         for (i, load) in loads.iter().enumerate() {
-            part[i] = MOST_RAISED_IN_ALL * load.weight() * root[i] * root[i] / too_much[i];
+            let most = MOST_RAISED_IN_ALL * load.weight() * root[i] * root[i];
+            part[i] = if most > 0.0 { most / too_much[i] } else { 0.0 };
         }
         for i in 0..loads.len() {
             for j in 0..i {
