@@ -20,6 +20,8 @@ fn press(seconds: &str, more: &[&str]) -> (tempfile::TempDir, PathBuf) {
     Command::new(env!("CARGO_BIN_EXE_palpate"))
         .args(["simulate", "cube", "--seconds", seconds, "--trajectory", trajectory.to_str().unwrap()])
         .args(["--set", "world.gravity=[0.0, 0.0, 0.0]"])
+        // The finest level is to come with the press, not where the tool waits.
+        .args(["--set", "resolution.reach=1.0"])
         .args(more)
         .args(["--out", folder.path().join("out").to_str().unwrap(), "--record", recording.to_str().unwrap()])
         .assert()
