@@ -131,8 +131,7 @@ pub struct Constraint {
     /// What the growth of the touched disc takes off these compliances where the force changes [m/N].
     pub disc: Real,
     /// Dent [m] beyond which the point gets firmer, so that the tool stays outside the displayed surface: the dent is the
-    /// smaller one of `Σ_j G_j λ_j` and `most_dent + firm·λ`.
-    /// Infinite on a solid core.
+    /// smaller one of `Σ_j G_j λ_j` and `most_dent + firm·λ`. Infinite on a solid core.
     pub most_dent: Real,
     /// Compliance beyond that [m/N].
     pub firm: Real,
