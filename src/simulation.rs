@@ -451,7 +451,6 @@ impl Simulation {
                 self.settle_tools();
             }
         }
-        self.mesh.fade_out();
         self.mesh.reclass_part(&self.body, ticks % RECLASS_TICKS, RECLASS_TICKS);
     }
 
@@ -523,6 +522,8 @@ impl Simulation {
                 &mut self.stepping,
             );
             self.mesh.reclass_alarmed(&self.body);
+            // While the body stands still nothing fades: what a point gives way by would change, and its force with it.
+            self.mesh.fade_out();
         }
     }
 

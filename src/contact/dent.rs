@@ -36,6 +36,8 @@ pub(super) struct Load {
     pub(super) nu: Real,
     /// Last multiplier [N].
     pub(super) multiplier: Real,
+    /// Whether it has come to hang on a coarser level, and does not count as all of that yet.
+    pub(super) coarsened: bool,
     /// As [`Constraint::disc`](crate::model::Constraint::disc).
     pub(super) disc: Real,
     /// How near it is to touching: 1 when it does, 0 from the margin on.
@@ -62,6 +64,7 @@ impl Load {
             half_space: material.half_space(),
             nu: material.poisson_ratio(),
             multiplier: known.map_or(0.0, |m| m.multiplier),
+            coarsened: stencil.iter().any(|(v, _)| on.mesh.fade[*v as usize][3] < 0.0),
             disc: 0.0,
             closed: (1.0 - candidate.gap / MARGIN).clamp(0.0, 1.0),
         }
@@ -87,10 +90,10 @@ impl Load {
         self.radius * self.closed
     }
 
-    /// What is left of it beyond [`MOST_DENT`] [m/N]: none at all would leave nothing to divide by where a point hangs on
-    /// nodes that are held fast.
-    pub(super) fn firm(&self) -> Real {
-        FIRMER * self.half_space * self.shown
+    /// `part` of what the mesh shows [m/N]: no compliance at all would leave nothing to divide by where a point hangs on nodes
+    /// that are held fast.
+    pub(super) fn firm(&self, part: Real) -> Real {
+        part * self.half_space * self.shown
     }
 }
 
@@ -300,6 +303,15 @@ pub(super) fn share_discs(parts: &[Posed], candidates: &[Candidate], loads: &mut
     }
 }
 
+/// Where a point of a ball or capsule of `radius` [m] gets firmer, on a surface whose edges are at most `edge` long [m]: from
+/// which dent on [m], and the part of what the mesh shows that is left of the compliance beyond it. What is firm pushes hard
+/// and shakes: it must not come before the tool might get lost.
+pub(super) fn firm_beyond(radius: Real, edge: Real) -> (Real, Real) {
+    let wide = (radius / edge).min(1.0);
+    let wide = wide * wide;
+    (radius * (MOST_DENT[0] + wide * (MOST_DENT[1] - MOST_DENT[0])), FIRMER[0] + wide * (FIRMER[1] - FIRMER[0]))
+}
+
 /// By Newton's method, after bringing `x` ≥ 0 between 1/8 and 1: the same on every machine.
 fn cube_root(x: Real) -> Real {
     if !(Real::MIN_POSITIVE..1e9).contains(&x) {
@@ -335,11 +347,12 @@ const CUT: Real = 1.382;
 const BEYOND: Real = 1.482;
 /// Least distance between two loads over the sum of their radii.
 const LEAST_APART: Real = 0.85;
-/// Part of the radius of a ball or capsule that the dent below the mesh's size may take: beyond it the displayed surface would
-/// swallow a thin tip and lose it at the next triangle.
-pub(super) const MOST_DENT: Real = 0.3;
-/// Part of what the mesh shows that is left of the compliance beyond that.
-const FIRMER: Real = 0.025;
+/// Part of the radius of a ball or capsule that the dent below the mesh's size may take before it gets firm: where triangles
+/// are much wider the displayed surface would swallow the tip and lose it at the next triangle; where they are no wider there
+/// are always several to stand on.
+const MOST_DENT: [Real; 2] = [0.3, 0.6];
+/// Part of what the mesh shows that is left of the compliance beyond that: of the thin one, and of the wide one.
+const FIRMER: [Real; 2] = [0.025, 0.25];
 /// Part of half of a part's thickness within which a triangle's point leaves its area to the corners.
 const GIVEN_ON: Real = 0.3;
 /// Of a triangle's own area that its point is a candidate for.

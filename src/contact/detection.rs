@@ -5,7 +5,7 @@
 //! place in the middle of the tick.
 
 use super::candidate::{ALIKE, Candidate, Sheet, Touch, follow_sunk, is_in, near_triangles, near_vertices, sunk_depth};
-use super::dent::{Dents, Load, MOST_DENT, share_areas, share_discs};
+use super::dent::{Dents, Load, firm_beyond, share_areas, share_discs};
 use super::nearby::Nearby;
 use super::shape::{Posed, posed};
 use super::tool::{MOST_POINTS, Tool, ToolState};
@@ -25,7 +25,7 @@ const FASTEST_SURFACE: Real = 1.0;
 /// Part of an overlap found late that remains after each tick: 32 of them (a frame) close 99.5 % of it.
 const SLACK_KEPT: Real = 0.85;
 
-/// Part of the shift of a dent by a change of resolution that remains after each tick: a time constant of 7 ms.
+/// Part of [`PointMemory::shift`] that remains after each tick: a time constant of 7 ms.
 const SHIFT_KEPT: Real = 0.87;
 
 /// Memory that detection needs and no one keeps.
@@ -49,7 +49,7 @@ pub struct Workspace {
     restores: bool,
     /// Part of the way to what it stands for now that a point's area goes in a tick.
     followed: Real,
-    /// No display edge is longer [m], unless it is stretched beyond [`MOST_STRETCH`].
+    /// No display edge is longer at rest [m].
     longest_edge: Real,
     /// Whether the resolution has changed since the last tick.
     changed: bool,
@@ -80,7 +80,7 @@ impl Workspace {
             turn: 0,
             restores: true,
             followed: TAKEN_FOLLOWED,
-            longest_edge: MOST_STRETCH * longest,
+            longest_edge: longest,
             changed: false,
         }
     }
@@ -144,7 +144,7 @@ pub fn detect(
     let touch = Touch { parts: &all[..parts], margin, deep, per_part, memory };
     // Whatever touches the tool has all its vertices within an edge's length of the box of one of its parts.
     work.near.clear();
-    let windows = touch.windows(work.longest_edge);
+    let windows = touch.windows(MOST_STRETCH * work.longest_edge);
     let joined = |a: (Vec3, Vec3), b: &(Vec3, Vec3)| (a.0.inf(&b.0), a.1.sup(&b.1));
     let window = windows[..parts].iter().fold(windows[0], joined);
     for &v in work.nearby[index as usize].place(body, mesh, window, &mut work.vertices) {
@@ -182,7 +182,8 @@ pub fn detect(
         let [start, end] = [&start, &end].map(|posed| posed[candidate.part as usize].frame.at(core));
         let part = all[candidate.part as usize].part;
         // A solid core loses nothing that gets inside of it.
-        let most_dent = if part.is_solid() { Real::INFINITY } else { MOST_DENT * part.half_thickness() };
+        let (most_dent, firmer) =
+            if part.is_solid() { (Real::INFINITY, 1.0) } else { firm_beyond(part.half_thickness(), work.longest_edge) };
         // That of the part's rounding, but for what stands for others, too.
         let radius = n.dot(&(candidate.place - all[candidate.part as usize].frame.at(core))) - candidate.gap;
         let known = candidate.known.map(|k| &memory[k as usize]);
@@ -194,13 +195,13 @@ pub fn detect(
         }
         let moved = n.dot(&(end - start));
         // Overlap at the start of the tick that neither the last multiplier nor the last slack explains: a tool that
-        // came too fast, a body that stood still meanwhile, a point just found. It is closed gradually.
+        // came too fast, a point just found. It is closed gradually.
         let soft: Real = compliance.iter().zip(&work.loads).map(|(g, other)| g * other.multiplier).sum();
-        let firm = if work.restores { load.firm() } else { 0.0 };
+        let firm = if work.restores { load.firm(firmer) } else { 0.0 };
         let shown = soft.min(most_dent + firm * load.multiplier);
         let overlap = n.dot(&start) + radius - n.dot(&candidate.place) - shown;
         // Other nodes show other parts of the dents: nothing is to be felt of that at once, be it more or less.
-        let changed = known.filter(|_| work.changed).map_or(0.0, |m| m.dent - shown);
+        let changed = known.filter(|_| work.changed || load.coarsened).map_or(0.0, |m| m.dent - shown);
         let shift = known.map_or(0.0, |m| m.shift) + changed;
         let overlap = overlap - shift;
         let slack = match known {

@@ -27,8 +27,8 @@ pub fn remember(
         point.multiplier = c.multiplier;
         point.dent = c.dent(constraints);
         if !moved {
-            // The tool went on alone: closed within the next tick, that would be a blow.
-            point.slack = (point.slack + c.rate * TICK).max(0.0);
+            // The tool went on alone, there or back: within the next tick, that would be a blow.
+            point.shift += c.rate * TICK;
         }
         if c.friction.coefficient == 0.0 {
             continue;

@@ -173,7 +173,8 @@ pub struct PointMemory {
     pub taken: Real,
     /// Overlap that has not been closed yet [m].
     pub slack: Real,
-    /// What changes of resolution have made of the dent more (below zero) or less, as far as it is not followed yet [m].
+    /// What changes of resolution have made of the dent more (below zero) or less, and how far the tool has come while the body
+    /// stood still, as far as neither is followed yet [m].
     pub shift: Real,
     /// [`Constraint::dent`] after the last tick [m].
     pub dent: Real,
