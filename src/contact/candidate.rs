@@ -249,7 +249,7 @@ fn is_behind(on: &Touchable, p: Vec3, stencil: &[(u32, Real)]) -> bool {
 /// That holds down to twice the `margin` [m] only: a surface that still clung to a tool deep inside would be turned inside
 /// out by it.
 pub(super) fn follow_sunk(on: &Touchable, parts: &[Posed], margin: Real, candidates: &mut Vec<Candidate>) {
-    let deepest = 2.0 * margin;
+    let deepest = 4.0 * margin;
     spread(deepest, candidates);
     for (part, at) in parts.iter().enumerate() {
         let own = |c: &Candidate| c.part as usize == part;

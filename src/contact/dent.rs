@@ -11,7 +11,7 @@ use super::detection::{MARGIN, Touchable, points_of_a_part};
 use super::shape::Posed;
 use super::tool::MOST_POINTS;
 use crate::math::{Real, Vec3};
-use crate::model::constraint::PointMemory;
+use crate::model::constraint::{Firming, PointMemory};
 use crate::model::{Row, skin};
 
 /// What a candidate's force does to the surface below the mesh's size.
@@ -90,10 +90,17 @@ impl Load {
         self.radius * self.closed
     }
 
-    /// `part` of what the mesh shows [m/N]: no compliance at all would leave nothing to divide by where a point hangs on nodes
-    /// that are held fast.
-    pub(super) fn firm(&self, part: Real) -> Real {
-        part * self.half_space * self.shown
+    /// Where dents under a ball or capsule of `radius` [m] get firmer, on a surface whose edges are at most `edge` long [m].
+    /// What is firm pushes hard and shakes: it must not come before the tool might get lost.
+    pub(super) fn firming(&self, radius: Real, edge: Real) -> Firming {
+        let wide = (radius / edge).min(1.0);
+        let between = |[thin, thick]: [Real; 2]| thin + wide * wide * (thick - thin);
+        Firming {
+            from: radius * between(MOST_DENT),
+            within: radius * wide * HALVED,
+            most: radius * MOST_MORE,
+            own: self.half_space * self.shown * between(FIRM),
+        }
     }
 }
 
@@ -303,15 +310,6 @@ pub(super) fn share_discs(parts: &[Posed], candidates: &[Candidate], loads: &mut
     }
 }
 
-/// Where a point of a ball or capsule of `radius` [m] gets firmer, on a surface whose edges are at most `edge` long [m]: from
-/// which dent on [m], and the part of what the mesh shows that is left of the compliance beyond it. What is firm pushes hard
-/// and shakes: it must not come before the tool might get lost.
-pub(super) fn firm_beyond(radius: Real, edge: Real) -> (Real, Real) {
-    let wide = (radius / edge).min(1.0);
-    let wide = wide * wide;
-    (radius * (MOST_DENT[0] + wide * (MOST_DENT[1] - MOST_DENT[0])), FIRMER[0] + wide * (FIRMER[1] - FIRMER[0]))
-}
-
 /// By Newton's method, after bringing `x` ≥ 0 between 1/8 and 1: the same on every machine.
 fn cube_root(x: Real) -> Real {
     if !(Real::MIN_POSITIVE..1e9).contains(&x) {
@@ -351,8 +349,13 @@ const LEAST_APART: Real = 0.85;
 /// are much wider the displayed surface would swallow the tip and lose it at the next triangle; where they are no wider there
 /// are always several to stand on.
 const MOST_DENT: [Real; 2] = [0.3, 0.6];
-/// Part of what the mesh shows that is left of the compliance beyond that: of the thin one, and of the wide one.
-const FIRMER: [Real; 2] = [0.025, 0.25];
+/// What [`Firming::within`] is over the radius, where triangles are no wider.
+const HALVED: Real = 0.012;
+/// What [`Firming::most`] is over the radius.
+const MOST_MORE: Real = 0.25;
+/// What [`Firming::own`] is of what the mesh shows: none at all would leave nothing to divide by where a point hangs on nodes
+/// that are held fast.
+const FIRM: [Real; 2] = [0.0125, 0.25];
 /// Part of half of a part's thickness within which a triangle's point leaves its area to the corners.
 const GIVEN_ON: Real = 0.3;
 /// Of a triangle's own area that its point is a candidate for.

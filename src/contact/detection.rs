@@ -5,13 +5,13 @@
 //! place in the middle of the tick.
 
 use super::candidate::{ALIKE, Candidate, Sheet, Touch, follow_sunk, is_in, near_triangles, near_vertices, sunk_depth};
-use super::dent::{Dents, Load, firm_beyond, share_areas, share_discs};
+use super::dent::{Dents, Load, share_areas, share_discs};
 use super::nearby::Nearby;
 use super::shape::{Posed, posed};
 use super::tool::{MOST_POINTS, Tool, ToolState};
 use super::wrench::middle_pose;
 use crate::math::{Real, Vec3};
-use crate::model::constraint::{Constraint, PointMemory, Pushed};
+use crate::model::constraint::{Constraint, Firming, PointMemory, Pushed};
 use crate::model::step_class::TICK;
 use crate::model::{ActiveMesh, Body, Friction};
 
@@ -181,13 +181,13 @@ pub fn detect(
         let (n, core) = (candidate.normal, candidate.core);
         let [start, end] = [&start, &end].map(|posed| posed[candidate.part as usize].frame.at(core));
         let part = all[candidate.part as usize].part;
-        // A solid core loses nothing that gets inside of it.
-        let (most_dent, firmer) =
-            if part.is_solid() { (Real::INFINITY, 1.0) } else { firm_beyond(part.half_thickness(), work.longest_edge) };
         // That of the part's rounding, but for what stands for others, too.
         let radius = n.dot(&(candidate.place - all[candidate.part as usize].frame.at(core))) - candidate.gap;
         let known = candidate.known.map(|k| &memory[k as usize]);
         let load = work.loads[i];
+        // A solid core loses nothing that gets inside of it.
+        let firming =
+            if part.is_solid() { Firming::NEVER } else { load.firming(part.half_thickness(), work.longest_edge) };
         let mut compliance = [0.0; MOST_POINTS];
         if work.restores {
             let n = work.loads.len();
@@ -197,8 +197,7 @@ pub fn detect(
         // Overlap at the start of the tick that neither the last multiplier nor the last slack explains: a tool that
         // came too fast, a point just found. It is closed gradually.
         let soft: Real = compliance.iter().zip(&work.loads).map(|(g, other)| g * other.multiplier).sum();
-        let firm = if work.restores { load.firm(firmer) } else { 0.0 };
-        let shown = soft.min(most_dent + firm * load.multiplier);
+        let shown = firming.of(soft, 0.0, load.multiplier).0;
         let overlap = n.dot(&start) + radius - n.dot(&candidate.place) - shown;
         // Other nodes show other parts of the dents: nothing is to be felt of that at once, be it more or less.
         let changed = known.filter(|_| work.changed || load.coarsened).map_or(0.0, |m| m.dent - shown);
@@ -230,8 +229,7 @@ pub fn detect(
             first,
             compliance,
             disc: load.disc,
-            firm,
-            most_dent,
+            firming,
             tool: index,
             point: candidate.point,
             multiplier: load.multiplier,

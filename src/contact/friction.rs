@@ -25,7 +25,7 @@ pub fn remember(
     for (c, point) in constraints.iter().zip(points) {
         debug_assert_eq!(c.point, point.point);
         point.multiplier = c.multiplier;
-        point.dent = c.dent(constraints);
+        point.dent = c.dent(constraints, 0.0).0;
         if !moved {
             // The tool went on alone, there or back: within the next tick, that would be a blow.
             point.shift += c.rate * TICK;

@@ -168,14 +168,12 @@ impl Contact {
             }
             turning.push(if sticks { Mat3::zeros() } else { across * (c.multiplier / radius) });
         }
-        // Beyond the largest dent a point is firmer.
-        let firm: Vec<bool> = pushing
-            .iter()
-            .map(|(_, c)| {
-                let dent: Real = own.iter().zip(&c.compliance).map(|(other, g)| g * other.multiplier).sum();
-                dent > c.most_dent + c.firm * c.multiplier
-            })
-            .collect();
+        // Deep dents have got firmer: they share less.
+        let left = |(i, c): &(usize, &Constraint)| match c.compliance[*i] {
+            g if g > 0.0 => (c.dent(own.iter().copied(), g).1 / g).sqrt(),
+            _ => 1.0,
+        };
+        let left: Vec<Real> = pushing.iter().map(left).collect();
         let Coupling { compliance, angular_compliance } = own.first()?.coupling;
         let between = |a: usize, b: usize| {
             let ((p, d), (q, e)) = (rows[a], rows[b]);
@@ -186,11 +184,7 @@ impl Contact {
                 (false, false) => c.friction.compliance * d.dot(&e),
                 _ => 0.0,
             };
-            let dent = match (firm[p] || firm[q], p == q) {
-                (true, true) => c.firm,
-                (true, false) => 0.0,
-                _ => 0.5 * (c.compliance[j] - c.disc + other.compliance[i] - other.disc),
-            };
+            let dent = left[p] * left[q] * 0.5 * (c.compliance[j] - c.disc + other.compliance[i] - other.disc);
             let turns = angular_compliance * c.arm.cross(&d).dot(&other.arm.cross(&e));
             dent * factor + compliance * d.dot(&e) + turns
         };

@@ -111,8 +111,41 @@ impl Pushed {
     }
 }
 
-/// One unilateral constraint `n·q(t) + Σ_j G_j λ_j ≥ offset + rate·t`, `λ ≥ 0`, on the surface point `q`; `t` [s] from
-/// the start of the tick. The multiplier λ [N] is the force along `normal` that the tool puts on the body.
+/// Where dents get firmer, so that the tool stays outside the displayed surface: one of `s = Σ_j G_j λ_j` is no deeper than
+/// `from + y/(1 + y/m) + g λ`, `y = h (√(1 + 2x/h) − 1)`, `x = s − from`. The part that points share is bounded, and so those
+/// beside one that pushes hard hold, too.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Firming {
+    /// Dent from which on [m]; infinite on a solid core.
+    pub from: Real,
+    /// `h` [m]: grown by so much it gives way half as much.
+    pub within: Real,
+    /// `m` [m]: by so much it grows at most, ...
+    pub most: Real,
+    /// ... but for what a newton on the point itself adds, `g` [m/N].
+    pub own: Real,
+}
+
+impl Firming {
+    /// Of what loses nothing that sinks into it.
+    pub const NEVER: Self = Self { from: Real::INFINITY, within: 1.0, most: 1.0, own: 0.0 };
+
+    /// How deep a dent of `soft` [m] is [m] under `multiplier` [N], and what a newton more adds [m/N], of which the point
+    /// itself has `compliance` [m/N].
+    pub fn of(&self, soft: Real, compliance: Real, multiplier: Real) -> (Real, Real) {
+        if soft <= self.from {
+            return (soft, compliance);
+        }
+        let root = (1.0 + 2.0 * (soft - self.from) / self.within).sqrt();
+        let grown = self.within * (root - 1.0);
+        let part = 1.0 / (1.0 + grown / self.most);
+        let firm = self.from + grown * part + self.own * multiplier;
+        if soft <= firm { (soft, compliance) } else { (firm, part * part / root * compliance + self.own) }
+    }
+}
+
+/// One unilateral constraint `n·q(t) + d ≥ offset + rate·t`, `λ ≥ 0`, on the surface point `q`, whose dent `d` is `Σ_j G_j λ_j`,
+/// [firmed](Firming); `t` [s] from the start of the tick. The multiplier λ [N] is the force along `normal` that the tool puts on the body.
 #[derive(Clone, Copy, Debug)]
 pub struct Constraint {
     /// The surface point.
@@ -130,11 +163,8 @@ pub struct Constraint {
     pub compliance: [Real; MOST_POINTS],
     /// What the growth of the touched disc takes off these compliances where the force changes [m/N].
     pub disc: Real,
-    /// Dent [m] beyond which the point gets firmer, so that the tool stays outside the displayed surface: the dent is the
-    /// smaller one of `Σ_j G_j λ_j` and `most_dent + firm·λ`. Infinite on a solid core.
-    pub most_dent: Real,
-    /// Compliance beyond that [m/N].
-    pub firm: Real,
+    /// Where less than these is left.
+    pub firming: Firming,
     /// Index of the tool.
     pub tool: u32,
     /// What tells this point from the tool's others, from tick to tick: a display vertex, or the number of vertices
@@ -155,10 +185,11 @@ pub struct Constraint {
 }
 
 impl Constraint {
-    /// How far the surface gives way here below the mesh's size [m] under the multipliers of the tool's constraints, `own`.
-    pub fn dent(&self, own: &[Constraint]) -> Real {
-        let all: Real = self.compliance.iter().zip(own).map(|(g, other)| g * other.multiplier).sum();
-        all.min(self.most_dent + self.firm * self.multiplier)
+    /// How far the surface gives way here below the mesh's size [m] under the multipliers of the tool's constraints, `own`,
+    /// and what a newton more adds [m/N], of which the point itself has `compliance` [m/N].
+    pub fn dent<'a>(&self, own: impl IntoIterator<Item = &'a Constraint>, compliance: Real) -> (Real, Real) {
+        let soft = self.compliance.iter().zip(own).map(|(g, other)| g * other.multiplier).sum();
+        self.firming.of(soft, compliance, self.multiplier)
     }
 }
 

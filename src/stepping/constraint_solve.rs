@@ -1,8 +1,8 @@
 //! The contact solve of one sub-step: projected Gauss–Seidel on end-of-step positions, warm-started.
 //!
-//! For each point: `r = n·(Σ b_i (x_i + Δt v_i)) + Σ_j G_j λ_j − (offset + rate·t)`,
-//! `λ ← max(0, λ − r / (Δt² Σ b_i²/m_i + G))`, and the change of λ at once acts on the velocities and on the other
-//! points' dents. The gap is closed as a whole: scaling it (Baumgarte) would make the force too small, because G turns
+//! For each point: `r = n·(Σ b_i (x_i + Δt v_i)) + d − (offset + rate·t)`, `d` the dent of `s = Σ_j G_j λ_j`, which gets
+//! firmer as it grows; `λ ← max(0, λ − r / (Δt² Σ b_i²/m_i + G ∂d/∂s))`, and the change of λ at once acts on the velocities
+//! and on the other points' dents. The gap is closed as a whole: scaling it (Baumgarte) would make the force too small, because G turns
 //! gap into force. Where there is friction, the tangential multiplier follows the same way, and is then cut to the disc of
 //! radius μ λ [Coulomb]. A tool that hangs on springs gives way to the sum of its points' forces and turns with the sum of
 //! their moments: compliances that all of them share.
@@ -74,12 +74,9 @@ pub fn solve(mesh: &mut ActiveMesh, constraints: &mut [Constraint], prepared: &m
             let open = p.position + moved - p.target + c.normal.dot(&pushed.give(&c.allowed_for, &c.coupling, &c.arm));
             let turned = c.coupling.angular_compliance * c.arm.cross(&c.normal).norm_squared();
             let mobility = p.mobility + c.coupling.compliance + turned;
-            let compliant = c.multiplier - (open + p.dent) / (mobility + p.compliance);
-            // Beyond the largest dent only a part of the compliance is left; the larger multiplier is the right one.
-            let deep = open + c.most_dent + c.firm * c.multiplier;
-            let firm = c.multiplier - deep / (mobility + c.firm);
+            let (dent, given) = c.firming.of(p.dent, p.compliance, c.multiplier);
             // A point that would pull is released: its multiplier stays at zero.
-            let multiplier = compliant.max(firm).max(0.0);
+            let multiplier = (c.multiplier - (open + dent) / (mobility + given)).max(0.0);
             let change = multiplier - c.multiplier;
             if change != 0.0 {
                 c.multiplier = multiplier;
