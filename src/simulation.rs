@@ -522,9 +522,8 @@ impl Simulation {
                 &mut self.stepping,
             );
             self.mesh.reclass_alarmed(&self.body);
-            // While the body stands still nothing fades: what a point gives way by would change, and its force with it.
-            self.mesh.fade_out();
         }
+        self.mesh.fade_out();
     }
 
     /// Our last line: a state that is not finite, or that the body would stay in for ever, is replaced by the one a reset

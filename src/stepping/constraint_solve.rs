@@ -2,10 +2,10 @@
 //!
 //! For each point: `r = n·(Σ b_i (x_i + Δt v_i)) + d − (offset + rate·t)`, `d` the dent of `s = Σ_j G_j λ_j`, which gets
 //! firmer as it grows; `λ ← max(0, λ − r / (Δt² Σ b_i²/m_i + G ∂d/∂s))`, and the change of λ at once acts on the velocities
-//! and on the other points' dents. The gap is closed as a whole: scaling it (Baumgarte) would make the force too small, because G turns
-//! gap into force. Where there is friction, the tangential multiplier follows the same way, and is then cut to the disc of
-//! radius μ λ [Coulomb]. A tool that hangs on springs gives way to the sum of its points' forces and turns with the sum of
-//! their moments: compliances that all of them share.
+//! and on the other points' dents. The gap is closed as a whole: scaling it (Baumgarte) would make the force too small,
+//! because G turns gap into force. Where there is friction, the tangential multiplier follows the same way, and is then cut
+//! to the disc of radius μ λ [Coulomb]. A tool that hangs on springs gives way to the sum of its points' forces and turns
+//! with the sum of their moments: compliances that all of them share.
 
 use crate::math::{Real, Vec3};
 use crate::model::constraint::{MOST_TOOLS, Pushed};
