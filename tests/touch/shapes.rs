@@ -2,6 +2,7 @@
 
 use super::feel::momentum_errors;
 use super::*;
+use palpate::adaptation::Adaptivity;
 use palpate::contact::tool::Part;
 use palpate::geometry::primitives::box_surface;
 use palpate::prepare::Region;
@@ -255,25 +256,28 @@ fn sliding(cube: &Setup, radius: Real, depth: Real, beside: Real) -> (Real, Real
     (forces.iter().map(|f| (f / mean - 1.0).abs()).fold(0.0, Real::max), mean)
 }
 
-/// The cube covered by a lattice that its faces cut anywhere, of constant `spacing` [m], which moves as a whole.
-fn covered(spacing: Real, radius: Real) -> Setup {
+/// The cube covered by lattices that its faces cut anywhere, of constants `spacings` [m]: the second moves as a whole, of
+/// more than two it adapts between them.
+fn covered(spacings: &[Real], radius: Real) -> Setup {
     let elastic = Material::from_young(1e4, 0.35, 1000.0);
     let bounds = (Vec3::zeros(), Vec3::new(SIDE, SIDE, 1e-3));
     let recipe = Recipe {
         name: "covered".into(),
-        shape: Shape::closed(box_surface(Vec3::repeat(SIDE), [40; 3]), vec![0.03, spacing]),
+        shape: Shape::closed(box_surface(Vec3::repeat(SIDE), [40; 3]), spacings.to_vec()),
         material: Material { phi: elastic.lambda * 0.01, psi: elastic.mu * 0.01, ..elastic },
         inclusions: vec![],
         holds: vec![Region { bounds, stiffness: None, exact: false }],
         damping_ratio: 0.0,
     };
-    let shape = ToolShape::ball(radius);
+    let adapts = spacings.len() > 2;
     let settings = Settings {
-        tools: vec![Tool { name: "ball".into(), shape, friction: 0.0 }],
+        tools: vec![Tool { name: "ball".into(), shape: ToolShape::ball(radius), friction: 0.0 }],
+        adaptivity: adapts.then(Adaptivity::default),
+        most_elements: 100_000,
         ..scene(&["tool.radius=0.01"]).settings
     };
     let body = Arc::new(prepare(&recipe, &mut |_, _, _| {}).unwrap());
-    Setup { rest: Snapshot::at_rest(&body, 1, 1), body, settings: Settings { adaptivity: None, ..settings } }
+    Setup { rest: Snapshot::at_rest(&body, usize::from(!adapts), 1), body, settings }
 }
 
 #[test]
@@ -286,7 +290,8 @@ fn a_ball_that_slides_at_constant_depth_keeps_its_force() {
         ("uniform 12.5 mm", with(&["body.cells=[[4,4,4],[8,8,8]]", "body.active_level=1"]), 0.031, &tracks[..]),
         ("adaptive, 25 to 8.3 mm", with(&["body.cells=[[4,4,4],[7,7,7],[12,12,12]]"]), 0.03, &tracks),
         ("adaptive, 20 to 5.9 mm", with(&["body.cells=[[5,5,5],[9,9,9],[17,17,17]]"]), 0.025, &tracks),
-        ("cover of 8.5 mm", covered(0.0085, 0.01), 0.035, &tracks[..1]),
+        ("cover of 8.5 mm", covered(&[0.03, 0.0085], 0.01), 0.035, &tracks[..1]),
+        ("adaptive cover, 30 to 6 mm", covered(&[0.03, 0.018, 0.0105, 0.006], 0.01), 0.03, &tracks),
     ] {
         for &beside in tracks {
             let (away, mean) = sliding(&cube, 0.01, 0.003, beside);
@@ -297,7 +302,7 @@ fn a_ball_that_slides_at_constant_depth_keeps_its_force() {
     // As wide a contact without large strain, whatever the elements' size.
     let hertz = 4.0 / 3.0 * 1e4 / (1.0 - 0.35 * 0.35) * (0.04 as Real).sqrt() * (0.75e-3 as Real).powf(1.5);
     for spacing in [0.0125, 0.0085] {
-        let (away, mean) = sliding(&covered(spacing, 0.04), 0.04, 0.75e-3, 0.003);
+        let (away, mean) = sliding(&covered(&[0.03, spacing], 0.04), 0.04, 0.75e-3, 0.003);
         println!("cover of {:.1} mm: within {:.1} % of {mean:.4} N, Hertz {hertz:.4} N", 1e3 * spacing, 1e2 * away);
         assert!(away < 0.025 && (mean / hertz - 1.0).abs() < 0.06, "{spacing}: {away}, {mean} N");
     }
