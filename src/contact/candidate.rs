@@ -246,8 +246,8 @@ fn is_behind(on: &Touchable, p: Vec3, stencil: &[(u32, Real)]) -> bool {
 /// be lost at the next triangle. An axis that is inside the body, although nothing says how it got there, has come through the
 /// sheet that it is the least behind of. Of edges and corners only those nearest to it count.
 ///
-/// That holds down to four times the `margin` [m] only: a surface that still clung to a tool deep inside would be turned inside
-/// out by it.
+/// That holds down to four times the `margin` [m] only: a surface that still clung to a tool deep inside would be turned
+/// inside out by it.
 pub(super) fn follow_sunk(on: &Touchable, parts: &[Posed], margin: Real, candidates: &mut Vec<Candidate>) {
     let deepest = 4.0 * margin;
     spread(deepest, candidates);

@@ -144,8 +144,9 @@ impl Firming {
     }
 }
 
-/// One unilateral constraint `n·q(t) + d ≥ offset + rate·t`, `λ ≥ 0`, on the surface point `q`, whose dent `d` is `Σ_j G_j λ_j`,
-/// [firmed](Firming); `t` [s] from the start of the tick. The multiplier λ [N] is the force along `normal` that the tool puts on the body.
+/// One unilateral constraint `n·q(t) + d ≥ offset + rate·t`, `λ ≥ 0`, on the surface point `q`, whose dent `d` is
+/// `Σ_j G_j λ_j`, [firmed](Firming); `t` [s] from the start of the tick. The multiplier λ [N] is the force along `normal`
+/// that the tool puts on the body.
 #[derive(Clone, Copy, Debug)]
 pub struct Constraint {
     /// The surface point.
