@@ -446,16 +446,20 @@ impl Simulation {
             let loads = Loads { points: &self.points, gravity: self.settings.gravity };
             self.outputs.adapted =
                 adaptation::adapt(body, mesh, adaptivity, &self.focus, (&means, &loads), ticks, &mut self.adaptation);
-            if self.outputs.adapted.work > 0 {
+            let adapted = &self.outputs.adapted;
+            if adapted.splits + adapted.merges > 0 {
                 self.detection.change_resolution(true);
-                self.settle_tools();
+                self.settle_tools(false);
+            } else if adapted.work > 0 {
+                self.settle_tools(true);
             }
         }
         self.mesh.reclass_part(&self.body, ticks % RECLASS_TICKS, RECLASS_TICKS);
     }
 
-    /// Tools that touch what now hangs on other elements follow their force slowly for a while.
-    fn settle_tools(&mut self) {
+    /// Tools that touch what now hangs on other elements (before a body moves again that stood still for many changes, `all`
+    /// that touch it) follow their force slowly for a while.
+    fn settle_tools(&mut self, all: bool) {
         let first_triangle = self.body.surface().vertices.len() as u32;
         let per_part = detection::points_of_a_part(&self.body);
         for ((tool, points), of) in self.tools.iter_mut().zip(&self.points).zip(&self.settings.tools) {
@@ -465,7 +469,7 @@ impl Simulation {
             let concerned = |v: &u32| {
                 touched(*v) || self.body.triangles_around(*v as usize).iter().any(|t| touched(first_triangle + t))
             };
-            if !points.is_empty() && self.mesh.rehung().iter().any(concerned) {
+            if !points.is_empty() && (all || self.mesh.rehung().iter().any(concerned)) {
                 tool.settle();
             }
         }
@@ -521,6 +525,7 @@ impl Simulation {
                 self.settings.gravity,
                 &mut self.stepping,
             );
+            self.mesh.ease_off();
             self.mesh.reclass_alarmed(&self.body);
         }
         self.mesh.fade_out();

@@ -160,8 +160,8 @@ pub fn adapt(
     let (budget, load) = (means.budget, work::of_tick(mesh, contacts));
     let look = Look { body, adaptivity, focus };
     let shedding = work::of_tick(mesh, means.contacts) > budget;
-    // Under a tool, what changes put out of balance is eased; a body that has too much to do cannot afford that.
-    let eases = !shedding && loads.points.iter().flatten().any(|p| p.multiplier > 0.0);
+    // Under a tool, what changes put out of balance is eased.
+    let eases = loads.points.iter().flatten().any(|p| p.multiplier > 0.0);
     let each = CHANGE_UPKEEP + if eases { EASED_CHANGE } else { 0 };
     // A body without room for a change could not follow a tool.
     let spare = work::with_change(budget).saturating_sub(BATCH_UPKEEP + CHANGE_UPKEEP + EASED_CHANGE);
@@ -172,10 +172,21 @@ pub fn adapt(
         // they make, so few large ones take less than many small ones, even if they have to be saved up for.
         look.spare_families(mesh, 0, 1, Real::INFINITY, &mut work.spare);
         plan_merges(body, mesh, MOST_CHANGES, load.saturating_sub(full), 0.0, work);
-        let needed = BATCH_UPKEEP + SHED_UPKEEP * work.changes.len() as u32;
-        if !work.changes.is_empty() && needed > means.allowed {
+        let changes = work.changes.len() as u32;
+        // The body is weighed whole, once before all batches and once after, where that takes less than each on its own.
+        let (whole, few) = (EASE_UPKEEP * mesh.pool().len() as u32, EASED_CHANGE * changes);
+        let apart = eases && !mesh.is_held();
+        let holds = apart && few > 2 * whole;
+        let batch = BATCH_UPKEEP + SHED_UPKEEP * changes + if apart { few } else { 0 };
+        let needed = if holds { whole } else { batch };
+        if changes > 0 && needed > means.allowed {
             return Adapted { saving: true, ..Adapted::default() };
         }
+        if holds {
+            return Adapted { work: EASE_UPKEEP * mesh.hold(body, loads), saving: true, ..Adapted::default() };
+        }
+    } else if mesh.is_held() {
+        return Adapted { work: EASE_UPKEEP * mesh.let_go(body, loads), ..Adapted::default() };
     } else {
         // What the last change took has to be made up for first.
         let left = if means.allowed < budget { 0 } else { work::with_change(budget).saturating_sub(load) };
@@ -196,16 +207,19 @@ pub fn adapt(
         }
     }
     if work.changes.is_empty() {
-        return Adapted::default();
+        // Where nothing can be shed, either.
+        let weighed = if mesh.is_held() { mesh.let_go(body, loads) } else { 0 };
+        return Adapted { work: EASE_UPKEEP * weighed, ..Adapted::default() };
     }
+    let apart = eases && !mesh.is_held();
     let Upkeep { elements, rows, eased } =
-        if eases { mesh.apply_under(body, &work.changes, loads) } else { mesh.apply(body, &work.changes) };
+        if apart { mesh.apply_under(body, &work.changes, loads) } else { mesh.apply(body, &work.changes) };
     let splits = work.changes.iter().filter(|c| matches!(c, Change::Split(_))).count() as u32;
     Adapted {
         splits,
         merges: work.changes.len() as u32 - splits,
         work: BATCH_UPKEEP + elements * ELEMENT_UPKEEP + rows * ROW_UPKEEP + eased * EASE_UPKEEP,
-        saving: false,
+        saving: mesh.is_held(),
     }
 }
 

@@ -27,8 +27,9 @@ pub fn remember(
         point.multiplier = c.multiplier;
         point.dent = c.dent(constraints, 0.0).0;
         if !moved {
-            // The tool went on alone, there or back: within the next tick, that would be a blow.
-            point.shift += c.rate * TICK;
+            // The tool went on alone, there or back, and what is displayed faded: within the next tick, that would be a blow.
+            let away = c.normal.dot(&c.row.interpolate(&mesh.motion.position)) + point.dent - c.offset;
+            point.shift += c.rate * TICK - if c.multiplier > 0.0 { away } else { 0.0 };
         }
         if c.friction.coefficient == 0.0 {
             continue;

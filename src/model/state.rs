@@ -18,6 +18,8 @@ pub struct State {
     pub velocity: Vec<Vec3>,
     /// Forces on them that changes of resolution have left to fade [N], (n_active).
     pub ease: Vec<Vec3>,
+    /// They are all that accelerates the body, which stands still, see [`super::active_mesh::ActiveMesh::hold`].
+    pub held: bool,
     /// Interface nodes; where they are follows from the active ones.
     pub interface: Vec<u32>,
     /// Elements in use by step class.
@@ -69,6 +71,7 @@ impl State {
         Self {
             velocity: vec![Vec3::zeros(); position.len()],
             ease: vec![Vec3::zeros(); position.len()],
+            held: false,
             calm: Vec::new(),
             history: vec![History::REST; classes.iter().map(Vec::len).sum()],
             fade: vec![[0.0; 4]; body.surface().vertices.len()],
@@ -87,6 +90,7 @@ impl State {
             position: Vec::with_capacity(slots),
             velocity: Vec::with_capacity(slots),
             ease: Vec::with_capacity(slots),
+            held: false,
             interface: Vec::with_capacity(slots),
             classes: (0..CLASSES).map(|_| Vec::with_capacity(elements)).collect(),
             history: Vec::with_capacity(elements),

@@ -17,8 +17,8 @@ const CONTACT: u32 = 1_000;
 const POINT: u32 = 150;
 /// Units per element put in or taken out.
 pub const ELEMENT_UPKEEP: u32 = 20;
-/// Units per element whose forces are weighed before and after a change under a load.
-pub const EASE_UPKEEP: u32 = 20;
+/// Units of weighing the forces of one element, as is done before and after changes under a load.
+pub const EASE_UPKEEP: u32 = 10;
 /// Units per interface row made.
 pub const ROW_UPKEEP: u32 = 80;
 /// Units of a batch of changes of resolution, whatever is in it: momenta, masses and the surface before and after.

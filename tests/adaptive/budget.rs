@@ -82,7 +82,7 @@ fn a_budget_cut_tenfold_coarsens_and_no_tick_is_lost_or_too_dear() {
     assert!(worst < 2 * i64::from(BATCH_UPKEEP), "{worst} units more than was allowed until then");
     assert!(dearest < budget, "{dearest} units in one tick");
     // 0.99 N; on the next ticks it goes to what the coarse level feels like.
-    assert!(physical < 0.07, "the force changes by {physical} N in a tick");
+    assert!(physical < 0.05 * 0.99, "the force changes by {physical} N in a tick");
 }
 
 /// Room for elements is what a session is given, not a part of it: a press reaches the finest level on a small body, too.

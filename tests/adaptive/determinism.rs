@@ -24,6 +24,14 @@ fn stroke_to_the_hold(i: u64) -> Inputs {
     inputs(ball_at(Vec3::new(x, 0.05, SIDE + 0.01 - depth)))
 }
 
+/// As [`press_and_stroke`], with a budget that is cut to a fraction while the ball presses and comes back.
+fn press_on_a_cut_budget(i: u64) -> Inputs {
+    Inputs { budget: if (CUT..CUT + 300).contains(&i) { 9_000 } else { 60_000 }, ..press_and_stroke(i) }
+}
+
+/// Ticks before the cut.
+const CUT: u64 = 420;
+
 /// What a tick says that must be the same.
 type Row = (u64, [u64; 6], u64, [u32; 4], bool);
 
@@ -49,6 +57,29 @@ fn restored_at_any_moment_near_a_hold_it_goes_on_bit_for_bit() {
     restored_at_any_moment(stroke_to_the_hold, 3e4);
 }
 
+/// While a body stands still to shed many nodes under a tool, what is held is all that says how it will go on.
+#[test]
+fn restored_while_it_sheds_it_goes_on_bit_for_bit() {
+    let body = Cube { spacings: vec![0.060, 0.034, 0.020, 0.0115], ..elastic_cube(1e4, true) }.body();
+    report(&body);
+    let settings = settings(Some(Adaptivity { split: 0.02, ..Adaptivity::default() }));
+    let start = || simulation(&body, &settings, uniform(&body, 0));
+    let mut whole = start();
+    let (mut all, mut held) = (Vec::new(), Vec::new());
+    for i in 0..CUT + 800 {
+        all.extend(advance(&mut whole, press_on_a_cut_budget, i, 1));
+        if whole.mesh().is_held() {
+            held.push(i);
+        }
+    }
+    let [before, shed] = [CUT, CUT + 200].map(|i| all[i as usize].3[0]);
+    println!("held in ticks {held:?}; {before} elements, then {shed}");
+    assert!(held.len() > 5 && shed * 3 < before * 2, "there is nothing to get wrong");
+    for moment in CUT..=held[held.len() - 1] + 2 {
+        restored_at(moment, &body, start, press_on_a_cut_budget, &all);
+    }
+}
+
 fn restored_at_any_moment(script: fn(u64) -> Inputs, young: Real) {
     let body = body(young);
     report(&body);
@@ -63,21 +94,27 @@ fn restored_at_any_moment(script: fn(u64) -> Inputs, young: Real) {
     let mut moments: Vec<u64> = changing.iter().map(|i| i + 1).filter(|i| *i <= 1000).step_by(5).collect();
     moments.extend([3, 450, 1000]);
     for &moment in &moments {
-        let mut half = start();
-        advance(&mut half, script, 0, moment);
-        let bytes = postcard::to_stdvec(&half.snapshot()).unwrap();
-        let snapshot: Snapshot = postcard::from_bytes(&bytes).unwrap();
-        assert_eq!(snapshot, half.snapshot(), "postcard");
-        for path in [Path::Portable, Path::best()] {
-            let mut restored =
-                Simulation::new(body.clone(), settings.clone(), snapshot.clone()).unwrap().with_path(path);
-            assert_eq!(restored.hash(), half.hash());
-            let rows = advance(&mut restored, script, moment, COMPARED);
-            for (row, expected) in rows.iter().zip(&all[moment as usize..]) {
-                assert_eq!(row, expected, "restored after {moment} ticks on {path:?}");
-            }
-        }
+        restored_at(moment, &body, start, script, &all);
         println!("restored after {moment} ticks ({:?} before): {COMPARED} ticks alike", all[moment as usize - 1].3);
+    }
+}
+
+/// Goes on as in `all` after being saved and restored at `moment`.
+fn restored_at(moment: u64, body: &Arc<Body>, start: impl Fn() -> Simulation, script: fn(u64) -> Inputs, all: &[Row]) {
+    let mut half = start();
+    advance(&mut half, script, 0, moment);
+    let bytes = postcard::to_stdvec(&half.snapshot()).unwrap();
+    let snapshot: Snapshot = postcard::from_bytes(&bytes).unwrap();
+    assert_eq!(snapshot, half.snapshot(), "postcard");
+    for path in [Path::Portable, Path::best()] {
+        let settings = half.settings().clone();
+        let mut restored = Simulation::new(body.clone(), settings, snapshot.clone()).unwrap().with_path(path);
+        assert_eq!(restored.hash(), half.hash());
+        let expected = &all[moment as usize..];
+        let rows = advance(&mut restored, script, moment, COMPARED.min(expected.len() as u64));
+        for (row, expected) in rows.iter().zip(expected) {
+            assert_eq!(row, expected, "restored after {moment} ticks on {path:?}");
+        }
     }
 }
 

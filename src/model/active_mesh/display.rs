@@ -228,7 +228,6 @@ impl ActiveMesh {
 
     /// Fades what changes of resolution have left, by one tick.
     pub fn fade_out(&mut self) {
-        self.ease_off();
         let (least, most) = (SLOWEST_FADE * self.size, FASTEST_FADE * self.size);
         let Self { fading, fade, size, .. } = self;
         fading.retain(|v| {

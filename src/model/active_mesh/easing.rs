@@ -9,7 +9,7 @@ use crate::math::{Mat3, Real, Vec3};
 use crate::model::active_set::Change;
 use crate::model::body::{Body, NONE};
 use crate::model::constraint::PointMemory;
-use crate::model::element_pool::{ElementConstants, History};
+use crate::model::element_pool::{CLASSES, ElementConstants, History};
 use crate::model::material::{COLLAPSE_ONSET, COLLAPSE_STIFFNESS};
 use crate::model::skin;
 
@@ -32,33 +32,38 @@ impl ActiveMesh {
     /// Makes `changes` as [`ActiveMesh::apply`] does, under `loads`.
     pub fn apply_under(&mut self, body: &Body, changes: &[Change], loads: &Loads) -> Upkeep {
         self.find_concerned(body, changes);
-        for &slot in &self.active {
-            self.work.balance[slot as usize] = vec3(&self.motion.ease[slot as usize]);
-        }
         self.add_balance(body, loads, 1.0);
-        self.work.handed.clear();
-        for change in changes {
-            let (off, _) = sides(body, change);
-            let sum = off.iter().map(|n| std::mem::take(&mut self.work.balance[self.slot[*n as usize] as usize])).sum();
-            self.work.handed.push(sum);
-        }
         let mut upkeep = self.apply(body, changes);
-        for (i, change) in changes.iter().enumerate() {
-            let (_, on) = sides(body, change);
-            let slots = || on.iter().map(|n| self.slot[*n as usize] as usize);
-            let mass: Real = slots().map(|s| self.motion.mass[s]).sum();
-            for slot in on.iter().map(|n| self.slot[*n as usize] as usize) {
-                self.work.balance[slot] = self.work.handed[i] * (self.motion.mass[slot] / mass);
-            }
-        }
         self.add_balance(body, loads, -1.0);
-        for &slot in &self.active {
-            let s = slot as usize;
-            let free = self.motion.inverse_mass[s] > 0.0;
-            self.motion.ease[s] = if free { padded(self.work.balance[s]) } else { [0.0; 4] };
-        }
-        upkeep.eased = self.work.concerned.len() as u32;
+        upkeep.eased = 2 * self.work.concerned.len() as u32;
         upkeep
+    }
+
+    /// True between [`ActiveMesh::hold`] and [`ActiveMesh::let_go`]: the body must not move.
+    pub fn is_held(&self) -> bool {
+        self.held
+    }
+
+    /// Holds all that accelerates the body under `loads`, before many batches of changes in which it stands still: what they
+    /// put out of balance is weighed but once, at the end. Elements that were weighed.
+    pub fn hold(&mut self, body: &Body, loads: &Loads) -> u32 {
+        self.held = true;
+        self.weigh_all(body, loads, 1.0)
+    }
+
+    /// Leaves of that what has come out of balance. Elements that were weighed.
+    pub fn let_go(&mut self, body: &Body, loads: &Loads) -> u32 {
+        self.held = false;
+        self.weigh_all(body, loads, -1.0)
+    }
+
+    fn weigh_all(&mut self, body: &Body, loads: &Loads, sign: Real) -> u32 {
+        self.work.concerned.clear();
+        for class in 0..CLASSES {
+            self.work.concerned.extend(self.pool.ids(class));
+        }
+        self.add_balance(body, loads, sign);
+        self.work.concerned.len() as u32
     }
 
     /// Elements whose forces `changes` alter: those around nodes that come and go, and those of interface nodes that will
@@ -99,7 +104,7 @@ impl ActiveMesh {
         }
     }
 
-    /// Adds `sign` times what accelerates each active node, as far as the concerned elements go.
+    /// Adds to what is held `sign` times what accelerates each active node, as far as the concerned elements go.
     fn add_balance(&mut self, body: &Body, loads: &Loads, sign: Real) {
         for i in 0..self.work.concerned.len() {
             let e = self.work.concerned[i];
@@ -129,12 +134,35 @@ impl ActiveMesh {
         for &slot in &self.active {
             let s = slot as usize;
             let force = vec3(&std::mem::replace(&mut self.motion.force[s], [0.0; 4]));
-            self.work.balance[s] += (force + loads.gravity * self.motion.mass[s]) * sign;
+            if self.motion.inverse_mass[s] > 0.0 {
+                let balance = (force + loads.gravity * self.motion.mass[s]) * sign;
+                self.motion.ease[s] = padded(vec3(&self.motion.ease[s]) + balance);
+            }
         }
     }
 
-    /// Lets go a little of what is held, by one tick.
-    pub(super) fn ease_off(&mut self) {
+    /// What was held on the nodes that `changes` take away, to be taken over by those that come.
+    pub(super) fn collect_eases(&mut self, body: &Body, changes: &[Change]) {
+        self.work.handed.clear();
+        for change in changes {
+            let slots = sides(body, change).0.iter().map(|n| self.slot[*n as usize] as usize);
+            self.work.handed.push(slots.map(|s| vec3(&self.motion.ease[s])).sum());
+        }
+    }
+
+    /// Hands it to them, in parts as their masses.
+    pub(super) fn hand_eases_over(&mut self, body: &Body, changes: &[Change]) {
+        for (change, handed) in changes.iter().zip(&self.work.handed) {
+            let slots = || sides(body, change).1.iter().map(|n| self.slot[*n as usize] as usize);
+            let mass: Real = slots().map(|s| self.motion.mass[s]).sum();
+            for s in sides(body, change).1.iter().map(|n| self.slot[*n as usize] as usize) {
+                self.motion.ease[s] = padded(handed * (self.motion.mass[s] / mass));
+            }
+        }
+    }
+
+    /// Lets go a little of what is held, by one tick in which the body moved.
+    pub fn ease_off(&mut self) {
         for &slot in &self.active {
             let ease = &mut self.motion.ease[slot as usize];
             for e in &mut ease[..3] {

@@ -38,7 +38,7 @@ pub struct Motion {
     pub velocity: Vec<Padded>,
     /// Forces under way [N], zero between events.
     pub force: Vec<Padded>,
-    /// Forces that changes of resolution have left to fade [N], see [`ActiveMesh::apply_under`].
+    /// Forces that changes of resolution have left to fade [N], see [`ActiveMesh::apply_under`]; of active nodes.
     pub ease: Vec<Padded>,
     /// [1/kg]; 0 for nodes that are held fast and for interface nodes.
     pub inverse_mass: Vec<Real>,
@@ -81,6 +81,8 @@ pub struct ActiveMesh {
     fading: Vec<u32>,
     astray: Vec<u32>,
     lever: Real,
+    /// See [`ActiveMesh::hold`].
+    held: bool,
     /// Counts up with every change of a class's elements, and with every change of interface rows (all classes).
     revision: [u32; CLASSES],
     /// By organ [kg].
@@ -113,7 +115,6 @@ struct Work {
     vertex_stamp: Vec<u32>,
     rehung: Vec<u32>,
     concerned: Vec<u32>,
-    balance: Vec<Vec3>,
     handed: Vec<Vec3>,
 }
 
@@ -176,6 +177,7 @@ impl ActiveMesh {
             fading: Vec::with_capacity(vertices),
             astray: Vec::with_capacity(vertices),
             lever: 1.0,
+            held: false,
             revision: [0; CLASSES],
             mass_unit: body.organs().iter().map(|organ| organ.mass / MASS_UNITS).collect(),
             size: (high - low).max(),
@@ -198,7 +200,6 @@ impl ActiveMesh {
                 vertex_stamp: vec![0; vertices],
                 rehung: Vec::with_capacity(vertices),
                 concerned: Vec::with_capacity(body.element_count()),
-                balance: vec![Vec3::zeros(); slots],
                 handed: Vec::with_capacity(slots),
             },
         };
@@ -265,6 +266,7 @@ impl ActiveMesh {
         self.fading.extend((0..self.fade.len() as u32).filter(|v| self.fade[*v as usize] != [0.0; 4]));
         self.astray.clear();
         self.lever = 1.0;
+        self.held = state.held;
         for v in 0..self.attachment.len() as u32 {
             self.attach(body, v);
         }
@@ -328,6 +330,7 @@ impl ActiveMesh {
         state.position.clear();
         state.velocity.clear();
         state.ease.clear();
+        state.held = self.held;
         for &slot in &self.active {
             state.nodes.push(self.node[slot as usize]);
             state.position.push(vec3(&self.motion.position[slot as usize]));

@@ -17,7 +17,7 @@ pub struct Upkeep {
     pub elements: u32,
     /// Interface rows made.
     pub rows: u32,
-    /// Elements whose forces were weighed before and after.
+    /// Weighings of an element's forces.
     pub eased: u32,
 }
 
@@ -62,6 +62,7 @@ impl ActiveMesh {
             return Upkeep::default();
         }
         self.remember_places();
+        self.collect_eases(body, changes);
         // Of the organs that change.
         let momenta: [Option<Momenta>; MOST_ORGANS] = std::array::from_fn(|organ| {
             let changes = changes.iter().any(|(Change::Split(n) | Change::Merge(n))| body.organ_of(*n) == organ);
@@ -76,6 +77,7 @@ impl ActiveMesh {
         self.reweigh(body);
         self.remake_rows(body);
         self.normalise(body);
+        self.hand_eases_over(body, changes);
         self.place_interface();
         for (organ, before) in momenta.iter().enumerate() {
             if let Some(before) = before {
