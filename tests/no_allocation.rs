@@ -2,7 +2,7 @@
 //! attaches, presses, is lost, a recording starts and stops, and the body is reset, and while all that refines and
 //! coarsens the body. And what a body and its simulation hold grows no faster than the body has nodes.
 
-use palpate::contact::tool::{Coupling, PoseSample};
+use palpate::contact::tool::{Coupling, PoseSample, ToolEvent};
 use palpate::geometry::primitives::box_surface;
 use palpate::math::{Pose, Real, Vec3};
 use palpate::model::body::{BodyParts, LabelParts};
@@ -12,7 +12,7 @@ use palpate::realtime::clock::Clock;
 use palpate::realtime::mailbox::{Command, Frame, PoseSlot, RecordTap, mailboxes};
 use palpate::realtime::sim_thread::SimThread;
 use palpate::scene::LoadedScene;
-use palpate::simulation::{Settings, Simulation, Snapshot};
+use palpate::simulation::{Inputs, Settings, Simulation, Snapshot};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 use std::path::Path;
@@ -182,6 +182,39 @@ fn the_simulation_thread_allocates_nothing() {
     assert!(splits > 20 && merges > 20);
     let tick = thread.simulation().tick();
     assert!(tick > 2500 + 3 * 75, "time passed during the stalls: {tick}");
+}
+
+/// Cut to a tenth of its budget in a press, a body stands still until it has shed enough; that allocates nothing either.
+#[test]
+fn shedding_under_a_tool_allocates_nothing() {
+    let given = ["body.cells=[[3,3,3],[5,5,5],[9,9,9],[13,13,13]]", "resolution.split=0.02"].map(String::from);
+    let loaded = LoadedScene::load(Path::new("cube"), &given).unwrap();
+    let body = Arc::new(loaded.build(&mut |_, _, _| {}).unwrap());
+    let mut press = Simulation::new(body.clone(), loaded.scene.settings(), loaded.scene.at_rest(&body)).unwrap();
+    let (mut held, mut fewest, mut most) = (0, u32::MAX, 0);
+    for tick in 0..1500 {
+        let down = 0.035 * (f64::from(tick) / 300.0).min(1.0);
+        let sample = PoseSample {
+            sequence: tick,
+            time_ns: u64::from(tick),
+            pose: Pose { position: Vec3::new(0.05, 0.05, 0.14 - down), ..Pose::default() },
+            linear_velocity: Vec3::zeros(),
+            angular_velocity: Vec3::zeros(),
+            buttons: 0,
+        };
+        let attach = ToolEvent::Attach { epoch: 1, period_ticks: 1, coupling: Coupling::RIGID };
+        let budget = if (700..1100).contains(&tick) { 9_000 } else { 90_000 };
+        let mut inputs = Inputs { budget, ..Inputs::default() };
+        inputs.tools[0] = Some(if tick == 0 { attach } else { ToolEvent::Pose(sample) });
+        COUNTED.set(true);
+        let active = press.advance(&inputs).active.iter().sum::<u32>();
+        COUNTED.set(false);
+        held += u32::from(press.mesh().is_held());
+        (fewest, most) = if tick < 700 { (fewest, most.max(active)) } else { (fewest.min(active), most) };
+    }
+    println!("{} calls; {most} active, then {fewest}; held in {held} ticks", CALLS.get());
+    assert_eq!(CALLS.get(), 0, "calls to the allocator");
+    assert!(held > 3 && fewest < most / 2, "it did shed");
 }
 
 /// What `make` makes, and the bytes that it holds.

@@ -2,7 +2,8 @@
 //!
 //! New nodes lie where the old ones say, strained otherwise than by themselves. Let loose at once, light nodes under a tool
 //! would ring for some milliseconds, and the hand would feel it. So every node gets a force that leaves its acceleration as
-//! it was, and that fades. These forces add up to nothing, as those between the elements do.
+//! it was, and that fades. These forces add up to nothing, as those between the elements do. A body that has to shed many
+//! nodes before it can move again is weighed whole, once before the first of them and once after the last.
 
 use super::{ActiveMesh, Upkeep, constants, padded, vec3};
 use crate::math::{Mat3, Real, Vec3};
