@@ -345,7 +345,8 @@ impl Simulation {
 
     /// Changes the body between ticks: for tests, studies and for settling a body before it is served.
     pub fn mesh_mut(&mut self) -> &mut ActiveMesh {
-        self.detection.change_resolution(true);
+        self.detection.forget();
+        self.detection.follow_change(&self.body, &self.mesh);
         &mut self.mesh
     }
 
@@ -381,7 +382,7 @@ impl Simulation {
         self.move_tools(inputs);
         self.adapt(inputs.budget);
         self.find_contacts();
-        self.detection.change_resolution(false);
+        self.detection.end_tick();
         self.step(inputs.budget);
         self.contain();
         self.render_forces();
@@ -448,7 +449,7 @@ impl Simulation {
                 adaptation::adapt(body, mesh, adaptivity, &self.focus, (&means, &loads), ticks, &mut self.adaptation);
             let adapted = &self.outputs.adapted;
             if adapted.splits + adapted.merges > 0 {
-                self.detection.change_resolution(true);
+                self.detection.follow_change(&self.body, &self.mesh);
                 self.settle_tools(false);
             } else if adapted.work > 0 {
                 self.settle_tools(true);

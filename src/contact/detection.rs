@@ -97,12 +97,15 @@ impl Workspace {
         self.nearby.iter_mut().for_each(Nearby::forget);
     }
 
-    /// The resolution is another in this tick than in the last one, or is not.
-    pub(crate) fn change_resolution(&mut self, changed: bool) {
-        self.changed = changed;
-        if changed {
-            self.forget();
-        }
+    /// The resolution is another in this tick than in the last one.
+    pub(crate) fn follow_change(&mut self, body: &Body, mesh: &ActiveMesh) {
+        self.changed = true;
+        self.nearby.iter_mut().for_each(|nearby| nearby.follow_change(body, mesh));
+    }
+
+    /// And is not.
+    pub(crate) fn end_tick(&mut self) {
+        self.changed = false;
     }
 
     /// For questions about a copy: areas as they will be once the tool rests.

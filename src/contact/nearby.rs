@@ -35,9 +35,25 @@ impl Nearby {
         }
     }
 
-    /// The resolution is another, or the state is.
+    /// The state is another.
     pub(super) fn forget(&mut self) {
         self.is_known = false;
+    }
+
+    /// The resolution is another: what hangs elsewhere now, or on nodes that are elsewhere, is looked at again.
+    pub(super) fn follow_change(&mut self, body: &Body, mesh: &ActiveMesh) {
+        if !self.is_known {
+            return;
+        }
+        for &slot in mesh.active().iter().chain(mesh.interface()) {
+            if mesh.was_elsewhere(slot) {
+                self.from[slot as usize] = mesh.motion.position[slot as usize];
+            }
+        }
+        // They come to hang on nodes that have moved since, and may go back.
+        let far = self.farthest(mesh);
+        mesh.shifted().iter().for_each(|v| self.mark(body, mesh, *v, far));
+        self.vertices.sort_unstable();
     }
 
     /// Moves to their `places` [m] at least all vertices that are in the `window` now, and the corners of all triangles that meet
@@ -61,14 +77,19 @@ impl Nearby {
         if !self.is_known {
             return false;
         }
+        let far = self.farthest(mesh);
+        let (least, most) = (self.reach.0.add_scalar(far), self.reach.1.add_scalar(-far));
+        (0..3).all(|c| low[c] >= least[c] && high[c] <= most[c])
+    }
+
+    /// No vertex has moved farther since it was looked at [m], but by what fades.
+    fn farthest(&self, mesh: &ActiveMesh) -> Real {
         let mut moved = 0.0 as Real;
         for &slot in mesh.active().iter().chain(mesh.interface()) {
             let (now, then) = (&mesh.motion.position[slot as usize], &self.from[slot as usize]);
             moved = moved.max((0..3).map(|c| (now[c] - then[c]) * (now[c] - then[c])).sum());
         }
-        let far = mesh.lever() * moved.sqrt();
-        let (least, most) = (self.reach.0.add_scalar(far), self.reach.1.add_scalar(-far));
-        (0..3).all(|c| low[c] >= least[c] && high[c] <= most[c])
+        mesh.lever() * moved.sqrt()
     }
 
     fn look(&mut self, body: &Body, mesh: &ActiveMesh, (low, high): (Vec3, Vec3)) {
@@ -81,11 +102,14 @@ impl Nearby {
             for e in mesh.pool().ids(class) {
                 let hosted = body.hosted(e);
                 if !hosted.is_empty() && self.may_reach(mesh, body.element(e)) {
-                    hosted.iter().filter(|v| mesh.attachment(**v).element == e).for_each(|v| self.mark(body, mesh, *v));
+                    hosted
+                        .iter()
+                        .filter(|v| mesh.attachment(**v).element == e)
+                        .for_each(|v| self.mark(body, mesh, *v, 0.0));
                 }
             }
         }
-        mesh.astray().iter().chain(mesh.fading()).for_each(|v| self.mark(body, mesh, *v));
+        mesh.astray().iter().chain(mesh.fading()).for_each(|v| self.mark(body, mesh, *v, 0.0));
         self.vertices.sort_unstable();
         self.is_known = true;
     }
@@ -98,11 +122,11 @@ impl Nearby {
         (0..3).all(|c| low[c] - aside[c] <= self.reach.1[c] && high[c] + aside[c] >= self.reach.0[c])
     }
 
-    /// Takes vertex `v` along, and all that it shares a triangle with, if it is within reach.
-    fn mark(&mut self, body: &Body, mesh: &ActiveMesh, v: u32) {
+    /// Takes vertex `v` along, and all that it shares a triangle with, if it is within reach or no more than `far` [m] beyond.
+    fn mark(&mut self, body: &Body, mesh: &ActiveMesh, v: u32, far: Real) {
         // What fades goes no farther than that.
-        let fade = Vec3::from_row_slice(&mesh.fade[v as usize][..3]).norm();
-        let wider = (self.reach.0.add_scalar(-fade), self.reach.1.add_scalar(fade));
+        let far = far + Vec3::from_row_slice(&mesh.fade[v as usize][..3]).norm();
+        let wider = (self.reach.0.add_scalar(-far), self.reach.1.add_scalar(far));
         if is_in(&wider, &mesh.vertex(v)) {
             for t in body.triangles_around(v as usize) {
                 for &v in &body.surface().triangles[*t as usize] {

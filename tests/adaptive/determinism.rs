@@ -118,6 +118,23 @@ fn restored_at(moment: u64, body: &Arc<Body>, start: impl Fn() -> Simulation, sc
     }
 }
 
+/// What is kept from tick to tick to save time, such as what of the surface may be near a tool, makes no other difference.
+#[test]
+fn loaded_afresh_for_every_tick_it_goes_on_bit_for_bit() {
+    let body = body(1e4);
+    let settings = settings(Some(Adaptivity::default()));
+    let start = || simulation(&body, &settings, uniform(&body, 0));
+    let (mut pressed, mut afresh, mut changing) = (start(), start(), 0);
+    for i in 0..1200 {
+        afresh.load(&pressed.snapshot());
+        let rows = [&mut pressed, &mut afresh].map(|s| advance(s, press_and_stroke, i, 1));
+        assert_eq!(rows[0], rows[1]);
+        changing += u32::from(rows[0][0].4);
+    }
+    println!("{changing} ticks change the resolution");
+    assert!(changing > 30, "there is something to get wrong");
+}
+
 #[test]
 fn every_path_of_the_kernel_gives_the_same_bits() {
     let body = body(1e4);

@@ -41,6 +41,16 @@ impl ActiveMesh {
         &self.work.rehung
     }
 
+    /// Display vertices that it looked at: all others hang as before, on nodes that it left where they were.
+    pub fn shifted(&self) -> &[u32] {
+        &self.work.shifted
+    }
+
+    /// True where the node in `slot` has come to be there by it.
+    pub fn was_elsewhere(&self, slot: u32) -> bool {
+        self.motion.position[slot as usize] != self.work.was[slot as usize]
+    }
+
     /// Where display vertex `v` hangs.
     pub fn attachment(&self, v: u32) -> &Attachment {
         &self.attachment[v as usize]

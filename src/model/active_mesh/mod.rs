@@ -608,6 +608,8 @@ impl ActiveMesh {
         self.motion.mass[s] = 0.0;
         self.motion.inverse_mass[s] = 0.0;
         self.springs[s] = 0.0;
+        // It was nowhere.
+        self.work.was[s] = [Real::NAN; 4];
         slot
     }
 
