@@ -6,14 +6,12 @@
 pub mod indicator;
 
 use crate::math::{Real, Vec3};
-use crate::model::active_mesh::{Loads, Upkeep};
+use crate::model::active_mesh::Loads;
 use crate::model::active_set::Change;
 use crate::model::element_pool::CLASSES;
 use crate::model::step_class::{self, Strained};
 use crate::model::{ActiveMesh, Body};
-use crate::stepping::work::{
-    self, BATCH_UPKEEP, CHANGE_UPKEEP, EASE_UPKEEP, EASED_CHANGE, ELEMENT_UPKEEP, ROW_UPKEEP, SHED_UPKEEP,
-};
+use crate::stepping::work::{self, BATCH_UPKEEP, CHANGE_UPKEEP, EASE_UPKEEP, EASED_CHANGE};
 
 /// When to refine and to coarsen.
 #[derive(Clone, Debug, PartialEq)]
@@ -74,6 +72,8 @@ const STRAINED: Real = 1.9;
 const WORTH_MORE: Real = 0.5;
 /// Part of the budget that changes of resolution may take in one tick, one in this many, where that pays for a change.
 const UPKEEP_PART: u32 = 6;
+/// Changes that take more than a tick has left, after which no others are looked at.
+const MOST_REFUSED: u32 = 4;
 /// Contact points that room is kept for once a tool is there.
 const EXPECTED_CONTACTS: usize = 20;
 /// Part of the budget, in 1/16, up to which refinement fills it, and up to which strain alone does: the rest is for
@@ -162,7 +162,6 @@ pub fn adapt(
     let shedding = work::of_tick(mesh, means.contacts) > budget;
     // Under a tool, what changes put out of balance is eased.
     let eases = loads.points.iter().flatten().any(|p| p.multiplier > 0.0);
-    let each = CHANGE_UPKEEP + if eases { EASED_CHANGE } else { 0 };
     // A body without room for a change could not follow a tool.
     let spare = work::with_change(budget).saturating_sub(BATCH_UPKEEP + CHANGE_UPKEEP + EASED_CHANGE);
     let part = |of: u32| ((u64::from(budget) * u64::from(of) / 16) as u32).min(spare);
@@ -171,15 +170,15 @@ pub fn adapt(
         // Before it moves again the body sheds what is too much, in batches as large as may be: they share the rows that
         // they make, so few large ones take less than many small ones, even if they have to be saved up for.
         look.spare_families(mesh, 0, 1, Real::INFINITY, &mut work.spare);
-        plan_merges(body, mesh, MOST_CHANGES, load.saturating_sub(full), 0.0, work);
-        let changes = work.changes.len() as u32;
+        let excess = load.saturating_sub(full);
+        let saved = plan_merges(body, mesh, None, excess, 0.0, work);
         // The body is weighed whole, once before all batches and once after, where that takes less than each on its own.
-        let (whole, few) = (EASE_UPKEEP * mesh.pool().len() as u32, EASED_CHANGE * changes);
         let apart = eases && !mesh.is_held();
-        let holds = apart && few > 2 * whole;
-        let batch = BATCH_UPKEEP + SHED_UPKEEP * changes + if apart { few } else { 0 };
-        let needed = if holds { whole } else { batch };
-        if changes > 0 && needed > means.allowed {
+        let foreseen = mesh.foresee(body, &work.changes, apart);
+        let (whole, batches) = (mesh.pool().len() as u32, excess / saved.max(1));
+        let holds = foreseen.eased.saturating_mul(batches) > 2 * whole;
+        let needed = if holds { EASE_UPKEEP * whole } else { work::of_batch(&foreseen) };
+        if !work.changes.is_empty() && needed > means.allowed {
             return Adapted { saving: true, ..Adapted::default() };
         }
         if holds {
@@ -190,11 +189,10 @@ pub fn adapt(
     } else {
         // What the last change took has to be made up for first.
         let left = if means.allowed < budget { 0 } else { work::with_change(budget).saturating_sub(load) };
-        let upkeep = left.min((budget / UPKEEP_PART).max(BATCH_UPKEEP + each));
-        let most = most_changes(upkeep, each);
+        let mut pay = Pay { one: left, several: left.min(budget / UPKEEP_PART), eases, taken: 0, refused: 0 };
         look.wanted_nodes(mesh, ticks, work.finest, &mut work.wanted);
         let room = [full, part(STRAIN_FILLED)].map(|filled| filled.saturating_sub(load));
-        let short = plan_splits(&look, mesh, most, room, work);
+        let short = plan_splits(&look, mesh, &mut pay, room, work);
         if work.changes.is_empty() {
             // What is wanted and does not fit may take the place of what is worth less.
             let limit = match work.wanted.first() {
@@ -203,7 +201,7 @@ pub fn adapt(
                 None => adaptivity.merge,
             };
             look.spare_families(mesh, ticks % INDICATOR_TICKS, INDICATOR_TICKS, limit, &mut work.spare);
-            plan_merges(body, mesh, most, short, adaptivity.merge, work);
+            plan_merges(body, mesh, Some(&mut pay), short, adaptivity.merge, work);
         }
     }
     if work.changes.is_empty() {
@@ -212,28 +210,54 @@ pub fn adapt(
         return Adapted { work: EASE_UPKEEP * weighed, ..Adapted::default() };
     }
     let apart = eases && !mesh.is_held();
-    let Upkeep { elements, rows, eased } =
-        if apart { mesh.apply_under(body, &work.changes, loads) } else { mesh.apply(body, &work.changes) };
+    let upkeep = if apart { mesh.apply_under(body, &work.changes, loads) } else { mesh.apply(body, &work.changes) };
     let splits = work.changes.iter().filter(|c| matches!(c, Change::Split(_))).count() as u32;
     Adapted {
         splits,
         merges: work.changes.len() as u32 - splits,
-        work: BATCH_UPKEEP + elements * ELEMENT_UPKEEP + rows * ROW_UPKEEP + eased * EASE_UPKEEP,
+        work: work::of_batch(&upkeep),
         saving: mesh.is_held(),
     }
 }
 
-/// Changes of `each` units that `units` of work pay for.
-fn most_changes(units: u32, each: u32) -> usize {
-    ((units.saturating_sub(BATCH_UPKEEP) / each) as usize).min(MOST_CHANGES)
+/// What pays for changes, and for several of them only where they take little.
+struct Pay {
+    /// Units of work that one may take, with what it adds to the tick.
+    one: u32,
+    /// And several together.
+    several: u32,
+    /// Whether what they put out of balance is eased.
+    eases: bool,
+    taken: u32,
+    refused: u32,
 }
 
-/// Splits at most `most` nodes whose elements take no more than `room` units of work a tick, those that only strain asks for
-/// no more than the second. Units that the best of those that do not fit is short of.
-fn plan_splits(look: &Look, mesh: &mut ActiveMesh, most: usize, room: [u32; 2], work: &mut Workspace) -> u32 {
+impl Pay {
+    /// True where it is enough for `change`, too, which adds `more` units to the tick. Changes side by side take together what
+    /// each takes alone, or less, but for the few elements that none of them alone takes out.
+    fn takes(&mut self, body: &Body, mesh: &mut ActiveMesh, change: Change, more: u32) -> bool {
+        let units = work::of_batch(&mesh.foresee(body, &[change], self.eases)) + more;
+        let (total, most) = match self.taken {
+            0 => (units, self.one),
+            taken => (taken + units - BATCH_UPKEEP, self.several),
+        };
+        let enough = total <= most;
+        *(if enough { &mut self.taken } else { &mut self.refused }) = if enough { total } else { self.refused + 1 };
+        enough
+    }
+
+    /// True where it is of no use to ask for more.
+    fn is_spent(&self) -> bool {
+        self.refused >= if self.taken > 0 { 1 } else { MOST_REFUSED }
+    }
+}
+
+/// Splits nodes that `pay` is enough for and whose elements take no more than `room` units of work a tick, those that only
+/// strain asks for no more than the second. Units that the best of those that do not fit is short of.
+fn plan_splits(look: &Look, mesh: &mut ActiveMesh, pay: &mut Pay, room: [u32; 2], work: &mut Workspace) -> u32 {
     let (mut elements, mut taken, mut short) = (0, 0, 0);
     for &(value, wanted) in &work.wanted {
-        if work.changes.len() >= most {
+        if work.changes.len() >= MOST_CHANGES || pay.is_spent() {
             break;
         }
         // Neighbours stay within one level: first what has to be split before.
@@ -252,9 +276,11 @@ fn plan_splits(look: &Look, mesh: &mut ActiveMesh, most: usize, room: [u32; 2], 
             cost += cost_of_split(look.body, wanted, mesh.added_by_split(look.body, wanted));
         }
         if taken + cost <= room && mesh.has_room_to_split(elements + added) {
-            taken += cost;
-            elements += added;
-            work.changes.push(Change::Split(n));
+            if pay.takes(look.body, mesh, Change::Split(n), cost) {
+                taken += cost;
+                elements += added;
+                work.changes.push(Change::Split(n));
+            }
         } else if short == 0 {
             short = (taken + cost).saturating_sub(room);
         }
@@ -273,22 +299,34 @@ fn class_of_level(body: &Body, n: u32) -> usize {
     element.map_or(0, |e| step_class::class_at_rest(body, *e))
 }
 
-/// Merges at most `most` families, the least valuable first: those worth less than `merge`, and others until about `excess`
-/// units of work a tick are saved.
-fn plan_merges(body: &Body, mesh: &ActiveMesh, most: usize, excess: u32, merge: Real, work: &mut Workspace) {
+/// Merges families that `pay` is enough for, the least valuable first: those worth less than `merge`, and others until about `excess`
+/// units of work a tick are saved. Units that are.
+fn plan_merges(
+    body: &Body,
+    mesh: &mut ActiveMesh,
+    mut pay: Option<&mut Pay>,
+    excess: u32,
+    merge: Real,
+    work: &mut Workspace,
+) -> u32 {
     let (mut saved, mut added) = (0, 0);
     for &(value, parent) in &work.spare {
-        if work.changes.len() >= most || (saved >= excess && value >= merge) {
+        if work.changes.len() >= MOST_CHANGES
+            || pay.as_ref().is_some_and(|p| p.is_spent())
+            || (saved >= excess && value >= merge)
+        {
             break;
         }
         let elements = body.elements_around(parent).len() as u32;
-        if mesh.has_room(added + elements) && mesh.set().may_merge(body, parent) {
+        let may = mesh.has_room(added + elements) && mesh.set().may_merge(body, parent);
+        if may && pay.as_mut().is_none_or(|pay| pay.takes(body, mesh, Change::Merge(parent), 0)) {
             added += elements;
             work.changes.push(Change::Merge(parent));
             // A node has about six elements of its own.
             saved += (6 * body.children(parent).len() as u32) << class_of_level(body, parent);
         }
     }
+    saved
 }
 
 /// What decisions look at.

@@ -3,6 +3,7 @@
 //! One unit is one element evaluation. The other weights are costs relative to it as the benchmarks measure them; the
 //! governor turns units into time.
 
+use crate::model::active_mesh::Upkeep;
 use crate::model::element_pool::CLASSES;
 use crate::model::step_class;
 use crate::model::{ActiveMesh, Body};
@@ -16,19 +17,17 @@ const NODE: u32 = 4;
 const CONTACT: u32 = 1_000;
 const POINT: u32 = 150;
 /// Units per element put in or taken out.
-pub const ELEMENT_UPKEEP: u32 = 20;
+const ELEMENT_UPKEEP: u32 = 20;
 /// Units of weighing the forces of one element, as is done before and after changes under a load.
 pub const EASE_UPKEEP: u32 = 10;
 /// Units per interface row made.
-pub const ROW_UPKEEP: u32 = 80;
+const ROW_UPKEEP: u32 = 80;
 /// Units of a batch of changes of resolution, whatever is in it: momenta, masses and the surface before and after.
-pub const BATCH_UPKEEP: u32 = 7_000;
+pub const BATCH_UPKEEP: u32 = 6_000;
 /// Units of one change in a batch, for plans.
 pub const CHANGE_UPKEEP: u32 = 4_500;
 /// Units of weighing the forces of one change under a load, for plans.
 pub const EASED_CHANGE: u32 = 6_500;
-/// Units of one merge among many, which share the rows that they make, for plans.
-pub const SHED_UPKEEP: u32 = 1_500;
 
 /// Work of one event in which `elements` of a class are due [units]; all nodes and interface rows may be concerned.
 fn event(mesh: &ActiveMesh, elements: u32) -> u32 {
@@ -55,6 +54,11 @@ pub fn evaluations(mesh: &ActiveMesh) -> u32 {
 /// a late wake-up, and changes are few.
 pub fn with_change(budget: u32) -> u32 {
     budget.saturating_add(budget / 3)
+}
+
+/// Units of work of a batch of changes of resolution.
+pub fn of_batch(upkeep: &Upkeep) -> u32 {
+    BATCH_UPKEEP + upkeep.elements * ELEMENT_UPKEEP + upkeep.rows * ROW_UPKEEP + upkeep.eased * EASE_UPKEEP
 }
 
 /// Units of work of a tick, at rest, in which only the coarsest level is used, with room for strains and for one change of

@@ -2,7 +2,7 @@
 
 use super::*;
 use palpate::geometry::primitives::toy_surface;
-use palpate::model::active_mesh::Momenta;
+use palpate::model::active_mesh::{Momenta, Upkeep};
 use palpate::model::element_kernel::Path;
 use palpate::stepping::step;
 use std::collections::BTreeSet;
@@ -26,6 +26,8 @@ struct Worst {
     faster: Real,
     /// Of a display vertex [m].
     shown: Real,
+    /// Elements and rows over what was foreseen.
+    taken: [Real; 2],
 }
 
 fn toy() -> Arc<Body> {
@@ -203,14 +205,18 @@ fn fastest(mesh: &ActiveMesh) -> Real {
     mesh.active().iter().map(speed).fold(0.0, Real::max)
 }
 
-/// Makes `changes` in a stirred body: momenta stay.
+/// Makes `changes` in a stirred body: momenta stay, and it takes no more than foreseen.
 fn change(body: &Body, mesh: &mut ActiveMesh, changes: &[Change], random: &mut Random, worst: &mut Worst) {
     stir(body, mesh, random);
     let (before, speed): (Momenta, Real) = (mesh.momenta(), fastest(mesh));
     let (linear, angular) = scale(mesh);
     let vertices = || 0..body.surface().vertices.len() as u32;
     let shown: Vec<Vec3> = vertices().map(|v| mesh.vertex(v)).collect();
-    mesh.apply(body, changes);
+    let parts = |u: Upkeep| [u.elements, u.rows];
+    let foreseen = parts(mesh.foresee(body, changes, false));
+    let took = parts(mesh.apply(body, changes));
+    (0..2).for_each(|i| worst.taken[i] = worst.taken[i].max(Real::from(took[i]) / Real::from(foreseen[i].max(1))));
+    assert!((0..2).all(|i| took[i] <= foreseen[i]), "{took:?} elements and rows, {foreseen:?} foreseen");
     let after = mesh.momenta();
     worst.shown = vertices().map(|v| (mesh.vertex(v) - shown[v as usize]).norm()).fold(worst.shown, Real::max);
     let faded = vertices().filter(|v| mesh.fade[*v as usize] != [0.0; 4]);

@@ -5,6 +5,7 @@
 //! it was, and that fades. These forces add up to nothing, as those between the elements do. A body that has to shed many
 //! nodes before it can move again is weighed whole, once before the first of them and once after the last.
 
+use super::foresight::sides;
 use super::{ActiveMesh, Upkeep, constants, padded, vec3};
 use crate::math::{Mat3, Real, Vec3};
 use crate::model::active_set::Change;
@@ -32,12 +33,11 @@ const LEAST_EASE: Real = 1e-9;
 impl ActiveMesh {
     /// Makes `changes` as [`ActiveMesh::apply`] does, under `loads`.
     pub fn apply_under(&mut self, body: &Body, changes: &[Change], loads: &Loads) -> Upkeep {
-        self.find_concerned(body, changes);
+        let Upkeep { eased, .. } = self.foresee(body, changes, true);
         self.add_balance(body, loads, 1.0);
-        let mut upkeep = self.apply(body, changes);
+        let upkeep = self.apply(body, changes);
         self.add_balance(body, loads, -1.0);
-        upkeep.eased = 2 * self.work.concerned.len() as u32;
-        upkeep
+        Upkeep { eased, ..upkeep }
     }
 
     /// True between [`ActiveMesh::hold`] and [`ActiveMesh::let_go`]: the body must not move.
@@ -65,44 +65,6 @@ impl ActiveMesh {
         }
         self.add_balance(body, loads, sign);
         self.work.concerned.len() as u32
-    }
-
-    /// Elements whose forces `changes` alter: those around nodes that come and go, and those of interface nodes that will
-    /// hang otherwise.
-    fn find_concerned(&mut self, body: &Body, changes: &[Change]) {
-        self.next_turn();
-        self.work.concerned.clear();
-        let changed = || changes.iter().flat_map(|c| <[_; 2]>::from(sides(body, c))).flatten().copied();
-        let (mut low, mut high) = (Vec3::repeat(Real::INFINITY), Vec3::repeat(Real::NEG_INFINITY));
-        for n in changed() {
-            (low, high) = (low.inf(&body.rest(n)), high.sup(&body.rest(n)));
-            self.concern(body, n);
-            for &e in body.elements_around(n) {
-                for m in body.element(e) {
-                    self.work.node_stamp[m as usize] = self.work.turn;
-                }
-            }
-        }
-        for i in 0..self.interface.len() {
-            let slot = self.interface[i] as usize;
-            let node = self.node[slot];
-            let reach = self.row[slot].reach_squared * (1.0 + 1e-12);
-            let u = body.rest(node);
-            let apart = (low - u).sup(&(u - high)).sup(&Vec3::zeros());
-            if self.work.node_stamp[node as usize] == self.work.turn
-                || (apart.norm_squared() <= reach && changed().any(|n| (body.rest(n) - u).norm_squared() <= reach))
-            {
-                self.concern(body, node);
-            }
-        }
-    }
-
-    fn concern(&mut self, body: &Body, n: u32) {
-        for &e in body.elements_around(n) {
-            if std::mem::replace(&mut self.work.element_stamp[e as usize], self.work.turn) != self.work.turn {
-                self.work.concerned.push(e);
-            }
-        }
     }
 
     /// Adds to what is held `sign` times what accelerates each active node, as far as the concerned elements go.
@@ -170,14 +132,6 @@ impl ActiveMesh {
                 *e = if e.abs() > LEAST_EASE { *e * EASE_KEPT } else { 0.0 };
             }
         }
-    }
-}
-
-/// Nodes that cease to be active by a change, and those that become so.
-fn sides<'a>(body: &'a Body, change: &'a Change) -> (&'a [u32], &'a [u32]) {
-    match change {
-        Change::Split(n) => (std::slice::from_ref(n), body.children(*n)),
-        Change::Merge(n) => (body.children(*n), std::slice::from_ref(n)),
     }
 }
 

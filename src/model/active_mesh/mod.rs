@@ -9,6 +9,7 @@
 
 mod display;
 mod easing;
+mod foresight;
 mod reshape;
 
 pub use display::{Attachment, MOST_ASIDE};

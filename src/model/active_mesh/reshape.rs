@@ -1,5 +1,6 @@
 //! Changes of resolution: what has to follow when nodes are split or merged, and only that.
 
+use super::foresight::bounds;
 use super::{ActiveMesh, Momenta, constants, padded, vec3};
 use crate::geometry::locate::Host;
 use crate::math::{Mat3, Real, Vec3};
@@ -242,24 +243,12 @@ impl ActiveMesh {
     /// Rows that looked at a changed node, new ones, and those whose node's mass has changed.
     fn remake_rows(&mut self, body: &Body) {
         self.work.dirty.clear();
-        let (mut low, mut high) = (Vec3::repeat(Real::INFINITY), Vec3::repeat(Real::NEG_INFINITY));
-        for n in self.work.on.iter().map(|o| o.0).chain(self.work.off.iter().copied()) {
-            low = low.inf(&body.rest(n));
-            high = high.sup(&body.rest(n));
-        }
-        for &slot in &self.interface {
-            let node = self.node[slot as usize];
-            let reach = self.row[slot as usize].reach_squared * (1.0 + 1e-12);
-            let u = body.rest(node);
-            let apart = (low - u).sup(&(u - high)).sup(&Vec3::zeros());
-            let mut changed = self.work.on.iter().map(|o| o.0).chain(self.work.off.iter().copied());
-            let dirty = self.row[slot as usize].is_empty()
-                || self.work.node_stamp[node as usize] == self.work.turn
-                || (apart.norm_squared() <= reach && changed.any(|n| (body.rest(n) - u).norm_squared() <= reach));
-            if dirty {
-                self.work.dirty.push(slot);
-            }
-        }
+        let changed = || self.work.on.iter().map(|o| o.0).chain(self.work.off.iter().copied());
+        let within = bounds(body, changed());
+        let mut dirty = std::mem::take(&mut self.work.dirty);
+        let otherwise = |slot: &&u32| self.hangs_otherwise(body, **slot, within, changed());
+        dirty.extend(self.interface.iter().filter(otherwise));
+        self.work.dirty = dirty;
         for i in 0..self.work.dirty.len() {
             self.drop_row(self.work.dirty[i]);
         }

@@ -1,0 +1,114 @@
+//! What changes of resolution will take, counted before they are made.
+
+use super::{ActiveMesh, Upkeep};
+use crate::math::{Real, Vec3};
+use crate::model::active_set::Change;
+use crate::model::body::{Body, NONE};
+
+impl ActiveMesh {
+    /// What `changes`, of one kind, take at most; with weighing their forces when `eased`: those of elements around nodes that
+    /// come and go, and of interface nodes that will hang otherwise.
+    pub fn foresee(&mut self, body: &Body, changes: &[Change], eased: bool) -> Upkeep {
+        self.next_turn();
+        self.work.concerned.clear();
+        let off = || changes.iter().flat_map(|c| sides(body, c).0).copied();
+        let on = || changes.iter().flat_map(|c| sides(body, c).1).copied();
+        let mut upkeep = Upkeep::default();
+        let (mut coming, mut going) = (0, 0);
+        for n in on() {
+            for &e in body.elements_around(n) {
+                if self.is_first(e) {
+                    coming += u32::from(self.active_vertices[e as usize] == 0);
+                }
+                upkeep.rows += self.note_nodes(body, e);
+            }
+        }
+        // They come with it, but not to hang on others.
+        upkeep.rows -= on().filter(|n| self.slot[*n as usize] == NONE).count() as u32;
+        for n in off() {
+            upkeep.rows += 1;
+            for &e in body.elements_around(n) {
+                self.is_first(e);
+                self.note_nodes(body, e);
+                let left = self.active_vertices[e as usize].wrapping_sub(1);
+                self.active_vertices[e as usize] = left;
+                going += u32::from(left == 0);
+            }
+        }
+        for n in off() {
+            for &e in body.elements_around(n) {
+                self.active_vertices[e as usize] = self.active_vertices[e as usize].wrapping_add(1);
+            }
+        }
+        let within = bounds(body, on().chain(off()));
+        for i in 0..self.interface.len() {
+            let slot = self.interface[i];
+            if self.hangs_otherwise(body, slot, within, on().chain(off())) {
+                upkeep.rows += 1;
+                if eased {
+                    let n = self.node[slot as usize];
+                    body.elements_around(n).iter().for_each(|e| {
+                        self.is_first(*e);
+                    });
+                }
+            }
+        }
+        upkeep.elements = coming + going;
+        if eased {
+            let used = self.work.concerned.iter().filter(|e| self.active_vertices[**e as usize] > 0).count() as u32;
+            upkeep.eased = used + (used + coming - going);
+        }
+        upkeep
+    }
+
+    /// Puts `e` on the list of those concerned unless it is there.
+    fn is_first(&mut self, e: u32) -> bool {
+        let first = std::mem::replace(&mut self.work.element_stamp[e as usize], self.work.turn) != self.work.turn;
+        if first {
+            self.work.concerned.push(e);
+        }
+        first
+    }
+
+    /// Notes the nodes of `e`: their weight changes. How many of them are new here, and have no slot.
+    fn note_nodes(&mut self, body: &Body, e: u32) -> u32 {
+        let mut new = 0;
+        for n in body.element(e) {
+            let noted = std::mem::replace(&mut self.work.node_stamp[n as usize], self.work.turn) == self.work.turn;
+            new += u32::from(!noted && self.slot[n as usize] == NONE);
+        }
+        new
+    }
+
+    /// True for an interface node that has no row, whose weight changes, or whose row looked at one of the nodes `changed`,
+    /// all of them `within` these bounds.
+    pub(super) fn hangs_otherwise(
+        &self,
+        body: &Body,
+        slot: u32,
+        (low, high): (Vec3, Vec3),
+        mut changed: impl Iterator<Item = u32>,
+    ) -> bool {
+        let (node, row) = (self.node[slot as usize], &self.row[slot as usize]);
+        let reach = row.reach_squared * (1.0 + 1e-12);
+        let u = body.rest(node);
+        let apart = (low - u).sup(&(u - high)).sup(&Vec3::zeros());
+        row.is_empty()
+            || self.work.node_stamp[node as usize] == self.work.turn
+            || (apart.norm_squared() <= reach && changed.any(|n| (body.rest(n) - u).norm_squared() <= reach))
+    }
+}
+
+/// Box around the rest positions of `nodes` [m].
+pub(super) fn bounds(body: &Body, nodes: impl Iterator<Item = u32>) -> (Vec3, Vec3) {
+    let none = (Vec3::repeat(Real::INFINITY), Vec3::repeat(Real::NEG_INFINITY));
+    nodes.fold(none, |(low, high), n| (low.inf(&body.rest(n)), high.sup(&body.rest(n))))
+}
+
+/// Nodes that cease to be active by a change, and those that become so.
+pub(super) fn sides<'a>(body: &'a Body, change: &'a Change) -> (&'a [u32], &'a [u32]) {
+    match change {
+        Change::Split(n) => (std::slice::from_ref(n), body.children(*n)),
+        Change::Merge(n) => (body.children(*n), std::slice::from_ref(n)),
+    }
+}
