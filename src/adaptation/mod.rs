@@ -72,6 +72,9 @@ const STRAINED: Real = 1.9;
 const WORTH_MORE: Real = 0.5;
 /// Part of the budget that changes of resolution may take in one tick, one in this many, where that pays for a change.
 const UPKEEP_PART: u32 = 6;
+/// Part of what the tools press with from which on a node is not settled. Split and merged in turns before it is, a family
+/// would be strained more each time.
+const UNSETTLED: Real = 0.02;
 /// Changes that take more than a tick has left, after which no others are looked at.
 const MOST_REFUSED: u32 = 4;
 /// Contact points that room is kept for once a tool is there.
@@ -158,10 +161,12 @@ pub fn adapt(
     work.changes.clear();
     let contacts = if focus.is_empty() { means.contacts } else { means.contacts.max(EXPECTED_CONTACTS) };
     let (budget, load) = (means.budget, work::of_tick(mesh, contacts));
-    let look = Look { body, adaptivity, focus };
     let shedding = work::of_tick(mesh, means.contacts) > budget;
     // Under a tool, what changes put out of balance is eased.
-    let eases = loads.points.iter().flatten().any(|p| p.multiplier > 0.0);
+    let pressed: Real = loads.points.iter().flatten().map(|p| p.multiplier).sum();
+    let eases = pressed > 0.0;
+    let settled = if eases && !shedding { UNSETTLED * pressed } else { Real::INFINITY };
+    let look = Look { body, adaptivity, focus, settled };
     // A body without room for a change could not follow a tool.
     let spare = work::with_change(budget).saturating_sub(BATCH_UPKEEP + CHANGE_UPKEEP + EASED_CHANGE);
     let part = |of: u32| ((u64::from(budget) * u64::from(of) / 16) as u32).min(spare);
@@ -246,6 +251,13 @@ impl Pay {
         enough
     }
 
+    /// True where it were enough for `change` alone, if that had just the `room` that it adds to the tick.
+    fn would_take(&mut self, body: &Body, mesh: &mut ActiveMesh, change: Change, room: u32) -> bool {
+        let enough = work::of_batch(&mesh.foresee(body, &[change], self.eases)) + room <= self.one;
+        self.refused += u32::from(!enough);
+        enough
+    }
+
     /// True where it is of no use to ask for more.
     fn is_spent(&self) -> bool {
         self.refused >= if self.taken > 0 { 1 } else { MOST_REFUSED }
@@ -255,7 +267,7 @@ impl Pay {
 /// Splits nodes that `pay` is enough for and whose elements take no more than `room` units of work a tick, those that only
 /// strain asks for no more than the second. Units that the best of those that do not fit is short of.
 fn plan_splits(look: &Look, mesh: &mut ActiveMesh, pay: &mut Pay, room: [u32; 2], work: &mut Workspace) -> u32 {
-    let (mut elements, mut taken, mut short) = (0, 0, 0);
+    let (mut elements, mut taken, mut short, mut least) = (0, 0, 0, 0.0);
     for &(value, wanted) in &work.wanted {
         if work.changes.len() >= MOST_CHANGES || pay.is_spent() {
             break;
@@ -270,6 +282,9 @@ fn plan_splits(look: &Look, mesh: &mut ActiveMesh, pay: &mut Pay, room: [u32; 2]
         }
         let added = mesh.added_by_split(look.body, n);
         let mut cost = cost_of_split(look.body, n, added);
+        if value < least {
+            break;
+        }
         let room = room[usize::from(value < TOUCHED)];
         if n != wanted {
             // Without room for what it is for, it would be merged again.
@@ -281,8 +296,9 @@ fn plan_splits(look: &Look, mesh: &mut ActiveMesh, pay: &mut Pay, room: [u32; 2]
                 elements += added;
                 work.changes.push(Change::Split(n));
             }
-        } else if short == 0 {
-            short = (taken + cost).saturating_sub(room);
+        } else if short == 0 && taken + cost > room && pay.would_take(look.body, mesh, Change::Split(n), room) {
+            // What would be merged for it must not take the room in its stead.
+            (short, least) = (taken + cost - room, value - WORTH_MORE);
         }
     }
     short
@@ -334,6 +350,8 @@ struct Look<'a> {
     body: &'a Body,
     adaptivity: &'a Adaptivity,
     focus: &'a [Focus],
+    /// Nodes that more than this [N] is still let go of at are not changed again, [`UNSETTLED`].
+    settled: Real,
 }
 
 impl Look<'_> {
@@ -374,7 +392,7 @@ impl Look<'_> {
     fn wanted_nodes(&self, mesh: &ActiveMesh, ticks: u64, finest: usize, wanted: &mut Vec<(Real, u32)>) {
         for slot in slice(mesh.active(), ticks % INDICATOR_TICKS, INDICATOR_TICKS) {
             let n = mesh.node(*slot);
-            if self.may_split(n, finest) {
+            if self.may_split(n, finest) && self.is_settled(mesh, *slot) {
                 let value = indicator::strain_jump(self.body, mesh, n).unwrap_or_default() / self.adaptivity.split;
                 if value > 1.0 && self.can_strain(n) {
                     keep(wanted, value.min(STRAINED), n);
@@ -392,13 +410,18 @@ impl Look<'_> {
                 continue;
             }
             let n = mesh.node(*slot);
-            if self.may_split(n, finest) {
+            if self.may_split(n, finest) && self.is_settled(mesh, *slot) {
                 let value = self.worth(distance, self.body.spacing_at(n), self.farther(n));
                 if value > 0.0 {
                     keep(wanted, value, n);
                 }
             }
         }
+    }
+
+    fn is_settled(&self, mesh: &ActiveMesh, slot: u32) -> bool {
+        let ease = &mesh.motion.ease[slot as usize];
+        ease.iter().map(|e| e * e).sum::<Real>() <= self.settled * self.settled
     }
 
     /// Families worth less than `limit`, of slice `part` of `parts`.
@@ -410,7 +433,8 @@ impl Look<'_> {
             }
             let parent = self.body.parent(n);
             let family = self.body.children(parent);
-            if family[0] != n || !family.iter().all(|c| mesh.set().is_active(*c)) {
+            let settled = |c: &u32| mesh.slot(*c).is_some_and(|slot| self.is_settled(mesh, slot));
+            if family[0] != n || !family.iter().all(|c| mesh.set().is_active(*c) && settled(c)) {
                 continue;
             }
             let spacing = self.body.spacing_at(parent);

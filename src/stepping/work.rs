@@ -25,9 +25,9 @@ const ROW_UPKEEP: u32 = 80;
 /// Units of a batch of changes of resolution, whatever is in it: momenta, masses and the surface before and after.
 pub const BATCH_UPKEEP: u32 = 6_000;
 /// Units of one change in a batch, for plans.
-pub const CHANGE_UPKEEP: u32 = 4_500;
+pub const CHANGE_UPKEEP: u32 = 3_500;
 /// Units of weighing the forces of one change under a load, for plans.
-pub const EASED_CHANGE: u32 = 6_500;
+pub const EASED_CHANGE: u32 = 3_500;
 
 /// Work of one event in which `elements` of a class are due [units]; all nodes and interface rows may be concerned.
 fn event(mesh: &ActiveMesh, elements: u32) -> u32 {

@@ -113,7 +113,7 @@ fn on_a_short_budget_the_fine_levels_follow_a_stroke() {
         if i == 0 { inputs(ATTACH) } else { inputs(ball_at(Vec3::new(x, 0.002, 0.12 - 0.02 * ease(t, 0.1, 0.6)))) }
     };
     let mut needed = 0;
-    for budget in [u32::MAX, 30_000] {
+    for budget in [u32::MAX, 30_000, 18_000] {
         let mut press = simulation(&body, &settings(Some(Adaptivity::default())), uniform(&body, 0));
         let mut under = vec![0; body.levels().len()];
         let (mut changes, mut still, mut last, mut step) = (0, 0, [Vec3::zeros(); 2], 0.0 as Real);
@@ -148,9 +148,10 @@ fn on_a_short_budget_the_fine_levels_follow_a_stroke() {
             assert!(needed > 45_000, "{needed} units: the budget is not short");
         }
         // One change a tick is all that such a budget has: the finest may be late where the tool turns up.
-        assert!(under[body.finest()] > 3400 * 9 / 10, "the fine levels stay behind: {under:?}");
-        assert!(under[0] + under[1] < 3400 / 5, "the tool is on coarse levels: {under:?}");
+        assert!(budget < 30_000 || under[body.finest()] > 3400 * 9 / 10, "the fine levels stay behind: {under:?}");
+        assert!(budget < 30_000 || under[0] + under[1] < 3400 / 5, "the tool is on coarse levels: {under:?}");
         assert!(still < 34, "{still} ticks without a step");
+        // What is changed before it has settled would be strained more each time, until it bursts.
         assert!(step < 1.0, "the force changes by {step} of 5 % or 10 mN in a tick");
         assert!(shakes < 0.007, "the force goes up and down by {shakes} of it");
     }
