@@ -277,7 +277,8 @@ fn plan_splits(look: &Look, mesh: &mut ActiveMesh, pay: &mut Pay, room: [u32; 2]
         while let Some(before) = mesh.set().first_needed(look.body, n) {
             n = before;
         }
-        if work.changes.contains(&Change::Split(n)) {
+        let settled = mesh.slot(n).is_none_or(|slot| look.is_settled(mesh, slot));
+        if !settled || work.changes.contains(&Change::Split(n)) {
             continue;
         }
         let added = mesh.added_by_split(look.body, n);
