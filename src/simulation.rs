@@ -49,7 +49,7 @@ pub struct Settings {
 pub struct Inputs {
     /// Ticks that the machine lost just before this one: time passes, the body stands still.
     pub lapsed: u32,
-    /// Work that this tick may spend, in units of [`crate::stepping::work`].
+    /// Work that this tick may spend, in units of [`crate::stepping::work`]: on the body's motion, [`work::for_motion`] of it.
     pub budget: u32,
     /// Back to the starting state first.
     pub reset: bool,
@@ -70,7 +70,7 @@ pub struct Snapshot {
     /// Ticks since the start of the session.
     pub tick: u64,
     /// Units of work that ticks in which the body stood still have left over, or that a change of resolution took beyond
-    /// the budget (negative).
+    /// what is for motion (negative).
     pub credit: i64,
     /// Frames in a row that the body, which nothing touches, has been knotted in itself.
     pub knotted: u32,
@@ -442,8 +442,10 @@ impl Simulation {
             }
             let (body, mesh) = (&self.body, &mut self.mesh);
             let contacts = self.points.iter().map(Vec::len).sum();
-            let allowed = (i64::from(budget) + self.credit).clamp(0, i64::from(u32::MAX)) as u32;
-            let means = Means { budget, allowed, contacts };
+            let motion = work::for_motion(budget);
+            let of_tick = if mesh.is_held() { budget } else { motion };
+            let allowed = (i64::from(of_tick) + self.credit).clamp(0, i64::from(u32::MAX)) as u32;
+            let means = Means { budget, motion, allowed, contacts };
             let loads = Loads { points: &self.points, gravity: self.settings.gravity };
             self.outputs.adapted =
                 adaptation::adapt(body, mesh, adaptivity, &self.focus, (&means, &loads), ticks, &mut self.adaptation);
@@ -455,7 +457,9 @@ impl Simulation {
                 self.settle_tools(true);
             }
         }
-        self.mesh.reclass_part(&self.body, ticks % RECLASS_TICKS, RECLASS_TICKS);
+        if !self.mesh.is_held() {
+            self.mesh.reclass_part(&self.body, ticks % RECLASS_TICKS, RECLASS_TICKS);
+        }
     }
 
     /// Tools that touch what now hangs on other elements (before a body moves again that stood still for many changes, `all`
@@ -506,12 +510,14 @@ impl Simulation {
 
     fn step(&mut self, budget: u32) {
         let needed = work::of_tick(&self.mesh, self.constraints.len());
-        // A body that takes more than a tick affords saves up for it, and moves every few ticks.
-        let left = i64::from(budget) + self.credit - i64::from(self.outputs.adapted.work);
-        // Beside a body that fits the budget a change of resolution may take more, which later ticks make up for.
-        let with_change = needed.saturating_add(self.outputs.adapted.work);
-        let fits = needed <= budget && with_change <= work::with_change(budget);
-        let moves = (i64::from(needed) <= left || fits) && !self.outputs.adapted.saving;
+        let motion = work::for_motion(budget);
+        let of_tick = if self.mesh.is_held() { budget } else { motion };
+        let left = i64::from(of_tick) + self.credit - i64::from(self.outputs.adapted.work);
+        // What a change of resolution takes beside the motion later ticks make up for. A body whose motion alone takes more
+        // than a tick affords saves up for it, and moves every few ticks.
+        let beside = needed.saturating_add(self.outputs.adapted.work) <= budget;
+        let fits = if needed <= motion { beside } else { i64::from(needed) <= left };
+        let moves = fits && !self.outputs.adapted.saving;
         // What is left of a tick in which the body moves is lost, what was saved before is not.
         self.credit = if moves { (left - i64::from(needed)).min(self.credit.max(0)) } else { left };
         self.outputs.plan = Plan { needed, taken: if moves { needed } else { 0 } };

@@ -281,7 +281,7 @@ fn both_organs_refine_under_their_tools_and_shed_when_the_budget_is_cut() {
     for tick in 0..600 {
         least.advance(&press(&coarse, &[0, 1], tick));
     }
-    let budget = least.advance(&press(&coarse, &[0, 1], 600)).plan.needed * 5 / 4;
+    let budget = least.advance(&press(&coarse, &[0, 1], 600)).plan.needed * 5 / 3;
     for tick in 600..1200 {
         let outputs = touched.advance(&Inputs { budget, ..press(&loaded, &[0, 1], tick) });
         assert!(!outputs.restored && outputs.plan.taken <= budget);

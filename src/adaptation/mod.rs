@@ -4,14 +4,15 @@
 //! nothing from tick to tick: what it decides follows from the state, the budget and the tick.
 
 pub mod indicator;
+mod shedding;
 
 use crate::math::{Real, Vec3};
-use crate::model::active_mesh::Loads;
+use crate::model::active_mesh::{Loads, Upkeep};
 use crate::model::active_set::Change;
 use crate::model::element_pool::CLASSES;
 use crate::model::step_class::{self, Strained};
 use crate::model::{ActiveMesh, Body};
-use crate::stepping::work::{self, BATCH_UPKEEP, CHANGE_UPKEEP, EASE_UPKEEP, EASED_CHANGE};
+use crate::stepping::work::{self, CHANGE_UPKEEP, EASED_CHANGE};
 
 /// When to refine and to coarsen.
 #[derive(Clone, Debug, PartialEq)]
@@ -70,7 +71,7 @@ const TOUCHED: Real = 2.0;
 const STRAINED: Real = 1.9;
 /// What is near a tool gives way to what is worth this much more.
 const WORTH_MORE: Real = 0.5;
-/// Part of the budget that changes of resolution may take in one tick, one in this many, where that pays for a change.
+/// Part of what is for motion that several changes of resolution may take together in one tick, one in this many.
 const UPKEEP_PART: u32 = 6;
 /// Part of what the tools press with from which on a node is not settled. Split and merged in turns before it is, a family
 /// would be strained more each time.
@@ -79,7 +80,7 @@ const UNSETTLED: Real = 0.02;
 const MOST_REFUSED: u32 = 4;
 /// Contact points that room is kept for once a tool is there.
 const EXPECTED_CONTACTS: usize = 20;
-/// Part of the budget, in 1/16, up to which refinement fills it, and up to which strain alone does: the rest is for
+/// Part of what is for motion, in 1/16, up to which refinement fills it, and up to which strain alone does: the rest is for
 /// strains that shorten steps, and what a tool makes room for must not fill up again with what it was taken from.
 const FILLED: u32 = 11;
 const STRAIN_FILLED: u32 = 9;
@@ -93,8 +94,16 @@ pub struct Adapted {
     pub merges: u32,
     /// Units of work it took.
     pub work: u32,
-    /// The body is to stand still and save up for the next change.
+    /// The body is to stand still.
     pub saving: bool,
+}
+
+impl Adapted {
+    /// `changes` of `mesh` that took `upkeep`.
+    fn of(mesh: &ActiveMesh, changes: &[Change], upkeep: &Upkeep) -> Self {
+        let splits = changes.iter().filter(|c| matches!(c, Change::Split(_))).count() as u32;
+        Self { splits, merges: changes.len() as u32 - splits, work: work::of_batch(mesh, upkeep), saving: false }
+    }
 }
 
 /// Memory that decisions need and no one keeps.
@@ -137,7 +146,10 @@ pub fn finest_steppable(body: &Body) -> usize {
 pub struct Means {
     /// Units of work that a tick may take.
     pub budget: u32,
-    /// Units that this one may take: less after one that took more, more after some in which the body stood still.
+    /// Those of them that are for the body's motion.
+    pub motion: u32,
+    /// What this tick has for that (a body that is held has all of it for changes): less after one that took more, more after
+    /// some in which the body stood still.
     pub allowed: u32,
     /// Contact points that are held.
     pub contacts: usize,
@@ -160,69 +172,43 @@ pub fn adapt(
     work.spare.clear();
     work.changes.clear();
     let contacts = if focus.is_empty() { means.contacts } else { means.contacts.max(EXPECTED_CONTACTS) };
-    let (budget, load) = (means.budget, work::of_tick(mesh, contacts));
-    let shedding = work::of_tick(mesh, means.contacts) > budget;
+    let load = work::of_tick(mesh, contacts);
+    let sheds = mesh.is_held() || work::of_tick(mesh, means.contacts) > means.motion;
     // Under a tool, what changes put out of balance is eased.
     let pressed: Real = loads.points.iter().flatten().map(|p| p.multiplier).sum();
     let eases = pressed > 0.0;
-    let settled = if eases && !shedding { UNSETTLED * pressed } else { Real::INFINITY };
+    let settled = if eases && !sheds { UNSETTLED * pressed } else { Real::INFINITY };
     let look = Look { body, adaptivity, focus, settled };
     // A body without room for a change could not follow a tool.
-    let spare = work::with_change(budget).saturating_sub(BATCH_UPKEEP + CHANGE_UPKEEP + EASED_CHANGE);
-    let part = |of: u32| ((u64::from(budget) * u64::from(of) / 16) as u32).min(spare);
+    let spare = means.budget.saturating_sub(work::of_empty_batch(mesh) + CHANGE_UPKEEP + EASED_CHANGE);
+    let part = |of: u32| ((u64::from(means.motion) * u64::from(of) / 16) as u32).min(spare);
     let full = part(FILLED);
-    if shedding {
-        // Before it moves again the body sheds what is too much, in batches as large as may be: they share the rows that
-        // they make, so few large ones take less than many small ones, even if they have to be saved up for.
-        look.spare_families(mesh, 0, 1, Real::INFINITY, &mut work.spare);
-        let excess = load.saturating_sub(full);
-        let saved = plan_merges(body, mesh, None, excess, 0.0, work);
-        // The body is weighed whole, once before all batches and once after, where that takes less than each on its own.
-        let apart = eases && !mesh.is_held();
-        let foreseen = mesh.foresee(body, &work.changes, apart);
-        let (whole, batches) = (mesh.pool().len() as u32, excess / saved.max(1));
-        let holds = foreseen.eased.saturating_mul(batches) > 2 * whole;
-        let needed = if holds { EASE_UPKEEP * whole } else { work::of_batch(&foreseen) };
-        if !work.changes.is_empty() && needed > means.allowed {
-            return Adapted { saving: true, ..Adapted::default() };
-        }
-        if holds {
-            return Adapted { work: EASE_UPKEEP * mesh.hold(body, loads), saving: true, ..Adapted::default() };
-        }
-    } else if mesh.is_held() {
-        return Adapted { work: EASE_UPKEEP * mesh.let_go(body, loads), ..Adapted::default() };
-    } else {
-        // What the last change took has to be made up for first.
-        let left = if means.allowed < budget { 0 } else { work::with_change(budget).saturating_sub(load) };
-        let mut pay = Pay { one: left, several: left.min(budget / UPKEEP_PART), eases, taken: 0, refused: 0 };
-        look.wanted_nodes(mesh, ticks, work.finest, &mut work.wanted);
-        let room = [full, part(STRAIN_FILLED)].map(|filled| filled.saturating_sub(load));
-        let short = plan_splits(&look, mesh, &mut pay, room, work);
-        if work.changes.is_empty() {
-            // What is wanted and does not fit may take the place of what is worth less.
-            let limit = match work.wanted.first() {
-                Some((value, _)) if *value > TOUCHED => (value - WORTH_MORE).max(TOUCHED),
-                Some((value, _)) => 0.5 * value,
-                None => adaptivity.merge,
-            };
-            look.spare_families(mesh, ticks % INDICATOR_TICKS, INDICATOR_TICKS, limit, &mut work.spare);
-            plan_merges(body, mesh, Some(&mut pay), short, adaptivity.merge, work);
-        }
+    if sheds {
+        return shedding::shed(&look, mesh, (means, loads, eases), (load, full), ticks, work);
     }
+    // What the last change took has to be made up for first.
+    let left = if means.allowed < means.motion { 0 } else { means.budget.saturating_sub(load) };
+    let mut pay = Pay { one: left, several: left.min(means.motion / UPKEEP_PART), eases, taken: 0, refused: 0 };
+    look.wanted_nodes(mesh, ticks, work.finest, &mut work.wanted);
+    let room = [full, part(STRAIN_FILLED)].map(|filled| filled.saturating_sub(load));
+    let short = plan_splits(&look, mesh, &mut pay, room, work);
     if work.changes.is_empty() {
-        // Where nothing can be shed, either.
-        let weighed = if mesh.is_held() { mesh.let_go(body, loads) } else { 0 };
-        return Adapted { work: EASE_UPKEEP * weighed, ..Adapted::default() };
+        // What is wanted and does not fit may take the place of what is worth less.
+        let limit = match work.wanted.first() {
+            Some((value, _)) if *value > TOUCHED => (value - WORTH_MORE).max(TOUCHED),
+            Some((value, _)) => 0.5 * value,
+            None => adaptivity.merge,
+        };
+        let some = slice(mesh.active(), ticks % INDICATOR_TICKS, INDICATOR_TICKS);
+        look.spare_families(mesh, some.iter(), limit, &mut work.spare);
+        plan_merges(body, mesh, &mut pay, short, adaptivity.merge, work);
     }
-    let apart = eases && !mesh.is_held();
-    let upkeep = if apart { mesh.apply_under(body, &work.changes, loads) } else { mesh.apply(body, &work.changes) };
-    let splits = work.changes.iter().filter(|c| matches!(c, Change::Split(_))).count() as u32;
-    Adapted {
-        splits,
-        merges: work.changes.len() as u32 - splits,
-        work: work::of_batch(&upkeep),
-        saving: mesh.is_held(),
-    }
+    let upkeep = match work.changes.as_slice() {
+        [] => return Adapted::default(),
+        changes if eases => mesh.apply_under(body, changes, loads),
+        changes => mesh.apply(body, changes),
+    };
+    Adapted::of(mesh, &work.changes, &upkeep)
 }
 
 /// What pays for changes, and for several of them only where they take little.
@@ -241,19 +227,25 @@ impl Pay {
     /// True where it is enough for `change`, too, which adds `more` units to the tick. Changes side by side take together what
     /// each takes alone, or less, but for the few elements that none of them alone takes out.
     fn takes(&mut self, body: &Body, mesh: &mut ActiveMesh, change: Change, more: u32) -> bool {
-        let units = work::of_batch(&mesh.foresee(body, &[change], self.eases)) + more;
+        let units = self.alone(body, mesh, change) + more;
         let (total, most) = match self.taken {
             0 => (units, self.one),
-            taken => (taken + units - BATCH_UPKEEP, self.several),
+            taken => (taken + units - work::of_empty_batch(mesh), self.several),
         };
         let enough = total <= most;
         *(if enough { &mut self.taken } else { &mut self.refused }) = if enough { total } else { self.refused + 1 };
         enough
     }
 
+    /// Units of work that `change` takes by itself.
+    fn alone(&self, body: &Body, mesh: &mut ActiveMesh, change: Change) -> u32 {
+        let upkeep = mesh.foresee(body, &[change], self.eases);
+        work::of_batch(mesh, &upkeep)
+    }
+
     /// True where it were enough for `change` alone, if that had just the `room` that it adds to the tick.
     fn would_take(&mut self, body: &Body, mesh: &mut ActiveMesh, change: Change, room: u32) -> bool {
-        let enough = work::of_batch(&mesh.foresee(body, &[change], self.eases)) + room <= self.one;
+        let enough = self.alone(body, mesh, change) + room <= self.one;
         self.refused += u32::from(!enough);
         enough
     }
@@ -321,22 +313,19 @@ fn class_of_level(body: &Body, n: u32) -> usize {
 fn plan_merges(
     body: &Body,
     mesh: &mut ActiveMesh,
-    mut pay: Option<&mut Pay>,
+    pay: &mut Pay,
     excess: u32,
     merge: Real,
     work: &mut Workspace,
 ) -> u32 {
     let (mut saved, mut added) = (0, 0);
     for &(value, parent) in &work.spare {
-        if work.changes.len() >= MOST_CHANGES
-            || pay.as_ref().is_some_and(|p| p.is_spent())
-            || (saved >= excess && value >= merge)
-        {
+        if work.changes.len() >= MOST_CHANGES || pay.is_spent() || (saved >= excess && value >= merge) {
             break;
         }
         let elements = body.elements_around(parent).len() as u32;
         let may = mesh.has_room(added + elements) && mesh.set().may_merge(body, parent);
-        if may && pay.as_mut().is_none_or(|pay| pay.takes(body, mesh, Change::Merge(parent), 0)) {
+        if may && pay.takes(body, mesh, Change::Merge(parent), 0) {
             added += elements;
             work.changes.push(Change::Merge(parent));
             // A node has about six elements of its own.
@@ -425,9 +414,15 @@ impl Look<'_> {
         ease.iter().map(|e| e * e).sum::<Real>() <= self.settled * self.settled
     }
 
-    /// Families worth less than `limit`, of slice `part` of `parts`.
-    fn spare_families(&self, mesh: &ActiveMesh, part: u64, parts: u64, limit: Real, spare: &mut Vec<(Real, u32)>) {
-        for slot in slice(mesh.active(), part, parts) {
+    /// Families worth less than `limit` whose first child is in one of the `slots`.
+    fn spare_families<'s>(
+        &self,
+        mesh: &ActiveMesh,
+        slots: impl Iterator<Item = &'s u32>,
+        limit: Real,
+        spare: &mut Vec<(Real, u32)>,
+    ) {
+        for slot in slots {
             let n = mesh.node(*slot);
             if self.body.level_of(n) == 0 {
                 continue;

@@ -7,6 +7,20 @@ use super::step_class;
 use crate::math::{Real, Vec3, is_finite};
 use serde::{Deserialize, Serialize};
 
+/// How far a body is that stands still to shed load.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Shedding {
+    /// It moves.
+    #[default]
+    No,
+    /// What accelerates it is being taken hold of: elements weighed so far.
+    Holds(u32),
+    /// It is coarsened: ticks in a row that found nothing to merge.
+    Coarsens(u32),
+    /// What has not come out of balance is being let go of: elements weighed so far.
+    LetsGo(u32),
+}
+
 /// The active nodes and what they do. Order counts: forces are summed in it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct State {
@@ -18,8 +32,8 @@ pub struct State {
     pub velocity: Vec<Vec3>,
     /// Forces on them that changes of resolution have left to fade [N], (n_active).
     pub ease: Vec<Vec3>,
-    /// They are all that accelerates the body, which stands still, see [`super::active_mesh::ActiveMesh::hold`].
-    pub held: bool,
+    /// Whether the body stands still until it has shed load, see [`super::active_mesh::ActiveMesh::hold`].
+    pub shedding: Shedding,
     /// Interface nodes; where they are follows from the active ones.
     pub interface: Vec<u32>,
     /// Elements in use by step class.
@@ -71,7 +85,7 @@ impl State {
         Self {
             velocity: vec![Vec3::zeros(); position.len()],
             ease: vec![Vec3::zeros(); position.len()],
-            held: false,
+            shedding: Shedding::No,
             calm: Vec::new(),
             history: vec![History::REST; classes.iter().map(Vec::len).sum()],
             fade: vec![[0.0; 4]; body.surface().vertices.len()],
@@ -90,7 +104,7 @@ impl State {
             position: Vec::with_capacity(slots),
             velocity: Vec::with_capacity(slots),
             ease: Vec::with_capacity(slots),
-            held: false,
+            shedding: Shedding::No,
             interface: Vec::with_capacity(slots),
             classes: (0..CLASSES).map(|_| Vec::with_capacity(elements)).collect(),
             history: Vec::with_capacity(elements),

@@ -19,11 +19,11 @@ const POINT: u32 = 150;
 /// Units per element put in or taken out.
 const ELEMENT_UPKEEP: u32 = 20;
 /// Units of weighing the forces of one element, as is done before and after changes under a load.
-pub const EASE_UPKEEP: u32 = 10;
+const EASE_UPKEEP: u32 = 10;
+/// Elements that are weighed at once at least.
+const LEAST_WEIGHED: u32 = 64;
 /// Units per interface row made.
-const ROW_UPKEEP: u32 = 80;
-/// Units of a batch of changes of resolution, whatever is in it: momenta, masses and the surface before and after.
-pub const BATCH_UPKEEP: u32 = 6_000;
+const ROW_UPKEEP: u32 = 100;
 /// Units of one change in a batch, for plans.
 pub const CHANGE_UPKEEP: u32 = 3_500;
 /// Units of weighing the forces of one change under a load, for plans.
@@ -50,20 +50,41 @@ pub fn evaluations(mesh: &ActiveMesh) -> u32 {
     (0..CLASSES).map(|c| (mesh.pool().count(c) as u32) << c).sum()
 }
 
-/// Units that a tick with a change of resolution may take where `budget` is what ticks take: the rest of a tick is there for
-/// a late wake-up, and changes are few.
-pub fn with_change(budget: u32) -> u32 {
-    budget.saturating_add(budget / 3)
+/// Units that the body's motion may take of the `budget` of a tick: the rest of it is there for changes of resolution.
+pub fn for_motion(budget: u32) -> u32 {
+    budget - budget / 4
 }
 
-/// Units of work of a batch of changes of resolution.
-pub fn of_batch(upkeep: &Upkeep) -> u32 {
-    BATCH_UPKEEP + upkeep.elements * ELEMENT_UPKEEP + upkeep.rows * ROW_UPKEEP + upkeep.eased * EASE_UPKEEP
+/// Elements that `units` are enough to weigh the forces of, some in any case, and the units that it takes to weigh so many:
+/// what they put on interface nodes is handed back.
+pub fn of_weighing(mesh: &ActiveMesh, units: u32) -> (u32, u32) {
+    let handed_back = (mesh.active().len() as u32 * NODE + mesh.row_entries() * ROW_ENTRY) / 16;
+    let elements = (units.saturating_sub(handed_back) / EASE_UPKEEP).max(LEAST_WEIGHED);
+    (elements, handed_back + elements * EASE_UPKEEP)
+}
+
+/// Units of a batch of changes of resolution of a body with `nodes` nodes in use, whatever is in it: momenta, masses and the
+/// surface before and after.
+fn of_any_batch(nodes: u32) -> u32 {
+    1_500 + nodes + nodes / 4
+}
+
+/// As [`of_batch`], of a batch with nothing in it.
+pub fn of_empty_batch(mesh: &ActiveMesh) -> u32 {
+    of_any_batch((mesh.active().len() + mesh.interface().len()) as u32)
+}
+
+/// Units of work of a batch of changes of resolution of `mesh`.
+pub fn of_batch(mesh: &ActiveMesh, upkeep: &Upkeep) -> u32 {
+    let each = upkeep.elements * ELEMENT_UPKEEP + upkeep.rows * ROW_UPKEEP + upkeep.eased * EASE_UPKEEP;
+    of_empty_batch(mesh) + each
 }
 
 /// Units of work of a tick, at rest, in which only the coarsest level is used, with room for strains and for one change of
-/// resolution: what a body cannot do with less than.
+/// resolution: the budget that a body cannot do with less than.
 pub fn floor(body: &Body) -> u32 {
     let elements: u32 = body.elements_of(0).map(|e| 1 << step_class::class_at_rest(body, e)).sum();
-    2 * elements + body.nodes_of(0).len() as u32 + CONTACT + 32 * POINT + BATCH_UPKEEP + CHANGE_UPKEEP
+    let nodes = body.nodes_of(0).len() as u32;
+    let motion = 2 * elements + nodes + CONTACT + 32 * POINT + of_any_batch(2 * nodes) + CHANGE_UPKEEP;
+    motion + motion.div_ceil(3)
 }

@@ -21,7 +21,6 @@ fn a_budget_cut_tenfold_coarsens_and_no_tick_is_lost_or_too_dear() {
     report(&body);
     let mut settings = settings(Some(Adaptivity { split: 0.02, reach: 1.0, ..Adaptivity::default() }));
     settings.limits = ForceLimits { force: 3.3, torque: 0.2, slew: 1000.0 };
-    let settings_uniform = Settings { adaptivity: None, ..settings.clone() };
     let mut press = simulation(&body, &settings, uniform(&body, 0));
     let active = |o: &Outputs| o.active.iter().sum::<u32>();
 
@@ -31,16 +30,12 @@ fn a_budget_cut_tenfold_coarsens_and_no_tick_is_lost_or_too_dear() {
     });
     let full = press.advance(&hold(900)).clone();
     let before = active(&full);
-    // Ample first; then hardly enough for the coarsest level, with what its contact takes: up to half as much again, while
-    // the dent is the one that the finer ones have left.
-    let mut coarse = simulation(&body, &settings_uniform, uniform(&body, 0));
-    (0..900).for_each(|i| {
-        coarse.advance(&hold(i));
-    });
-    let (budget, least) = (60_000, coarse.advance(&hold(900)).plan.needed * 3 / 2);
+    // Ample first, then half of what bodies are always given.
+    let (budget, least) = (80_000, 8_000);
+    assert!(least < work::floor(&body));
     println!("{before} active, {} elements, {:?}; budget {budget}, then {least}", full.elements, full.plan);
 
-    let (mut beyond, mut worst, mut dearest, mut fewest, mut still) = (0i64, 0i64, 0, u32::MAX, 0);
+    let (mut dearest, mut fewest, mut still) = (0, u32::MAX, 0);
     let mut last = full.tools[0].state;
     let mut physical = 0.0 as Real;
     let mut recovered = 0;
@@ -51,8 +46,6 @@ fn a_budget_cut_tenfold_coarsens_and_no_tick_is_lost_or_too_dear() {
         assert!(!o.restored);
         if (1200..2200).contains(&i) {
             let spent = o.plan.taken + o.adapted.work;
-            beyond += i64::from(spent) - i64::from(allowed);
-            worst = worst.max(beyond);
             dearest = dearest.max(spent);
             fewest = fewest.min(active(o));
             still += u32::from(o.plan.taken < o.plan.needed);
@@ -69,20 +62,59 @@ fn a_budget_cut_tenfold_coarsens_and_no_tick_is_lost_or_too_dear() {
         recovered = active(o);
     }
     println!(
-        "with a tenth up to {worst} units beyond what was allowed until then, {dearest} in the dearest tick; {fewest} \
-         active at least and {still} ticks without a step; {recovered} active in the end; the force changes by up to \
-         {:.1} mN a tick",
+        "with a tenth {dearest} units in the dearest tick; {fewest} active at least and {still} ticks without a step; \
+         {recovered} active in the end; the force changes by up to {:.1} mN a tick",
         physical * 1e3
     );
     assert!(fewest < before / 2, "resolution gives way");
     assert!(recovered > before * 3 / 4, "and comes back");
     // While what is too much is shed the body stands still and the force keeps its value; that must end soon.
-    assert!(still < 50, "{still} ticks without a step");
-    // Changes are saved up for; what they take is foreseen.
-    assert_eq!(worst, 0, "units more than was allowed until then");
-    assert!(dearest < budget, "{dearest} units in one tick");
+    assert!(still < 100, "{still} ticks without a step");
+    // A change that is dearer by itself is saved up for.
+    assert!(dearest < 2 * least, "{dearest} units in one tick");
     // 0.99 N; on the next ticks it goes to what the coarse level feels like.
     assert!(physical < 0.05 * 0.99, "the force changes by {physical} N in a tick");
+}
+
+/// However much has to go, no tick takes more than its budget, where that is the least that the governor gives.
+#[test]
+fn a_liver_cut_to_the_least_budget_sheds_most_of_its_nodes_within_every_ticks_means() {
+    let body = liver(0.45, vec![0.026, 0.015, 0.0085, 0.005], 5e3, 0.15);
+    report(&body);
+    let press_at = |i: u64| {
+        let down = 0.016 * ease(i as Real * TICK, 0.1, 0.5);
+        if i == 0 { inputs(ATTACH) } else { inputs(ball_at(Vec3::new(-0.01, 0.002, 0.12 - down))) }
+    };
+    let adaptivity = Adaptivity { reach: 3.0, ..Adaptivity::default() };
+    let mut press = simulation(&body, &settings(Some(adaptivity)), uniform(&body, 0));
+    let mut before = press.advance(&press_at(0)).clone();
+    for i in 1..700 {
+        before = press.advance(&Inputs { budget: 160_000, ..press_at(i) }).clone();
+    }
+    let budget = work::floor(&body);
+    let (mut dearest, mut still, mut step, mut last) = (0, 0, 0.0 as Real, before.clone());
+    for i in 700..1400 {
+        let o = press.advance(&Inputs { budget, ..press_at(i) }).clone();
+        dearest = dearest.max(o.plan.taken + o.adapted.work);
+        still += u32::from(o.plan.taken == 0);
+        let [force, was] = [&o, &last].map(|o| o.tools[0].state.physical_force);
+        step = step.max((force - was).norm() / was.norm());
+        last = o;
+    }
+    let active = |o: &Outputs| o.active.iter().sum::<u32>();
+    println!(
+        "{} active and {} units, then {} and {} on {budget}: {dearest} in the dearest tick, {still} without a step; the \
+         contact's force changes by up to {:.1} % a tick",
+        active(&before),
+        before.plan.needed,
+        active(&last),
+        last.plan.needed,
+        100.0 * step
+    );
+    assert!(before.plan.needed > 3 * budget && active(&last) < active(&before) / 3, "there is much to shed");
+    assert!(dearest <= budget, "{dearest} units in one tick");
+    assert!(still < 400 && last.plan.taken == last.plan.needed, "{still} ticks without a step");
+    assert!(step < 0.05, "the force changes by {step} of it in a tick");
 }
 
 /// Room for elements is what a session is given, not a part of it: a press reaches the finest level on a small body, too.
@@ -106,7 +138,7 @@ fn unsettled(press: &Simulation, budget: u32) -> Vec<u32> {
     let (mesh, points) = (press.mesh(), &press.snapshot().points[0]);
     let pressed: Real = points.iter().map(|p| p.multiplier).sum();
     let ease = |s: &u32| Vec3::from_column_slice(&mesh.motion.ease[*s as usize][..3]).norm();
-    let sheds = pressed <= 0.0 || work::of_tick(mesh, points.len()) > budget;
+    let sheds = pressed <= 0.0 || work::of_tick(mesh, points.len()) > work::for_motion(budget);
     let unsettled = mesh.active().iter().filter(|s| !sheds && ease(s) > 0.02 * pressed);
     unsettled.map(|s| mesh.node(*s)).collect()
 }
@@ -123,13 +155,13 @@ fn on_a_short_budget_the_fine_levels_follow_a_stroke() {
         if i == 0 { inputs(ATTACH) } else { inputs(ball_at(Vec3::new(x, 0.002, 0.12 - 0.02 * ease(t, 0.1, 0.6)))) }
     };
     let mut needed = 0;
-    for budget in [u32::MAX, 30_000, 18_000] {
+    for budget in [u32::MAX, 40_000, 24_000] {
         let mut press = simulation(&body, &settings(Some(Adaptivity::default())), uniform(&body, 0));
         let mut under = vec![0; body.levels().len()];
         let (mut changes, mut still, mut last, mut step) = (0, 0, [Vec3::zeros(); 2], 0.0 as Real);
         let (mut bends, mut held) = (0.0, 0);
         for i in 0..4000 {
-            let unsettled = if budget == 30_000 { unsettled(&press, budget) } else { Vec::new() };
+            let unsettled = if budget == 40_000 { unsettled(&press, budget) } else { Vec::new() };
             let o = press.advance(&Inputs { budget, ..stroke(i) }).clone();
             // Changed before it has settled it would be strained more each time, until it bursts.
             assert!(unsettled.iter().all(|n| press.mesh().set().is_active(*n)), "tick {i}");
@@ -144,7 +176,7 @@ fn on_a_short_budget_the_fine_levels_follow_a_stroke() {
             bends += (force - before * 2.0 + first).norm_squared() / force.norm_squared();
             (changes, still) = (changes + o.adapted.splits + o.adapted.merges, still + u32::from(o.plan.taken == 0));
             let spent = o.plan.taken.saturating_add(o.adapted.work);
-            assert!(spent <= work::with_change(budget), "{spent} units of {budget} in tick {i}");
+            assert!(spent <= budget, "{spent} units of {budget} in tick {i}");
             needed = o.plan.needed.max(if budget == u32::MAX { needed } else { 0 });
             let (centre, mesh) = (o.tools[0].state.pose.position, press.mesh());
             let distance = |s: u32| (mesh.position(s) - centre).norm();
@@ -162,10 +194,10 @@ fn on_a_short_budget_the_fine_levels_follow_a_stroke() {
             assert!(needed > 45_000, "{needed} units: the budget is not short");
         }
         // One change a tick is all that such a budget has: the finest may be late where the tool turns up.
-        assert!(budget < 30_000 || under[body.finest()] > 3400 * 9 / 10, "the fine levels stay behind: {under:?}");
-        assert!(budget < 30_000 || under[0] + under[1] < 3400 / 5, "the tool is on coarse levels: {under:?}");
+        assert!(budget < 40_000 || under[body.finest()] > 3400 * 9 / 10, "the fine levels stay behind: {under:?}");
+        assert!(budget < 40_000 || under[0] + under[1] < 3400 / 5, "the tool is on coarse levels: {under:?}");
         assert!(still < 34, "{still} ticks without a step");
-        assert!(budget != 30_000 || held > 3400, "nothing had to settle");
+        assert!(budget != 40_000 || held > 3400, "nothing had to settle");
         assert!(step < 1.0, "the force changes by {step} of 5 % or 10 mN in a tick");
         assert!(shakes < 0.007, "the force goes up and down by {shakes} of it");
     }

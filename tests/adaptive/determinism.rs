@@ -26,7 +26,7 @@ fn stroke_to_the_hold(i: u64) -> Inputs {
 
 /// As [`press_and_stroke`], with a budget that is cut to a fraction while the ball presses and comes back.
 fn press_on_a_cut_budget(i: u64) -> Inputs {
-    Inputs { budget: if (CUT..CUT + 300).contains(&i) { 9_000 } else { 60_000 }, ..press_and_stroke(i) }
+    Inputs { budget: if (CUT..CUT + 300).contains(&i) { 12_000 } else { 80_000 }, ..press_and_stroke(i) }
 }
 
 /// Ticks before the cut.

@@ -3,7 +3,7 @@
 //! New nodes lie where the old ones say, strained otherwise than by themselves. Let loose at once, light nodes under a tool
 //! would ring for some milliseconds, and the hand would feel it. So every node gets a force that leaves its acceleration as
 //! it was, and that fades. These forces add up to nothing, as those between the elements do. A body that has to shed many
-//! nodes before it can move again is weighed whole, once before the first of them and once after the last.
+//! nodes before it can move again is weighed whole, once before the first of them and once after the last, in slices.
 
 use super::foresight::sides;
 use super::{ActiveMesh, Upkeep, constants, padded, vec3};
@@ -14,6 +14,7 @@ use crate::model::constraint::PointMemory;
 use crate::model::element_pool::{CLASSES, ElementConstants, History};
 use crate::model::material::{COLLAPSE_ONSET, COLLAPSE_STIFFNESS};
 use crate::model::skin;
+use crate::model::state::Shedding;
 
 /// What acts on a body from outside.
 #[derive(Clone, Copy, Debug)]
@@ -34,41 +35,60 @@ impl ActiveMesh {
     /// Makes `changes` as [`ActiveMesh::apply`] does, under `loads`.
     pub fn apply_under(&mut self, body: &Body, changes: &[Change], loads: &Loads) -> Upkeep {
         let Upkeep { eased, .. } = self.foresee(body, changes, true);
-        self.add_balance(body, loads, 1.0);
+        self.add_balance(body, Some(loads), 1.0);
         let upkeep = self.apply(body, changes);
-        self.add_balance(body, loads, -1.0);
+        self.add_balance(body, Some(loads), -1.0);
         Upkeep { eased, ..upkeep }
     }
 
-    /// True between [`ActiveMesh::hold`] and [`ActiveMesh::let_go`]: the body must not move.
+    /// How far the body is with shedding load.
+    pub fn shedding(&self) -> Shedding {
+        self.shedding
+    }
+
+    /// True from the first [`ActiveMesh::hold`] to the last [`ActiveMesh::let_go`]: the body must not move.
     pub fn is_held(&self) -> bool {
-        self.held
+        self.shedding != Shedding::No
     }
 
-    /// Holds all that accelerates the body under `loads`, before many batches of changes in which it stands still: what they
-    /// put out of balance is weighed but once, at the end. Elements that were weighed.
-    pub fn hold(&mut self, body: &Body, loads: &Loads) -> u32 {
-        self.held = true;
-        self.weigh_all(body, loads, 1.0)
+    /// Takes hold of what accelerates the body under `loads`, of at most `most` elements at once, before many batches of
+    /// changes in which it stands still: what they put out of balance is weighed but once, at the end. Elements weighed.
+    pub fn hold(&mut self, body: &Body, loads: &Loads, most: u32) -> u32 {
+        let done = if let Shedding::Holds(done) = self.shedding { done } else { 0 };
+        let weighed = self.weigh_slice(body, loads, done, most, 1.0);
+        let all = done + weighed >= self.pool.len() as u32;
+        self.shedding = if all { Shedding::Coarsens(0) } else { Shedding::Holds(done + weighed) };
+        weighed
     }
 
-    /// Leaves of that what has come out of balance. Elements that were weighed.
-    pub fn let_go(&mut self, body: &Body, loads: &Loads) -> u32 {
-        self.held = false;
-        self.weigh_all(body, loads, -1.0)
+    /// Makes `changes` of a body that is held; none where nothing was found that can be.
+    pub fn coarsen(&mut self, body: &Body, changes: &[Change]) -> Upkeep {
+        let idle = if let Shedding::Coarsens(idle) = self.shedding { idle } else { 0 };
+        self.shedding = Shedding::Coarsens(if changes.is_empty() { idle + 1 } else { 0 });
+        self.apply(body, changes)
     }
 
-    fn weigh_all(&mut self, body: &Body, loads: &Loads, sign: Real) -> u32 {
+    /// Leaves of what is held what has come out of balance, of at most `most` elements at once. Elements weighed.
+    pub fn let_go(&mut self, body: &Body, loads: &Loads, most: u32) -> u32 {
+        let done = if let Shedding::LetsGo(done) = self.shedding { done } else { 0 };
+        let weighed = self.weigh_slice(body, loads, done, most, -1.0);
+        let all = done + weighed >= self.pool.len() as u32;
+        self.shedding = if all { Shedding::No } else { Shedding::LetsGo(done + weighed) };
+        weighed
+    }
+
+    /// Weighs at most `most` elements from `done` on, with the first of them the loads.
+    fn weigh_slice(&mut self, body: &Body, loads: &Loads, done: u32, most: u32, sign: Real) -> u32 {
         self.work.concerned.clear();
-        for class in 0..CLASSES {
-            self.work.concerned.extend(self.pool.ids(class));
-        }
-        self.add_balance(body, loads, sign);
-        self.work.concerned.len() as u32
+        let all = (0..CLASSES).flat_map(|class| self.pool.ids(class));
+        self.work.concerned.extend(all.skip(done as usize).take(most as usize));
+        let weighed = self.work.concerned.len() as u32;
+        self.add_balance(body, Some(loads).filter(|_| done == 0), sign);
+        weighed
     }
 
-    /// Adds to what is held `sign` times what accelerates each active node, as far as the concerned elements go.
-    fn add_balance(&mut self, body: &Body, loads: &Loads, sign: Real) {
+    /// Adds to what is held `sign` times what accelerates each active node, as far as the concerned elements and `loads` go.
+    fn add_balance(&mut self, body: &Body, loads: Option<&Loads>, sign: Real) {
         for i in 0..self.work.concerned.len() {
             let e = self.work.concerned[i];
             let Some(history) = self.pool.history(e).filter(|_| self.active_vertices[e as usize] > 0) else { continue };
@@ -84,7 +104,8 @@ impl ActiveMesh {
         self.hand_back_all();
         let vertices = body.surface().vertices.len() as u32;
         let per_part = vertices + body.surface().triangles.len() as u32;
-        for point in loads.points.iter().flatten().filter(|p| p.multiplier > 0.0) {
+        let points = loads.into_iter().flat_map(|loads| loads.points.iter().flatten());
+        for point in points.filter(|p| p.multiplier > 0.0) {
             let on_body = point.normal * point.multiplier + point.tangential;
             let number = point.point % per_part;
             let corners = number.checked_sub(vertices).map_or([number; 3], |t| body.surface().triangles[t as usize]);
@@ -94,11 +115,12 @@ impl ActiveMesh {
                 (0..3).for_each(|c| self.motion.force[*slot as usize][c] += on_body[c] * b);
             }
         }
+        let gravity = loads.map_or(Vec3::zeros(), |loads| loads.gravity);
         for &slot in &self.active {
             let s = slot as usize;
             let force = vec3(&std::mem::replace(&mut self.motion.force[s], [0.0; 4]));
             if self.motion.inverse_mass[s] > 0.0 {
-                let balance = (force + loads.gravity * self.motion.mass[s]) * sign;
+                let balance = (force + gravity * self.motion.mass[s]) * sign;
                 self.motion.ease[s] = padded(vec3(&self.motion.ease[s]) + balance);
             }
         }

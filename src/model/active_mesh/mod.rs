@@ -22,7 +22,7 @@ use super::element_kernel::Padded;
 use super::element_pool::{CLASSES, ElementConstants, ElementPool, History};
 use super::interface::{InterfaceRow, Search};
 use super::organ::MOST_ORGANS;
-use super::state::State;
+use super::state::{Shedding, State};
 use super::step_class::{self, Strained};
 use crate::math::{Mat3, Real, Vec3};
 
@@ -82,8 +82,7 @@ pub struct ActiveMesh {
     fading: Vec<u32>,
     astray: Vec<u32>,
     lever: Real,
-    /// See [`ActiveMesh::hold`].
-    held: bool,
+    shedding: Shedding,
     /// Counts up with every change of a class's elements, and with every change of interface rows (all classes).
     revision: [u32; CLASSES],
     /// By organ [kg].
@@ -178,7 +177,7 @@ impl ActiveMesh {
             fading: Vec::with_capacity(vertices),
             astray: Vec::with_capacity(vertices),
             lever: 1.0,
-            held: false,
+            shedding: Shedding::No,
             revision: [0; CLASSES],
             mass_unit: body.organs().iter().map(|organ| organ.mass / MASS_UNITS).collect(),
             size: (high - low).max(),
@@ -267,7 +266,7 @@ impl ActiveMesh {
         self.fading.extend((0..self.fade.len() as u32).filter(|v| self.fade[*v as usize] != [0.0; 4]));
         self.astray.clear();
         self.lever = 1.0;
-        self.held = state.held;
+        self.shedding = state.shedding;
         for v in 0..self.attachment.len() as u32 {
             self.attach(body, v);
         }
@@ -331,7 +330,7 @@ impl ActiveMesh {
         state.position.clear();
         state.velocity.clear();
         state.ease.clear();
-        state.held = self.held;
+        state.shedding = self.shedding;
         for &slot in &self.active {
             state.nodes.push(self.node[slot as usize]);
             state.position.push(vec3(&self.motion.position[slot as usize]));
