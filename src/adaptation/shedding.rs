@@ -14,6 +14,8 @@ use crate::stepping::work;
 /// Nodes whose families are looked at in a tick. They are taken from all over the body, so that the least valuable of them are
 /// nearly the least valuable of all.
 const LOOKED_AT: usize = 96;
+/// Part of what is for motion, one in this many, that is left free where little is shed.
+const ROOM: u32 = 16;
 
 /// Sheds some of what is too much: the body's motion takes `load` units, and is to take `full`.
 pub(super) fn shed(
@@ -45,7 +47,8 @@ pub(super) fn shed(
     let apart = eases && !mesh.is_held();
     // One that is dearer than what a tick has is saved up for.
     let mut pay = Pay { one: means.allowed, several: means.budget, eases: apart, taken: 0, refused: 0 };
-    let excess = load.saturating_sub(full);
+    // A body that takes a little too much moves again as soon as it fits.
+    let excess = load.saturating_sub(if mesh.is_held() { full } else { full.max(means.motion - means.motion / ROOM) });
     let saved = plan_merges(body, mesh, &mut pay, excess, 0.0, work);
     if work.changes.is_empty() && (pay.refused > 0 || !mesh.is_held()) {
         return Adapted { saving: pay.refused > 0, ..Adapted::default() };

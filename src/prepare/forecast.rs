@@ -98,7 +98,7 @@ mod tests {
             damping_ratio: 0.15,
         };
         let body = prepare(&recipe, &mut |_, _, _| {}).unwrap();
-        let [fast, slow, slowest] = [1e-9, 40e-9, 1e-6].map(|unit| forecast(&body, unit, 900e-6));
+        let [fast, slow, slowest] = [1e-9, 40e-9, 1e-6].map(|unit| forecast(&body, unit, 850e-6));
         assert!(fast.iter().all(|level| level.reach.is_none()));
         assert_eq!((slow[0].reach, slow[2].elements < body.elements_of(2).len()), (None, true), "{slow:?}");
         let reach = slow[2].reach.unwrap();
