@@ -127,7 +127,7 @@ pub(super) struct Touchable<'a> {
 
 /// Appends the constraints of tool `index` on the body at the start of a tick to `constraints` and the surface point at
 /// which each one acts [m] to `points_of_action`; `memory` holds the tool's points of the last tick, ascending, and
-/// receives this tick's.
+/// receives this tick's. What those of the last tick pushed with [N] that are gone or push another way now.
 pub fn detect(
     (body, mesh): (&Body, &ActiveMesh),
     index: u32,
@@ -136,7 +136,7 @@ pub fn detect(
     memory: &mut Vec<PointMemory>,
     (constraints, points_of_action): (&mut Vec<Constraint>, &mut Vec<Vec3>),
     work: &mut Workspace,
-) {
+) -> Real {
     let candidates = &mut work.candidates;
     candidates.clear();
     let per_part = points_of_a_part(body);
@@ -268,7 +268,13 @@ pub fn detect(
             weights: candidate.stencil.map(|s| s.1),
         });
     }
+    let goes_on = |m: &&PointMemory| {
+        let now = work.memory.binary_search_by_key(&m.point, |p| p.point);
+        now.is_ok_and(|i| work.memory[i].normal.dot(&m.normal) > ALIKE)
+    };
+    let lost = memory.iter().filter(|m| !goes_on(m)).map(|m| m.multiplier).sum();
     std::mem::swap(memory, &mut work.memory);
+    lost
 }
 
 /// Of the points of the last tick, those up to this far apart [m] count as touching where not all can be kept.

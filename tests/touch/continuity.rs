@@ -1,6 +1,7 @@
 //! Force and local model go on without steps: over triangle borders, changes of resolution, and where contact begins and
 //! ends.
 
+use super::shapes::{block, quaternion};
 use super::*;
 use palpate::feedback::LocalModel;
 use palpate::feedback::relaxed::Probe;
@@ -123,4 +124,81 @@ fn a_tick_in_which_the_body_stands_still_is_not_felt() {
     );
     assert!(without.1 == 0 && with.1 > 8);
     assert!(with.0 < without.0 + 0.6, "a step of {:.2} of what may be felt", with.0);
+}
+
+/// Largest step of the rendered force from tick to tick over what may be felt, 5 % of it or 10 mN, and that in newtons, of the
+/// only tool, from tick `from` on.
+fn largest_step(setup: &Setup, budget: u32, ticks: std::ops::Range<u32>, at: impl Fn(Real) -> ToolEvent) -> [Real; 2] {
+    let mut press = simulation(setup);
+    tick(&mut press, attach());
+    let (mut last, mut over, mut step) = (Vec3::zeros(), 0.0 as Real, 0.0 as Real);
+    for i in 0..ticks.end {
+        let event = at(Real::from(i) * TICK);
+        let force = press.advance(&Inputs { budget, ..inputs(&[Some(event)]) }).tools[0].state.force;
+        if i > ticks.start {
+            over = over.max((force - last).norm() / (0.05 * last.norm()).max(0.01));
+            step = step.max((force - last).norm());
+        }
+        last = force;
+    }
+    assert!(last.norm() > 0.05, "there is something to feel");
+    [over, step]
+}
+
+/// What of the surface gets inside of an edge or a corner may come out of it at another side: however slowly that happens,
+/// nothing is felt of it at once, also on elements much larger than the tool.
+#[test]
+fn an_edge_and_a_corner_pressed_in_make_no_step_on_any_mesh() {
+    let rounding = 0.0005;
+    let quarter = 0.25 * std::f64::consts::PI;
+    let edge: ToolShape = block(Vec3::new(-0.004, 0.0, 0.0), Vec3::new(0.008, 0.01, 0.01), rounding).into();
+    let corner: ToolShape = block(Vec3::zeros(), Vec3::repeat(0.01), rounding).into();
+    let (along, upright) = (quaternion(Vec3::x(), quarter), quaternion(Vec3::new(1.0, -1.0, 0.0), 0.9553));
+    let coarse = "[[4,4,4]]";
+    for (name, shape, turned, depth, cells) in [
+        ("edge", &edge, along, 0.003, coarse),
+        ("edge", &edge, along, 0.006, coarse),
+        ("corner", &corner, upright, 0.01, coarse),
+        ("corner", &corner, upright, 0.01, "[[4,4,4],[7,7,7],[12,12,12]]"),
+    ] {
+        for time in [0.3, 1.2] {
+            let mut cube = scene(&["material.damping_time=0.01", &format!("body.cells={cells}")]);
+            cube.settings.tools[0].shape = shape.clone();
+            let place = TOP + Vec3::new(0.008, 0.016, rounding);
+            let ticks = (time / TICK) as u32;
+            let [over, step] = largest_step(&cube, u32::MAX, ticks / 3..ticks + 200, |t| {
+                posed(place - Vec3::z() * ((depth + 0.002) * ease(t, 0.0, time) - 0.002), turned)
+            });
+            println!(
+                "{name} {depth} m deep within {time} s on {cells}: {:.1} mN, {over:.2} of what is felt",
+                1e3 * step
+            );
+            assert!(over < 1.0, "{name} {depth} m deep on {cells}: {over}");
+        }
+    }
+}
+
+/// A tip much thinner than elements and triangles feels more here than there. It does so by its way alone: as slow again by
+/// four, with a quarter of the way in a tick, it feels steps of a third or so, also where the budget leaves only the coarsest
+/// elements; a step of the force in place would be felt whole.
+#[test]
+fn the_force_of_a_thin_tip_is_continuous_along_its_way() {
+    for (radius, depth, budget) in
+        [(0.0005, 0.002, u32::MAX), (0.0005, 0.002, 20_000), (0.00125, 0.003, 20_000), (0.002, 0.006, 20_000)]
+    {
+        let mut cube = scene(&["material.damping_time=0.01", "body.cells=[[5,5,5],[9,9,9],[17,17,17]]"]);
+        cube.settings.tools[0].shape = ToolShape::ball(radius);
+        // 40 mm, at 0.1 m/s and at a quarter of that.
+        let steps = [0.4, 1.6].map(|time| {
+            largest_step(&cube, budget, 601..600 + (time / TICK) as u32, |t| {
+                let x = -0.02 + 0.04 * ((t - 0.6) / time).clamp(0.0, 1.0);
+                at(TOP + Vec3::new(x, 0.003, radius + 0.002 - (depth + 0.002) * ease(t, 0.0, 0.5)))
+            })[1]
+        });
+        let [fast, slow] = steps.map(|s| 1e3 * s);
+        println!(
+            "ball of {radius} m, {depth} m deep, {budget} units: {fast:.1} mN at 0.1 m/s, {slow:.1} mN at a quarter"
+        );
+        assert!(slow < 0.5 * fast, "{radius}: {slow} of {fast} mN");
+    }
 }

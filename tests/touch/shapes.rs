@@ -8,7 +8,7 @@ use palpate::geometry::primitives::box_surface;
 use palpate::prepare::Region;
 
 /// A box with the least corner `low` [m].
-fn block(low: Vec3, size: Vec3, rounding: Real) -> Part {
+pub(super) fn block(low: Vec3, size: Vec3, rounding: Real) -> Part {
     let corners: Vec<Vec3> =
         (0..8).map(|i| low + Vec3::from_fn(|c, _| if i >> c & 1 == 0 { 0.0 } else { size[c] })).collect();
     Part::convex(&corners, rounding).unwrap()
@@ -33,7 +33,7 @@ fn forceps(wide: Real) -> ToolShape {
     ToolShape::compound(vec![jaw(-1.0), jaw(1.0), handle]).unwrap()
 }
 
-fn quaternion(axis: Vec3, angle: Real) -> [Real; 4] {
+pub(super) fn quaternion(axis: Vec3, angle: Real) -> [Real; 4] {
     let v = axis.normalize() * (0.5 * angle).sin();
     [v.x, v.y, v.z, (0.5 * angle).cos()]
 }
