@@ -72,8 +72,10 @@ fn answer(body: &Arc<Body>, level: usize, gravity: Vec3) -> Answer {
 /// What a level may sag and swing otherwise than the finest, as parts.
 const MOST_SAG: Real = 0.02;
 const MOST_SWING: Real = 0.015;
+/// The same where the strongest line of the swing is of the third mode.
+const MOST_THIRD: Real = 0.025;
 
-fn levels_agree(name: &str, body: &Arc<Body>, gravity: Vec3) {
+fn levels_agree(name: &str, body: &Arc<Body>, gravity: Vec3, most_swing: Real) {
     report(body);
     let answers: Vec<Answer> = (0..body.levels().len()).map(|r| answer(body, r, gravity)).collect();
     let finest = answers.last().unwrap();
@@ -95,7 +97,7 @@ fn levels_agree(name: &str, body: &Arc<Body>, gravity: Vec3) {
         if a.nodes >= LEAST_NODES {
             judged += 1;
             assert!(surface.abs() < MOST_SAG && mean_square.abs() < MOST_SAG, "{} nodes sag otherwise", a.nodes);
-            assert!(slower.abs() < MOST_SWING, "{} nodes swing otherwise", a.nodes);
+            assert!(slower.abs() < most_swing, "{} nodes swing otherwise", a.nodes);
         }
     }
     assert!(judged >= 2);
@@ -108,22 +110,23 @@ fn four_levels() -> Arc<Body> {
 /// The softest way to load it, and its slowest mode.
 #[test]
 fn levels_sag_and_swing_alike_across_the_hold() {
-    levels_agree("across", &four_levels(), Vec3::new(0.0, 0.0, -2.0));
+    levels_agree("across", &four_levels(), Vec3::new(0.0, 0.0, -2.0), MOST_SWING);
 }
 
 /// Along the hold the body moves by a fifth of what it does across it, and the levels' reach beyond the held face counts
 /// for much.
 #[test]
 fn levels_sag_and_swing_alike_along_the_hold() {
-    levels_agree("along", &four_levels(), Vec3::new(2.0, 0.0, 0.0));
+    levels_agree("along", &four_levels(), Vec3::new(2.0, 0.0, 0.0), MOST_SWING);
 }
 
 /// Its left lobe is as thick as the coarsest level's elements are large.
 #[test]
 fn levels_of_the_liver_sag_and_swing_alike() {
     let body = liver(0.3, vec![0.028, 0.018, 0.011], 1e4, 0.0);
-    levels_agree("liver, down", &body, Vec3::new(0.0, 0.0, -2.0));
-    levels_agree("liver, back", &body, Vec3::new(0.0, 2.0, 0.0));
+    levels_agree("liver, down", &body, Vec3::new(0.0, 0.0, -2.0), MOST_SWING);
+    levels_agree("liver, back", &body, Vec3::new(0.0, 2.0, 0.0), MOST_SWING);
+    levels_agree("liver, sideways", &body, Vec3::new(2.0, 0.0, 0.0), MOST_THIRD);
 }
 
 #[test]
@@ -135,6 +138,6 @@ fn levels_of_a_human_liver_sag_and_swing_alike() {
     }
     let surface = read_surface(path, LengthUnit::Millimetre).unwrap();
     let body = organ(surface, 0.3, vec![0.034, 0.024, 0.016], 1e4, 0.0);
-    levels_agree("human liver, down", &body, Vec3::new(0.0, 0.0, -2.0));
-    levels_agree("human liver, back", &body, Vec3::new(0.0, 2.0, 0.0));
+    levels_agree("human liver, down", &body, Vec3::new(0.0, 0.0, -2.0), MOST_SWING);
+    levels_agree("human liver, back", &body, Vec3::new(0.0, 2.0, 0.0), MOST_SWING);
 }
