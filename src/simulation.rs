@@ -510,7 +510,7 @@ impl Simulation {
             let out = (&mut self.constraints, &mut self.points_of_action);
             let lost =
                 detection::detect((&self.body, &self.mesh), i as u32, of, tool, points, out, &mut self.detection);
-            self.jolts[i] = lost > JOLT * tool.physical_force.norm();
+            self.jolts[i] = lost > (JOLT * tool.physical_force.norm()).max(LEAST_JOLT);
         }
     }
 
@@ -615,10 +615,11 @@ impl Simulation {
     }
 }
 
-/// Part of a tool's force that points have pushed with which leave it or turn, from which on it follows its force slowly for
-/// a while: half of what a hand can tell. What comes out of a solid core at another side pushes another way at once, and an
+/// Part of a tool's force that points have pushed with which leave it or turn, and the least of it [N], from which on it follows
+/// its force slowly for a while: half of what a hand can tell. What comes out of a solid core at another side pushes another way at once, and an
 /// edge or a corner stands on few points.
 const JOLT: Real = 0.025;
+const LEAST_JOLT: Real = 0.005;
 /// Part of the force that is left then, or the tool has left.
 const STAYS: Real = 0.5;
 /// Places along a tool's way that are refined for it, [`LOOK_AHEAD`] apart.
