@@ -478,7 +478,7 @@ impl Simulation {
                 touched(*v) || self.body.triangles_around(*v as usize).iter().any(|t| touched(first_triangle + t))
             };
             if !points.is_empty() && (all || self.mesh.rehung().iter().any(concerned)) {
-                tool.settle();
+                if all { tool.settle_long() } else { tool.settle() }
             }
         }
     }

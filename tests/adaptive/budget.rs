@@ -76,45 +76,54 @@ fn a_budget_cut_tenfold_coarsens_and_no_tick_is_lost_or_too_dear() {
     assert!(physical < 0.05 * 0.99, "the force changes by {physical} N in a tick");
 }
 
-/// However much has to go, no tick takes more than its budget, where that is the least that the governor gives.
+/// However much has to go, no tick takes more than its budget, where that is the least that the governor gives. Elements left
+/// under a ball pressed in by its radius are too large for it: its contact rings, and the hand follows slowly.
 #[test]
 fn a_liver_cut_to_the_least_budget_sheds_most_of_its_nodes_within_every_ticks_means() {
     let body = liver(0.45, vec![0.026, 0.015, 0.0085, 0.005], 5e3, 0.15);
     report(&body);
-    let press_at = |i: u64| {
-        let down = 0.016 * ease(i as Real * TICK, 0.1, 0.5);
-        if i == 0 { inputs(ATTACH) } else { inputs(ball_at(Vec3::new(-0.01, 0.002, 0.12 - down))) }
-    };
-    let adaptivity = Adaptivity { reach: 3.0, ..Adaptivity::default() };
-    let mut press = simulation(&body, &settings(Some(adaptivity)), uniform(&body, 0));
-    let mut before = press.advance(&press_at(0)).clone();
-    for i in 1..700 {
-        before = press.advance(&Inputs { budget: 160_000, ..press_at(i) }).clone();
-    }
     let budget = work::floor(&body);
-    let (mut dearest, mut still, mut step, mut last) = (0, 0, 0.0 as Real, before.clone());
-    for i in 700..1400 {
-        let o = press.advance(&Inputs { budget, ..press_at(i) }).clone();
-        dearest = dearest.max(o.plan.taken + o.adapted.work);
-        still += u32::from(o.plan.taken == 0);
-        let [force, was] = [&o, &last].map(|o| o.tools[0].state.physical_force);
-        step = step.max((force - was).norm() / was.norm());
-        last = o;
+    for (down, most_step) in [(0.016, 0.05), (0.02, 0.2)] {
+        let press_at = |i: u64| {
+            let down = down * ease(i as Real * TICK, 0.1, 0.5);
+            if i == 0 { inputs(ATTACH) } else { inputs(ball_at(Vec3::new(-0.01, 0.002, 0.12 - down))) }
+        };
+        let adaptivity = Adaptivity { reach: 3.0, ..Adaptivity::default() };
+        let mut press = simulation(&body, &settings(Some(adaptivity)), uniform(&body, 0));
+        let mut before = press.advance(&press_at(0)).clone();
+        for i in 1..700 {
+            before = press.advance(&Inputs { budget: 160_000, ..press_at(i) }).clone();
+        }
+        let (mut dearest, mut still, mut steps, mut last) = (0, 0, [0.0 as Real; 2], before.clone());
+        for i in 700..1400 {
+            let o = press.advance(&Inputs { budget, ..press_at(i) }).clone();
+            dearest = dearest.max(o.plan.taken + o.adapted.work);
+            still += u32::from(o.plan.taken == 0);
+            let [now, was] = [&o, &last].map(|o| [o.tools[0].state.physical_force, o.tools[0].state.force]);
+            for (step, (now, was)) in steps.iter_mut().zip(now.iter().zip(&was)) {
+                *step = step.max((now - was).norm() / was.norm());
+            }
+            last = o;
+        }
+        let active = |o: &Outputs| o.active.iter().sum::<u32>();
+        println!(
+            "{} active and {} units, then {} and {} on {budget}: {dearest} in the dearest tick, {still} without a step; the \
+             contact's force changes by up to {:.1} % a tick, the rendered one by {:.1} %",
+            active(&before),
+            before.plan.needed,
+            active(&last),
+            last.plan.needed,
+            100.0 * steps[0],
+            100.0 * steps[1]
+        );
+        assert!(before.plan.needed > 3 * budget && active(&last) < active(&before) / 3, "there is much to shed");
+        assert!(dearest <= budget, "{dearest} units in one tick");
+        assert!(still < 400 && last.plan.taken == last.plan.needed, "{still} ticks without a step");
+        assert!(
+            steps[0] < most_step && steps[1] < 0.05 * (1.0 + 1e-9),
+            "the force changes by {steps:?} of it in a tick"
+        );
     }
-    let active = |o: &Outputs| o.active.iter().sum::<u32>();
-    println!(
-        "{} active and {} units, then {} and {} on {budget}: {dearest} in the dearest tick, {still} without a step; the \
-         contact's force changes by up to {:.1} % a tick",
-        active(&before),
-        before.plan.needed,
-        active(&last),
-        last.plan.needed,
-        100.0 * step
-    );
-    assert!(before.plan.needed > 3 * budget && active(&last) < active(&before) / 3, "there is much to shed");
-    assert!(dearest <= budget, "{dearest} units in one tick");
-    assert!(still < 400 && last.plan.taken == last.plan.needed, "{still} ticks without a step");
-    assert!(step < 0.05, "the force changes by {step} of it in a tick");
 }
 
 /// Room for elements is what a session is given, not a part of it: a press reaches the finest level on a small body, too.
