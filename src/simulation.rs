@@ -616,8 +616,8 @@ impl Simulation {
 }
 
 /// Part of a tool's force that points have pushed with which leave it or turn, and the least of it [N], from which on it follows
-/// its force slowly for a while: half of what a hand can tell. What comes out of a solid core at another side pushes another way at once, and an
-/// edge or a corner stands on few points.
+/// its force slowly for a while: half of what a hand can tell. What comes out of a solid core at another side pushes another
+/// way at once, and an edge or a corner stands on few points.
 const JOLT: Real = 0.025;
 const LEAST_JOLT: Real = 0.005;
 /// Part of the force that is left then, or the tool has left.
