@@ -36,6 +36,7 @@ fn a_budget_cut_tenfold_coarsens_and_no_tick_is_lost_or_too_dear() {
     println!("{before} active, {} elements, {:?}; budget {budget}, then {least}", full.elements, full.plan);
 
     let (mut dearest, mut fewest, mut still) = (0, u32::MAX, 0);
+    let (mut beyond, mut worst) = (0i64, 0i64);
     let mut last = full.tools[0].state;
     let mut physical = 0.0 as Real;
     let mut recovered = 0;
@@ -46,6 +47,8 @@ fn a_budget_cut_tenfold_coarsens_and_no_tick_is_lost_or_too_dear() {
         assert!(!o.restored);
         if (1200..2200).contains(&i) {
             let spent = o.plan.taken + o.adapted.work;
+            beyond += i64::from(spent) - i64::from(allowed);
+            worst = worst.max(beyond);
             dearest = dearest.max(spent);
             fewest = fewest.min(active(o));
             still += u32::from(o.plan.taken < o.plan.needed);
@@ -70,6 +73,7 @@ fn a_budget_cut_tenfold_coarsens_and_no_tick_is_lost_or_too_dear() {
     assert!(recovered > before * 3 / 4, "and comes back");
     // While what is too much is shed the body stands still and the force keeps its value; that must end soon.
     assert!(still < 100, "{still} ticks without a step");
+    assert_eq!(worst, 0, "units more than was allowed until then");
     // A change that is dearer by itself is saved up for.
     assert!(dearest < 2 * least, "{dearest} units in one tick");
     // 0.99 N; on the next ticks it goes to what the coarse level feels like.
