@@ -207,7 +207,9 @@ pub fn detect(
         // Other nodes show other parts of the dents: nothing is to be felt of that at once, be it more or less.
         let changed = known.filter(|_| work.changed || load.coarsened).map_or(0.0, |m| m.dent - shown);
         let shift = known.map_or(0.0, |m| m.shift) + changed;
-        let overlap = overlap - shift;
+        // Where a point leaves its area to a corner, that leaves it no force.
+        let share = candidate.share;
+        let overlap = overlap - share * shift;
         let slack = match known {
             Some(m) => m.slack.min(overlap.max(0.0)).max(overlap - UNNOTICED - 0.5 * moved.abs()),
             None => overlap.max(0.0),
@@ -230,8 +232,8 @@ pub fn detect(
             row: load.row,
             normal: n,
             // What is displayed, and touched, is the row's point and its fade.
-            offset: n.dot(&(start - load.fade)) + radius - slack - shift,
-            rate: (moved + slack - slack_end + shift - shift_end) / TICK,
+            offset: n.dot(&(start - load.fade)) + radius - slack - share * shift,
+            rate: (moved + slack - slack_end + share * (shift - shift_end)) / TICK,
             first,
             compliance,
             disc: load.disc,

@@ -45,10 +45,8 @@ impl Nearby {
         if !self.is_known {
             return;
         }
-        for &slot in mesh.active().iter().chain(mesh.interface()) {
-            if mesh.was_elsewhere(slot) {
-                self.from[slot as usize] = mesh.motion.position[slot as usize];
-            }
+        for &slot in mesh.moved() {
+            self.from[slot as usize] = mesh.motion.position[slot as usize];
         }
         // They come to hang on nodes that have moved since, and may go back.
         let far = self.farthest(mesh);

@@ -63,7 +63,9 @@ pub struct Search {
     found: Vec<(Real, u32)>,
     /// Nodes whose neighbours have been looked at.
     ring: Vec<u32>,
+    /// Turn in which each node was looked at, and that in which it was stood in for.
     stamp: Vec<u32>,
+    stood_in: Vec<u32>,
     turn: u32,
     origin: Vec3,
     /// Squared distance [m²] of the farthest node that was looked at, and of the farthest of the host's.
@@ -78,6 +80,7 @@ impl Search {
             found: Vec::with_capacity(body.node_count().min(4096)),
             ring: Vec::with_capacity(body.node_count().min(4096)),
             stamp: vec![0; body.node_count()],
+            stood_in: vec![0; body.node_count()],
             turn: 0,
             origin: Vec3::zeros(),
             reach_squared: 0.0,
@@ -91,6 +94,7 @@ impl Search {
         self.turn = self.turn.wrapping_add(1);
         if self.turn == 0 {
             self.stamp.fill(0);
+            self.stood_in.fill(0);
             self.turn = 1;
         }
         self.origin = origin;
@@ -114,6 +118,9 @@ impl Search {
 
     /// Finds the active nodes that stand for the region of `n`: itself, one above it, or the next below it.
     fn stand_in(&mut self, body: &Body, set: &ActiveSet, n: u32) {
+        if std::mem::replace(&mut self.stood_in[n as usize], self.turn) == self.turn {
+            return;
+        }
         match self.look(body, set, n) {
             Status::Active => {}
             Status::Coarser => {
@@ -188,7 +195,14 @@ impl Search {
     /// Moving least squares on the nearest found nodes, every `stride`-th of them: `P_j = θ_j (1, d_j)·y`, `Σ θ_j (1, d_j)(1, d_j)ᵀ y = (1, 0)`,
     /// `d_j` the offset from the interface node and `θ_j = 1/(d_j² + ε²)²`. `None` when they are too few or flat.
     fn fit(&mut self, body: &Body, stride: usize) -> Option<InterfaceRow> {
-        self.found.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let nearer = |a: &(Real, u32), b: &(Real, u32)| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1));
+        // Only the nearest are asked for then.
+        if stride == 1 && self.found.len() > MOST_MASTERS {
+            self.found.select_nth_unstable_by(MOST_MASTERS, nearer);
+            self.found[..MOST_MASTERS].sort_unstable_by(nearer);
+        } else {
+            self.found.sort_unstable_by(nearer);
+        }
         if self.found.len() < 4 {
             return None;
         }

@@ -17,13 +17,13 @@ const NODE: u32 = 4;
 const CONTACT: u32 = 1_000;
 const POINT: u32 = 150;
 /// Units per element put in or taken out.
-const ELEMENT_UPKEEP: u32 = 20;
+const ELEMENT_UPKEEP: u32 = 40;
 /// Units of weighing the forces of one element, as is done before and after changes under a load.
 const EASE_UPKEEP: u32 = 10;
 /// Elements that are weighed at once at least.
 const LEAST_WEIGHED: u32 = 64;
 /// Units per interface row made.
-const ROW_UPKEEP: u32 = 100;
+const ROW_UPKEEP: u32 = 40;
 /// Units of one change in a batch, for plans.
 pub const CHANGE_UPKEEP: u32 = 3_500;
 /// Units of weighing the forces of one change under a load, for plans.
@@ -66,7 +66,7 @@ pub fn of_weighing(mesh: &ActiveMesh, units: u32) -> (u32, u32) {
 /// Units of a batch of changes of resolution of a body with `nodes` nodes in use, whatever is in it: momenta, masses and the
 /// surface before and after.
 fn of_any_batch(nodes: u32) -> u32 {
-    1_500 + nodes + nodes / 4
+    1_000 + nodes
 }
 
 /// As [`of_batch`], of a batch with nothing in it.

@@ -72,7 +72,7 @@ fn a_budget_cut_tenfold_coarsens_and_no_tick_is_lost_or_too_dear() {
     assert!(fewest < before / 2, "resolution gives way");
     assert!(recovered > before * 3 / 4, "and comes back");
     // While what is too much is shed the body stands still and the force keeps its value; that must end soon.
-    assert!(still < 100, "{still} ticks without a step");
+    assert!(still < 50, "{still} ticks without a step");
     assert_eq!(worst, 0, "units more than was allowed until then");
     // A change that is dearer by itself is saved up for.
     assert!(dearest < 2 * least, "{dearest} units in one tick");
@@ -122,7 +122,7 @@ fn a_liver_cut_to_the_least_budget_sheds_most_of_its_nodes_within_every_ticks_me
         );
         assert!(before.plan.needed > 3 * budget && active(&last) < active(&before) / 3, "there is much to shed");
         assert!(dearest <= budget, "{dearest} units in one tick");
-        assert!(still < 400 && last.plan.taken == last.plan.needed, "{still} ticks without a step");
+        assert!(still < 250 && last.plan.taken == last.plan.needed, "{still} ticks without a step");
         assert!(
             steps[0] < most_step && steps[1] < 0.05 * (1.0 + 1e-9),
             "the force changes by {steps:?} of it in a tick"

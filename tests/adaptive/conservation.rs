@@ -83,3 +83,47 @@ fn thirty_random_sets_of_a_held_cube_keep_their_energy() {
 fn thirty_random_sets_of_a_free_cube_keep_energy_and_momenta() {
     thirty_sets(false, 1e-3);
 }
+
+/// A free cube is pushed by a ball that leaves it; changes of resolution, and what they leave to fade, go on: no push, and next to no turn. The
+/// ball leaves a body that moves, or one that stands still to shed load.
+#[test]
+fn what_changes_of_resolution_leave_to_fade_is_no_push() {
+    let body = Cube { damping_ratio: 0.15, ..elastic_cube(2e3, false) }.body();
+    let push = |i: u64| match i {
+        0 => inputs(ATTACH),
+        // Into its top by the side: it turns, too.
+        _ => inputs(ball_at(Vec3::new(0.03, 0.05, SIDE + 0.012 - 0.016 * ease(i as Real * TICK, 0.0, 0.1)))),
+    };
+    let adaptivity = Adaptivity { split: 0.02, ..Adaptivity::default() };
+    for budget in [u32::MAX, 7_000] {
+        let mut free = simulation(&body, &settings(Some(adaptivity.clone())), uniform(&body, 0));
+        (0..100).for_each(|i| {
+            free.advance(&push(i));
+        });
+        let cut = |i: u64, of: Inputs| Inputs { budget: if i < 100 { u32::MAX } else { budget }, ..of };
+        let mut tick = 100;
+        while !free.mesh().is_held() && tick < if budget == u32::MAX { 110 } else { 200 } {
+            free.advance(&cut(tick, push(tick)));
+            tick += 1;
+        }
+        assert_eq!(free.mesh().is_held(), budget < u32::MAX, "the body sheds when the ball leaves it");
+        free.advance(&cut(tick, inputs(ToolEvent::Detach)));
+        let eases = |mesh: &ActiveMesh| -> Real {
+            mesh.active().iter().flat_map(|s| mesh.motion.ease[*s as usize]).map(Real::abs).sum()
+        };
+        let (before, held) = (energy(&body, free.mesh(), Vec3::zeros()), eases(free.mesh()));
+        let (mut changes, mut linear, mut angular) = (0, 0.0 as Real, 0.0 as Real);
+        let scale = (2.0 * before.kinetic * body.mass()).sqrt();
+        for i in 0..600 {
+            let o = free.advance(&cut(tick + i, Inputs::default()));
+            changes += o.adapted.splits + o.adapted.merges;
+            let now = energy(&body, free.mesh(), Vec3::zeros());
+            linear = linear.max((now.linear_momentum - before.linear_momentum).norm() / scale);
+            angular = angular.max((now.angular_momentum - before.angular_momentum).norm() / (scale * SIDE));
+        }
+        println!("{changes} changes, {held:.3} N held when it leaves; momenta {linear:.1e} {angular:.1e}");
+        assert!(changes > 10 && held > 1e-3);
+        // What fades keeps its direction while the body turns, within a tick.
+        assert!(linear < 1e-11 && angular < 1e-4, "{linear:.1e} {angular:.1e}");
+    }
+}

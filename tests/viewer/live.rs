@@ -110,9 +110,12 @@ fn a_press_of_the_mouse_is_felt_and_seen_and_all_that_is_said_can_be_read() {
     let (arrow, tissue) = (part(all(&picture), is_force), part(all(&picture), is_tissue));
     assert!(arrow > 1e-3 && tissue > 0.05, "{arrow} {tissue}");
     app.colouring = Colouring::Level;
-    let picture = Photographer::new().unwrap().take(&mut app, 1280, 800).unwrap();
-    let fine = part(picture.region(0.2, 0.2, 0.6, 0.8), is_fine);
-    assert!(fine > 5e-3, "the body is fine under the tool: {fine}");
+    // A machine that has other things to do gives the body the work for its finest level when it can.
+    let mut photographer = Photographer::new().unwrap();
+    watch_until(&mut app, "the body to be fine under the tool", |app| {
+        let picture = photographer.take(app, 1280, 800).unwrap();
+        part(picture.region(0.2, 0.2, 0.6, 0.8), is_fine) > 5e-3
+    });
     assert_eq!(app.orbit, orbit, "a press with a tool does not turn the body");
 
     screen.show(&mut app, button(top, PointerButton::Primary, false));

@@ -22,11 +22,11 @@ pub struct Attachment {
 }
 
 impl Attachment {
-    /// Its place with the nodes at `positions` [m], (n_slots).
-    fn place(&self, positions: &[Padded]) -> Padded {
+    /// Its place with the node in each slot at `position(slot)` [m].
+    fn place<'p>(&self, position: impl Fn(usize) -> &'p Padded) -> Padded {
         let mut sum = [0.0; 4];
         for (slot, w) in self.slots.iter().zip(self.weights) {
-            let x = &positions[*slot as usize];
+            let x = position(*slot as usize);
             for c in 0..4 {
                 sum[c] += w * x[c];
             }
@@ -46,11 +46,6 @@ impl ActiveMesh {
         &self.work.shifted
     }
 
-    /// True where the node in `slot` has come to be there by it.
-    pub fn was_elsewhere(&self, slot: u32) -> bool {
-        self.motion.position[slot as usize] != self.work.was[slot as usize]
-    }
-
     /// Where display vertex `v` hangs.
     pub fn attachment(&self, v: u32) -> &Attachment {
         &self.attachment[v as usize]
@@ -58,7 +53,17 @@ impl ActiveMesh {
 
     /// Position of display vertex `v` [m], fade included.
     pub fn vertex(&self, v: u32) -> Vec3 {
-        vec3(&self.attachment[v as usize].place(&self.motion.position)) + vec3(&self.fade[v as usize])
+        vec3(&self.place(&self.attachment[v as usize])) + vec3(&self.fade[v as usize])
+    }
+
+    fn place(&self, attachment: &Attachment) -> Padded {
+        attachment.place(|slot| &self.motion.position[slot])
+    }
+
+    /// Where it was before the change that is under way.
+    fn place_before(&self, attachment: &Attachment) -> Padded {
+        let moved = |slot: usize| self.work.slot_stamp[slot] == self.work.turn;
+        attachment.place(|slot| if moved(slot) { &self.work.was[slot] } else { &self.motion.position[slot] })
     }
 
     /// Positions of all display vertices [m].
@@ -75,10 +80,17 @@ impl ActiveMesh {
         }
     }
 
-    /// Remembers where the nodes are before a change.
-    pub(super) fn remember_places(&mut self) {
-        for &slot in self.active.iter().chain(&self.interface) {
-            self.work.was[slot as usize] = self.motion.position[slot as usize];
+    /// Slots whose nodes the last change has put elsewhere, or there in the first place.
+    pub fn moved(&self) -> &[u32] {
+        &self.work.moved
+    }
+
+    /// Remembers where the node in `slot` is, before a change puts it elsewhere for the first time.
+    pub(super) fn remember_place(&mut self, slot: u32) {
+        let s = slot as usize;
+        if std::mem::replace(&mut self.work.slot_stamp[s], self.work.turn) != self.work.turn {
+            self.work.was[s] = self.motion.position[s];
+            self.work.moved.push(slot);
         }
     }
 
@@ -93,12 +105,12 @@ impl ActiveMesh {
         self.astray.clear();
         for (i, &v) in shifted.iter().enumerate() {
             let before = self.attachment[v as usize];
-            let place = vec3(&before.place(&self.work.was));
+            let place = vec3(&self.place_before(&before));
             if i < may_hang_elsewhere {
                 self.attach(body, v);
             }
             let now = &self.attachment[v as usize];
-            let jump = place - vec3(&now.place(&self.motion.position));
+            let jump = place - vec3(&self.place(now));
             let fade = &mut self.fade[v as usize];
             let faded = *fade == [0.0; 4];
             fade[3] += before.spacing - now.spacing;
@@ -120,7 +132,7 @@ impl ActiveMesh {
     /// Returns how many of them, the first ones, may hang elsewhere; the others are on what has moved.
     fn find_shifted(&mut self, body: &Body) -> usize {
         self.work.shifted.clear();
-        let Self { work: Work { shifted, vertex_stamp, turn, was, elements, .. }, attachment, .. } = self;
+        let Self { work: Work { shifted, vertex_stamp, turn, was, moved, elements, .. }, attachment, .. } = self;
         let mut add = |shifted: &mut Vec<u32>, v: u32| {
             if std::mem::replace(&mut vertex_stamp[v as usize], *turn) != *turn {
                 shifted.push(v);
@@ -128,9 +140,9 @@ impl ActiveMesh {
         };
         elements.iter().flat_map(|e| body.hosted(*e)).chain(&self.astray).for_each(|v| add(shifted, *v));
         let may_hang_elsewhere = shifted.len();
-        for &slot in self.active.iter().chain(&self.interface) {
-            if self.motion.position[slot as usize] != was[slot as usize] {
-                for &e in body.elements_around(self.node[slot as usize]) {
+        for slot in moved.iter() {
+            if self.motion.position[*slot as usize] != was[*slot as usize] {
+                for &e in body.elements_around(self.node[*slot as usize]) {
                     let on_it = body.hosted(e).iter().filter(|v| attachment[**v as usize].element == e);
                     on_it.for_each(|v| add(shifted, *v));
                 }

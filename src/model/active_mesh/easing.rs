@@ -2,8 +2,9 @@
 //!
 //! New nodes lie where the old ones say, strained otherwise than by themselves. Let loose at once, light nodes under a tool
 //! would ring for some milliseconds, and the hand would feel it. So every node gets a force that leaves its acceleration as
-//! it was, and that fades. These forces add up to nothing, as those between the elements do. A body that has to shed many
-//! nodes before it can move again is weighed whole, once before the first of them and once after the last, in slices.
+//! it was, and that fades. These forces add up to nothing, as those between the elements do, and so do their moments at
+//! first. A body that has to shed many nodes before it can move again is weighed whole, once before the first of them and
+//! once after the last, in slices.
 
 use super::foresight::sides;
 use super::{ActiveMesh, Upkeep, constants, padded, vec3};
@@ -25,11 +26,11 @@ pub struct Loads<'a> {
     pub gravity: Vec3,
 }
 
-/// Part of what is held that is left after a tick: a time constant of 66 ms is slow enough for hand and eye, where 20 ms
+/// Part of what is held that is left after a tick: a time constant of 50 ms is slow enough for hand and eye, where 20 ms
 /// still rang.
-const EASE_KEPT: Real = 0.985;
-/// Less than this [N] is let go at once.
-const LEAST_EASE: Real = 1e-9;
+const EASE_KEPT: Real = 0.98;
+/// Less than this [N] is let go at once: so little that the sum of all stays nothing.
+const LEAST_EASE: Real = 1e-15;
 
 impl ActiveMesh {
     /// Makes `changes` as [`ActiveMesh::apply`] does, under `loads`.
@@ -38,6 +39,7 @@ impl ActiveMesh {
         self.add_balance(body, Some(loads), 1.0);
         let upkeep = self.apply(body, changes);
         self.add_balance(body, Some(loads), -1.0);
+        self.balance_eases();
         Upkeep { eased, ..upkeep }
     }
 
@@ -52,13 +54,11 @@ impl ActiveMesh {
     }
 
     /// Takes hold of what accelerates the body under `loads`, of at most `most` elements at once, before many batches of
-    /// changes in which it stands still: what they put out of balance is weighed but once, at the end. Elements weighed.
-    pub fn hold(&mut self, body: &Body, loads: &Loads, most: u32) -> u32 {
+    /// changes in which it stands still: what they put out of balance is weighed but once, at the end.
+    pub fn hold(&mut self, body: &Body, loads: &Loads, most: u32) {
         let done = if let Shedding::Holds(done) = self.shedding { done } else { 0 };
-        let weighed = self.weigh_slice(body, loads, done, most, 1.0);
-        let all = done + weighed >= self.pool.len() as u32;
-        self.shedding = if all { Shedding::Coarsens(0) } else { Shedding::Holds(done + weighed) };
-        weighed
+        let done = self.weigh_slice(body, loads, done, most, 1.0);
+        self.shedding = done.map_or(Shedding::Coarsens(0), Shedding::Holds);
     }
 
     /// Makes `changes` of a body that is held; none where nothing was found that can be.
@@ -68,23 +68,25 @@ impl ActiveMesh {
         self.apply(body, changes)
     }
 
-    /// Leaves of what is held what has come out of balance, of at most `most` elements at once. Elements weighed.
-    pub fn let_go(&mut self, body: &Body, loads: &Loads, most: u32) -> u32 {
+    /// Leaves of what is held what has come out of balance, of at most `most` elements at once.
+    pub fn let_go(&mut self, body: &Body, loads: &Loads, most: u32) {
         let done = if let Shedding::LetsGo(done) = self.shedding { done } else { 0 };
-        let weighed = self.weigh_slice(body, loads, done, most, -1.0);
-        let all = done + weighed >= self.pool.len() as u32;
-        self.shedding = if all { Shedding::No } else { Shedding::LetsGo(done + weighed) };
-        weighed
+        let done = self.weigh_slice(body, loads, done, most, -1.0);
+        self.shedding = done.map_or(Shedding::No, Shedding::LetsGo);
+        if !self.is_held() {
+            // A tool may have left since it was weighed.
+            self.balance_eases();
+        }
     }
 
-    /// Weighs at most `most` elements from `done` on, with the first of them the loads.
-    fn weigh_slice(&mut self, body: &Body, loads: &Loads, done: u32, most: u32, sign: Real) -> u32 {
+    /// Weighs at most `most` elements from `done` on, with the first of them the loads. How many are done then, unless all are.
+    fn weigh_slice(&mut self, body: &Body, loads: &Loads, done: u32, most: u32, sign: Real) -> Option<u32> {
         self.work.concerned.clear();
         let all = (0..CLASSES).flat_map(|class| self.pool.ids(class));
         self.work.concerned.extend(all.skip(done as usize).take(most as usize));
-        let weighed = self.work.concerned.len() as u32;
+        let weighed = done + self.work.concerned.len() as u32;
         self.add_balance(body, Some(loads).filter(|_| done == 0), sign);
-        weighed
+        Some(weighed).filter(|weighed| (*weighed as usize) < self.pool.len())
     }
 
     /// Adds to what is held `sign` times what accelerates each active node, as far as the concerned elements and `loads` go.
@@ -154,6 +156,8 @@ impl ActiveMesh {
                 *e = if e.abs() > LEAST_EASE { *e * EASE_KEPT } else { 0.0 };
             }
         }
+        // They keep their directions while the body turns.
+        self.balance_eases();
     }
 }
 

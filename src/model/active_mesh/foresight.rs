@@ -40,10 +40,10 @@ impl ActiveMesh {
                 self.active_vertices[e as usize] = self.active_vertices[e as usize].wrapping_add(1);
             }
         }
-        let within = bounds(body, on().chain(off()));
+        self.bound(body, changes);
         for i in 0..self.interface.len() {
             let slot = self.interface[i];
-            if self.hangs_otherwise(body, slot, within, on().chain(off())) {
+            if self.hangs_otherwise(body, slot, changes) {
                 upkeep.rows += 1;
                 if eased {
                     let n = self.node[slot as usize];
@@ -80,29 +80,38 @@ impl ActiveMesh {
         new
     }
 
-    /// True for an interface node that has no row, whose weight changes, or whose row looked at one of the nodes `changed`,
-    /// all of them `within` these bounds.
-    pub(super) fn hangs_otherwise(
-        &self,
-        body: &Body,
-        slot: u32,
-        (low, high): (Vec3, Vec3),
-        mut changed: impl Iterator<Item = u32>,
-    ) -> bool {
+    /// Notes where `changes` are.
+    pub(super) fn bound(&mut self, body: &Body, changes: &[Change]) {
+        self.work.boxes.clear();
+        self.work.boxes.extend(changes.iter().map(|change| bounds(body, concerned(body, change))));
+    }
+
+    /// True for an interface node that has no row, whose weight changes, or whose row looked at one of the nodes concerned by
+    /// `changes`, whose bounds are noted.
+    pub(super) fn hangs_otherwise(&self, body: &Body, slot: u32, changes: &[Change]) -> bool {
         let (node, row) = (self.node[slot as usize], &self.row[slot as usize]);
         let reach = row.reach_squared * (1.0 + 1e-12);
-        let u = body.rest(node);
-        let apart = (low - u).sup(&(u - high)).sup(&Vec3::zeros());
+        let u = self.rest[slot as usize];
+        let looked_at = |(change, (low, high)): (&Change, &(Vec3, Vec3))| {
+            let apart = (low - u).sup(&(u - high)).sup(&Vec3::zeros());
+            apart.norm_squared() <= reach && concerned(body, change).any(|n| (body.rest(n) - u).norm_squared() <= reach)
+        };
         row.is_empty()
             || self.work.node_stamp[node as usize] == self.work.turn
-            || (apart.norm_squared() <= reach && changed.any(|n| (body.rest(n) - u).norm_squared() <= reach))
+            || changes.iter().zip(&self.work.boxes).any(looked_at)
     }
 }
 
 /// Box around the rest positions of `nodes` [m].
-pub(super) fn bounds(body: &Body, nodes: impl Iterator<Item = u32>) -> (Vec3, Vec3) {
+fn bounds(body: &Body, nodes: impl Iterator<Item = u32>) -> (Vec3, Vec3) {
     let none = (Vec3::repeat(Real::INFINITY), Vec3::repeat(Real::NEG_INFINITY));
     nodes.fold(none, |(low, high), n| (low.inf(&body.rest(n)), high.sup(&body.rest(n))))
+}
+
+/// Nodes that are active before or after a change, and not both.
+fn concerned<'a>(body: &'a Body, change: &'a Change) -> impl Iterator<Item = u32> + 'a {
+    let (off, on) = sides(body, change);
+    off.iter().chain(on).copied()
 }
 
 /// Nodes that cease to be active by a change, and those that become so.

@@ -10,10 +10,13 @@
 mod display;
 mod easing;
 mod foresight;
+mod momentum;
 mod reshape;
 
 pub use display::{Attachment, MOST_ASIDE};
 pub use easing::Loads;
+use momentum::ByOrgan;
+pub use momentum::Momenta;
 pub use reshape::Upkeep;
 
 use super::active_set::ActiveSet;
@@ -60,8 +63,10 @@ pub struct ActiveMesh {
     active_vertices: Vec<u8>,
     /// `ω²` at rest [1/s²] of the elements in use, the Maxwell branches' share included.
     omega_squared: Vec<Real>,
-    /// Node of each slot.
+    /// Node of each slot, where that is at rest [m], and its organ.
     node: Vec<u32>,
+    rest: Vec<Vec3>,
+    organ: Vec<u8>,
     /// In units, by slot: mass of the slot's own elements; what hangs on it; and what of its own it has handed on.
     own_mass: Vec<i64>,
     gathered_mass: Vec<i64>,
@@ -83,6 +88,8 @@ pub struct ActiveMesh {
     astray: Vec<u32>,
     lever: Real,
     shedding: Shedding,
+    /// Whether no node of an organ is held fast.
+    free_organs: ByOrgan<bool>,
     /// Counts up with every change of a class's elements, and with every change of interface rows (all classes).
     revision: [u32; CLASSES],
     /// By organ [kg].
@@ -108,23 +115,18 @@ struct Work {
     node_stamp: Vec<u32>,
     element_stamp: Vec<u32>,
     turn: u32,
-    /// Where each slot was before the change [m].
+    /// Slots whose nodes the change puts elsewhere, with where they were [m], by slot.
+    moved: Vec<u32>,
     was: Vec<Padded>,
+    slot_stamp: Vec<u32>,
     /// Display vertices that may hang elsewhere, or on what has moved.
     shifted: Vec<u32>,
     vertex_stamp: Vec<u32>,
     rehung: Vec<u32>,
     concerned: Vec<u32>,
     handed: Vec<Vec3>,
-}
-
-/// Momenta about the origin.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Momenta {
-    /// Σ m v [kg·m/s].
-    pub linear: Vec3,
-    /// Σ m x × v [kg·m²/s].
-    pub angular: Vec3,
+    /// Of each change, at rest [m].
+    boxes: Vec<(Vec3, Vec3)>,
 }
 
 fn vec3(p: &Padded) -> Vec3 {
@@ -163,6 +165,8 @@ impl ActiveMesh {
             active_vertices: vec![0; body.element_count()],
             omega_squared: vec![0.0; body.element_count()],
             node: vec![NONE; slots],
+            rest: vec![Vec3::zeros(); slots],
+            organ: vec![0; slots],
             own_mass: vec![0; slots],
             gathered_mass: vec![0; slots],
             handed_mass: vec![0; slots],
@@ -178,6 +182,10 @@ impl ActiveMesh {
             astray: Vec::with_capacity(vertices),
             lever: 1.0,
             shedding: Shedding::No,
+            free_organs: std::array::from_fn(|organ| {
+                let nodes = 0..body.node_count() as u32;
+                organ < body.organs().len() && !nodes.into_iter().any(|n| body.organ_of(n) == organ && body.is_fixed(n))
+            }),
             revision: [0; CLASSES],
             mass_unit: body.organs().iter().map(|organ| organ.mass / MASS_UNITS).collect(),
             size: (high - low).max(),
@@ -195,12 +203,15 @@ impl ActiveMesh {
                 node_stamp: vec![0; body.node_count()],
                 element_stamp: vec![0; body.element_count()],
                 turn: 0,
+                moved: list(),
                 was: vec![[0.0; 4]; slots],
+                slot_stamp: vec![0; slots],
                 shifted: Vec::with_capacity(vertices),
                 vertex_stamp: vec![0; vertices],
                 rehung: Vec::with_capacity(vertices),
                 concerned: Vec::with_capacity(body.element_count()),
                 handed: Vec::with_capacity(slots),
+                boxes: Vec::with_capacity(slots),
             },
         };
         let set = ActiveSet::from_nodes(body, &state.nodes)
@@ -232,14 +243,14 @@ impl ActiveMesh {
         self.free.extend((0..self.node.len() as u32).rev());
         self.row_entries = 0;
         for (((&n, x), v), ease) in state.nodes.iter().zip(&state.position).zip(&state.velocity).zip(&state.ease) {
-            let slot = self.take_slot(n);
+            let slot = self.take_slot(body, n);
             self.enlist(slot, true);
             self.motion.ease[slot as usize] = padded(*ease);
             self.motion.position[slot as usize] = padded(*x);
             self.motion.velocity[slot as usize] = padded(*v);
         }
         for &n in &state.interface {
-            let slot = self.take_slot(n);
+            let slot = self.take_slot(body, n);
             self.enlist(slot, false);
         }
         let mut next = 0;
@@ -515,23 +526,6 @@ impl ActiveMesh {
         self.place_interface();
     }
 
-    /// Momenta of the active nodes.
-    pub fn momenta(&self) -> Momenta {
-        self.momenta_of(|_| true)
-    }
-
-    /// Momenta of those of the active nodes that `counts`.
-    fn momenta_of(&self, counts: impl Fn(u32) -> bool) -> Momenta {
-        let mut sum = Momenta::default();
-        for slot in self.active.iter().filter(|s| counts(self.node[**s as usize])) {
-            let (x, v) = (vec3(&self.motion.position[*slot as usize]), vec3(&self.motion.velocity[*slot as usize]));
-            let p = v * self.motion.mass[*slot as usize];
-            sum.linear += p;
-            sum.angular += x.cross(&p);
-        }
-        sum
-    }
-
     /// Springs' share of `ω²` [1/s²] at the nodes in `slots`, at most.
     fn springs_at(&self, slots: [u32; 4]) -> Real {
         slots.iter().map(|s| self.springs[*s as usize]).fold(0.0, Real::max)
@@ -591,13 +585,15 @@ impl ActiveMesh {
     }
 
     /// An unused slot, for node `n`; its motion and masses start from nothing.
-    fn take_slot(&mut self, n: u32) -> u32 {
+    fn take_slot(&mut self, body: &Body, n: u32) -> u32 {
         // Whoever plans a change asks for room first, and restoring counts.
         debug_assert!(!self.free.is_empty());
         let slot = self.free.pop().unwrap_or(0);
         let s = slot as usize;
         self.slot[n as usize] = slot;
         self.node[s] = n;
+        self.rest[s] = body.rest(n);
+        self.organ[s] = body.organ_of(n) as u8;
         self.own_mass[s] = 0;
         self.gathered_mass[s] = 0;
         self.handed_mass[s] = 0;
@@ -608,8 +604,6 @@ impl ActiveMesh {
         self.motion.mass[s] = 0.0;
         self.motion.inverse_mass[s] = 0.0;
         self.springs[s] = 0.0;
-        // It was nowhere.
-        self.work.was[s] = [Real::NAN; 4];
         slot
     }
 
@@ -678,10 +672,10 @@ impl ActiveMesh {
         let mut sums = [(0.0, Vec3::zeros(), Mat3::zeros()); MOST_ORGANS];
         for &slot in &self.active {
             let s = slot as usize;
-            let organ = body.organ_of(self.node[s]);
+            let organ = usize::from(self.organ[s]);
             let m = self.raw_mass(body, s);
             self.motion.mass[s] = m;
-            let d = body.rest(self.node[s]) - body.organs()[organ].centre_of_mass;
+            let d = self.rest[s] - body.organs()[organ].centre_of_mass;
             let (sum, first, second) = &mut sums[organ];
             *sum += m;
             *first += d * m;
@@ -696,10 +690,9 @@ impl ActiveMesh {
         }
         for &slot in &self.active {
             let s = slot as usize;
-            let organ = body.organ_of(self.node[s]);
+            let organ = usize::from(self.organ[s]);
             let (q, b) = &affine[organ];
-            let mass =
-                self.motion.mass[s] * (q + b.dot(&(body.rest(self.node[s]) - body.organs()[organ].centre_of_mass)));
+            let mass = self.motion.mass[s] * (q + b.dot(&(self.rest[s] - body.organs()[organ].centre_of_mass)));
             self.motion.mass[s] = mass;
             self.motion.inverse_mass[s] = if body.is_fixed(self.node[s]) { 0.0 } else { 1.0 / mass };
         }
@@ -707,7 +700,7 @@ impl ActiveMesh {
 
     /// Mass [kg] of the active node in slot `s` before the body's mass and centre are restored.
     fn raw_mass(&self, body: &Body, s: usize) -> Real {
-        let unit = self.mass_unit[body.organ_of(self.node[s])];
+        let unit = self.mass_unit[usize::from(self.organ[s])];
         ((self.own_mass[s] + self.gathered_mass[s]) as Real * unit).max(body.least_mass(self.node[s]))
     }
 }

@@ -1,7 +1,6 @@
 //! Changes of resolution: what has to follow when nodes are split or merged, and only that.
 
-use super::foresight::bounds;
-use super::{ActiveMesh, Momenta, constants, padded, vec3};
+use super::{ActiveMesh, constants, padded, vec3};
 use crate::geometry::locate::Host;
 use crate::math::{Mat3, Real, Vec3};
 use crate::model::active_set::Change;
@@ -62,29 +61,23 @@ impl ActiveMesh {
         if changes.is_empty() {
             return Upkeep::default();
         }
-        self.remember_places();
         self.collect_eases(body, changes);
-        // Of the organs that change.
-        let momenta: [Option<Momenta>; MOST_ORGANS] = std::array::from_fn(|organ| {
-            let changes = changes.iter().any(|(Change::Split(n) | Change::Merge(n))| body.organ_of(*n) == organ);
-            changes.then(|| self.momenta_of(|n| body.organ_of(n) == organ))
-        });
+        let mut changed = [false; MOST_ORGANS];
+        changes.iter().for_each(|(Change::Split(n) | Change::Merge(n))| changed[body.organ_of(*n)] = true);
+        let momenta = self.momenta_by_organ();
         self.next_turn();
+        self.work.moved.clear();
         self.collect_arrivals(body, changes);
         for &change in changes {
             self.set.apply(body, change);
         }
         self.swap_nodes(body);
         self.reweigh(body);
-        self.remake_rows(body);
+        self.remake_rows(body, changes);
         self.normalise(body);
         self.hand_eases_over(body, changes);
-        self.place_interface();
-        for (organ, before) in momenta.iter().enumerate() {
-            if let Some(before) = before {
-                self.correct_momenta(body, organ, before);
-            }
-        }
+        self.place_rehung();
+        self.correct_momenta(changed, &momenta);
         self.reattach(body);
         self.swap_elements(body);
         self.release_unused(body);
@@ -102,6 +95,7 @@ impl ActiveMesh {
             self.work.node_stamp.fill(0);
             self.work.element_stamp.fill(0);
             self.work.vertex_stamp.fill(0);
+            self.work.slot_stamp.fill(0);
             self.work.turn = 1;
         }
     }
@@ -181,13 +175,14 @@ impl ActiveMesh {
         let on = std::mem::take(&mut self.work.on);
         for &(n, x, v) in &on {
             let slot = match self.slot[n as usize] {
-                NONE => self.take_slot(n),
+                NONE => self.take_slot(body, n),
                 slot => {
                     self.drop_row(slot);
                     self.delist(slot, false);
                     slot
                 }
             };
+            self.remember_place(slot);
             self.enlist(slot, true);
             self.motion.position[slot as usize] = padded(x);
             self.motion.velocity[slot as usize] = if body.is_fixed(n) { [0.0; 4] } else { padded(v) };
@@ -224,7 +219,7 @@ impl ActiveMesh {
                     self.work.nodes.push(n);
                 }
                 if self.slot[n as usize] == NONE {
-                    let slot = self.take_slot(n);
+                    let slot = self.take_slot(body, n);
                     self.enlist(slot, false);
                 }
             }
@@ -241,12 +236,11 @@ impl ActiveMesh {
     }
 
     /// Rows that looked at a changed node, new ones, and those whose node's mass has changed.
-    fn remake_rows(&mut self, body: &Body) {
+    fn remake_rows(&mut self, body: &Body, changes: &[Change]) {
         self.work.dirty.clear();
-        let changed = || self.work.on.iter().map(|o| o.0).chain(self.work.off.iter().copied());
-        let within = bounds(body, changed());
+        self.bound(body, changes);
         let mut dirty = std::mem::take(&mut self.work.dirty);
-        let otherwise = |slot: &&u32| self.hangs_otherwise(body, **slot, within, changed());
+        let otherwise = |slot: &&u32| self.hangs_otherwise(body, **slot, changes);
         dirty.extend(self.interface.iter().filter(otherwise));
         self.work.dirty = dirty;
         for i in 0..self.work.dirty.len() {
@@ -258,6 +252,14 @@ impl ActiveMesh {
                 self.make_row(body, slot);
             }
         }
+    }
+
+    /// Places the interface nodes whose rows are others now; all others hang on nodes that stay where they are.
+    fn place_rehung(&mut self) {
+        let slots = std::mem::take(&mut self.work.dirty);
+        slots.iter().for_each(|slot| self.remember_place(*slot));
+        self.place_these(&slots);
+        self.work.dirty = slots;
     }
 
     /// True when an element in use has the node `n`.
@@ -335,44 +337,4 @@ impl ActiveMesh {
             }
         }
     }
-
-    /// One rigid motion of all nodes of `organ` that can move, so that its momenta are what they were. Of all, because
-    /// those near the change may be so few, or so nearly in a line, that turning them takes any speed.
-    fn correct_momenta(&mut self, body: &Body, organ: usize, before: &Momenta) {
-        let now = self.momenta_of(|n| body.organ_of(n) == organ);
-        let (motion, node) = (&mut self.motion, &self.node);
-        let own = |s: &usize| motion.inverse_mass[*s] > 0.0 && body.organ_of(node[*s]) == organ;
-        let free = || self.active.iter().map(|s| *s as usize).filter(own);
-        let (mut mass, mut first) = (0.0, Vec3::zeros());
-        for s in free() {
-            mass += motion.mass[s];
-            first += vec3(&motion.position[s]) * motion.mass[s];
-        }
-        if mass == 0.0 {
-            return;
-        }
-        let centre = first / mass;
-        let mut inertia = Mat3::zeros();
-        for s in free() {
-            let d = vec3(&motion.position[s]) - centre;
-            inertia += (Mat3::identity() * d.norm_squared() - d * d.transpose()) * motion.mass[s];
-        }
-        let linear = before.linear - now.linear;
-        let angular = before.angular - now.angular - centre.cross(&linear);
-        // Free nodes in a line cannot be given every angular momentum.
-        let mean = inertia.trace() / 3.0;
-        let turns = inertia.determinant() > LEAST_INERTIA * mean * mean * mean;
-        let turn = if turns { inertia.try_inverse().map_or(Vec3::zeros(), |i| i * angular) } else { Vec3::zeros() };
-        for &slot in &self.active {
-            let s = slot as usize;
-            if motion.inverse_mass[s] > 0.0 && body.organ_of(node[s]) == organ {
-                let d = vec3(&motion.position[s]) - centre;
-                let v = vec3(&motion.velocity[s]) + linear / mass + turn.cross(&d);
-                motion.velocity[s] = padded(v);
-            }
-        }
-    }
 }
-
-/// Determinant of an inertia over the cube of its mean moment below which it is as good as singular.
-const LEAST_INERTIA: Real = 1e-3;
