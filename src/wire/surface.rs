@@ -85,7 +85,7 @@ const OF_DIAGONAL: Real = 1.0 / 4096.0;
 const FINEST: Real = 1.0 / (1 << 20) as Real;
 /// Most that the grid tilts the normal of a vertex at rest if all errors conspire [rad]: on bodies that move, normals are
 /// then off by less than 1°, but where the surface is crushed. Half the step takes half a byte a vertex more.
-const MOST_TILT: Real = 1.5 * std::f64::consts::PI / 180.0;
+const MOST_TILT: Real = 1.4 * std::f64::consts::PI / 180.0;
 
 /// Step of the grid on which frames of the surface of `body` stand [m].
 ///
