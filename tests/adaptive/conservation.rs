@@ -84,8 +84,8 @@ fn thirty_random_sets_of_a_free_cube_keep_energy_and_momenta() {
     thirty_sets(false, 1e-3);
 }
 
-/// A free cube is pushed by a ball that leaves it; changes of resolution, and what they leave to fade, go on: no push, and next to no turn. The
-/// ball leaves a body that moves, or one that stands still to shed load.
+/// A free cube is pushed by a ball that leaves it; changes of resolution, and what they leave to fade, go on: no push, and
+/// next to no turn. The ball leaves a body that moves, or one that stands still to shed load.
 #[test]
 fn what_changes_of_resolution_leave_to_fade_is_no_push() {
     let body = Cube { damping_ratio: 0.15, ..elastic_cube(2e3, false) }.body();

@@ -132,7 +132,7 @@ impl ActiveMesh {
     /// Returns how many of them, the first ones, may hang elsewhere; the others are on what has moved.
     fn find_shifted(&mut self, body: &Body) -> usize {
         self.work.shifted.clear();
-        let Self { work: Work { shifted, vertex_stamp, turn, was, moved, elements, .. }, attachment, .. } = self;
+        let Self { work: Work { shifted, vertex_stamp, turn, moved, elements, .. }, attachment, .. } = self;
         let mut add = |shifted: &mut Vec<u32>, v: u32| {
             if std::mem::replace(&mut vertex_stamp[v as usize], *turn) != *turn {
                 shifted.push(v);
@@ -141,11 +141,9 @@ impl ActiveMesh {
         elements.iter().flat_map(|e| body.hosted(*e)).chain(&self.astray).for_each(|v| add(shifted, *v));
         let may_hang_elsewhere = shifted.len();
         for slot in moved.iter() {
-            if self.motion.position[*slot as usize] != was[*slot as usize] {
-                for &e in body.elements_around(self.node[*slot as usize]) {
-                    let on_it = body.hosted(e).iter().filter(|v| attachment[**v as usize].element == e);
-                    on_it.for_each(|v| add(shifted, *v));
-                }
+            for &e in body.elements_around(self.node[*slot as usize]) {
+                let on_it = body.hosted(e).iter().filter(|v| attachment[**v as usize].element == e);
+                on_it.for_each(|v| add(shifted, *v));
             }
         }
         may_hang_elsewhere

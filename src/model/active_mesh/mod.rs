@@ -183,8 +183,8 @@ impl ActiveMesh {
             lever: 1.0,
             shedding: Shedding::No,
             free_organs: std::array::from_fn(|organ| {
-                let nodes = 0..body.node_count() as u32;
-                organ < body.organs().len() && !nodes.into_iter().any(|n| body.organ_of(n) == organ && body.is_fixed(n))
+                let held_fast = |n: u32| body.organ_of(n) == organ && body.is_fixed(n);
+                organ < body.organs().len() && !(0..body.node_count() as u32).any(held_fast)
             }),
             revision: [0; CLASSES],
             mass_unit: body.organs().iter().map(|organ| organ.mass / MASS_UNITS).collect(),

@@ -260,6 +260,9 @@ impl ActiveMesh {
         slots.iter().for_each(|slot| self.remember_place(*slot));
         self.place_these(&slots);
         self.work.dirty = slots;
+        // Many come to be where they were.
+        let (position, was) = (&self.motion.position, &self.work.was);
+        self.work.moved.retain(|slot| position[*slot as usize] != was[*slot as usize]);
     }
 
     /// True when an element in use has the node `n`.
