@@ -410,8 +410,7 @@ impl Look<'_> {
     }
 
     fn is_settled(&self, mesh: &ActiveMesh, slot: u32) -> bool {
-        let ease = &mesh.motion.ease[slot as usize];
-        ease.iter().map(|e| e * e).sum::<Real>() <= self.settled * self.settled
+        mesh.eased(slot).norm_squared() <= self.settled * self.settled
     }
 
     /// Families worth less than `limit` whose first child is in one of the `slots`.

@@ -28,7 +28,7 @@ pub(super) fn shed(
 ) -> Adapted {
     let body = look.body;
     let stands = |work| Adapted { work, saving: true, ..Adapted::default() };
-    let (weighable, units) = work::of_weighing(mesh, means.budget);
+    let (weighable, units) = work::of_weighing(means.budget);
     let parts = mesh.active().len().div_ceil(LOOKED_AT);
     match mesh.shedding() {
         Shedding::Holds(_) => {
@@ -40,7 +40,7 @@ pub(super) fn shed(
             mesh.let_go(body, loads, weighable);
             return Adapted { saving: mesh.is_held(), ..stands(units) };
         }
-        Shedding::No => {}
+        Shedding::No | Shedding::Resumes(_) => {}
     }
     let some = mesh.active().iter().skip(ticks as usize % parts).step_by(parts);
     look.spare_families(mesh, some, Real::INFINITY, &mut work.spare);

@@ -28,7 +28,7 @@ const SLACK_KEPT: Real = 0.85;
 /// Part of [`PointMemory::shift`] that remains after each tick: a time constant of 7 ms.
 const SHIFT_KEPT: Real = 0.87;
 /// What it changes by at most [m] within a tick: many changes in a row leave more than one.
-const FASTEST_SHIFT: Real = 40e-6;
+const FASTEST_SHIFT: Real = 10e-6;
 
 /// Memory that detection needs and no one keeps.
 #[derive(Debug)]

@@ -1,5 +1,6 @@
 //! Everything about a body that moves, as it is saved, sent and restored.
 
+use super::active_mesh::Ease;
 use super::active_set::ActiveSet;
 use super::body::Body;
 use super::element_pool::{CLASSES, History};
@@ -19,6 +20,8 @@ pub enum Shedding {
     Coarsens(u32),
     /// What has not come out of balance is being let go of: elements weighed so far.
     LetsGo(u32),
+    /// It moves again: ticks since.
+    Resumes(u32),
 }
 
 /// The active nodes and what they do. Order counts: forces are summed in it.
@@ -30,8 +33,8 @@ pub struct State {
     pub position: Vec<Vec3>,
     /// Their velocities [m/s], (n_active).
     pub velocity: Vec<Vec3>,
-    /// Forces on them that changes of resolution have left to fade [N], (n_active).
-    pub ease: Vec<Vec3>,
+    /// Forces on them that changes of resolution have left to fade [N], by class of step, (n_active, 3).
+    pub ease: Vec<Ease<Vec3>>,
     /// Whether the body stands still until it has shed load, see [`super::active_mesh::ActiveMesh::hold`].
     pub shedding: Shedding,
     /// Interface nodes; where they are follows from the active ones.
@@ -84,7 +87,7 @@ impl State {
         }
         Self {
             velocity: vec![Vec3::zeros(); position.len()],
-            ease: vec![Vec3::zeros(); position.len()],
+            ease: vec![Ease::default(); position.len()],
             shedding: Shedding::No,
             calm: Vec::new(),
             history: vec![History::REST; classes.iter().map(Vec::len).sum()],
@@ -117,7 +120,7 @@ impl State {
     pub fn is_finite(&self) -> bool {
         self.position.iter().all(is_finite)
             && self.velocity.iter().all(is_finite)
-            && self.ease.iter().all(is_finite)
+            && self.ease.iter().flatten().all(is_finite)
             && self.history.iter().all(History::is_finite)
             && self.fade.iter().flatten().all(|x| x.is_finite())
     }

@@ -27,6 +27,16 @@ pub fn longest(body: &Body) -> Real {
 /// modes, for which the branches are too slow.
 pub const STEP_VISCOSITY: Real = 0.1;
 
+/// Contact is held at least this often.
+const LONGEST_CONTACT_CLASS: usize = 1;
+/// Contact need not be held more often than this: the dent below the mesh's size is softer than the step's inertia.
+pub const SHORTEST_CONTACT_CLASS: usize = 2;
+
+/// The class of steps by which contact is held on a body whose elements' shortest steps are of class `finest`.
+pub fn contact_class(finest: usize) -> usize {
+    finest.clamp(LONGEST_CONTACT_CLASS, SHORTEST_CONTACT_CLASS)
+}
+
 /// Step of class `class` [s].
 pub fn step_of(class: usize) -> Real {
     TICK / Real::from(1u32 << class)

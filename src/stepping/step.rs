@@ -7,15 +7,11 @@
 
 use super::constraint_solve::{self, Prepared};
 use crate::math::{Real, Vec3};
+use crate::model::active_mesh::Ease;
 use crate::model::element_kernel::{Extremes, Padded, Path, Rates};
 use crate::model::element_pool::CLASSES;
 use crate::model::step_class::{self, STEP_VISCOSITY, TICK};
 use crate::model::{ActiveMesh, Body, Constraint};
-
-/// Contact is held at least this often.
-const LONGEST_CONTACT_CLASS: usize = 1;
-/// Contact need not be held more often than this: the dent below the mesh's size is softer than the step's inertia.
-const SHORTEST_CONTACT_CLASS: usize = 2;
 
 /// Nodes that the elements of one class concern.
 #[derive(Debug, Default)]
@@ -35,6 +31,8 @@ pub struct Workspace {
     stamp: Vec<u32>,
     turn: u32,
     contact_nodes: Vec<u32>,
+    /// Active nodes that something is held on.
+    eased: Ease<Vec<u32>>,
 }
 
 impl Workspace {
@@ -49,6 +47,7 @@ impl Workspace {
             stamp: vec![0; slots],
             turn: 0,
             contact_nodes: list(),
+            eased: std::array::from_fn(|_| list()),
         }
     }
 }
@@ -64,10 +63,11 @@ pub fn tick(
     work: &mut Workspace,
 ) -> Extremes {
     let mut extremes = Extremes::REST;
-    let finest = (0..CLASSES).rev().find(|c| mesh.pool().count(*c) > 0).unwrap_or(0);
-    let contact = finest.clamp(LONGEST_CONTACT_CLASS, SHORTEST_CONTACT_CLASS);
+    let finest = mesh.finest_class();
+    let contact = step_class::contact_class(finest);
     let holds = step_class::class_in(body, 1.0 / mesh.stiffest_spring().max(1.0).sqrt());
-    let mut deepest = finest;
+    collect_eased(mesh, work);
+    let mut deepest = finest.max(work.eased.iter().rposition(|slots| !slots.is_empty()).unwrap_or(0));
     if !constraints.is_empty() {
         deepest = deepest.max(contact);
         collect_contact_nodes(constraints, work);
@@ -85,7 +85,8 @@ pub fn tick(
         let class = deepest - i.trailing_zeros() as usize;
         let held = class == holds && !body.holds().is_empty();
         let touched = class == contact && !constraints.is_empty();
-        if mesh.pool().count(class) > 0 || held {
+        let eased = work.eased.get(class).is_some_and(|slots| !slots.is_empty());
+        if mesh.pool().count(class) > 0 || held || eased {
             let elements = event(path, body, mesh, class, held, gravity, now, work);
             extremes = extremes.join(&elements);
         }
@@ -124,8 +125,9 @@ fn event(
 ) -> Extremes {
     let step = step_class::step_of(class);
     let rates = rates(body, step);
+    let balanced = mesh.has_free_organs() && work.eased.get(class).is_some_and(|slots| !slots.is_empty());
     // Where most elements are due most nodes are concerned: finding out which costs more than moving the others.
-    if 4 * mesh.pool().count(class) > mesh.pool().len() {
+    if balanced || 4 * mesh.pool().count(class) > mesh.pool().len() {
         drift_all(&mut work.time, mesh, gravity, now);
         mesh.place_interface();
         let extremes = mesh.add_forces(path, class, &rates);
@@ -133,13 +135,22 @@ fn event(
             pull_back(body, mesh);
         }
         mesh.hand_back_all();
+        if balanced {
+            mesh.balance_eases(class);
+        }
         let (active, motion) = mesh.active_motion();
+        if let Some(eased) = work.eased.get(class) {
+            add_eases(if balanced { active } else { eased }, motion, class);
+        }
         kick(active, motion, step);
         return extremes;
     }
     find_concerned(body, mesh, class, held, work);
     let concerned = &work.concerned[class];
     drift(&concerned.active, &mut work.time, mesh, gravity, now);
+    if let Some(eased) = work.eased.get(class) {
+        drift(eased, &mut work.time, mesh, gravity, now);
+    }
     mesh.place_these(&concerned.interface);
     let extremes = mesh.add_forces(path, class, &rates);
     if held {
@@ -147,6 +158,10 @@ fn event(
     }
     mesh.hand_back(&concerned.interface);
     kick(&concerned.active, &mut mesh.motion, step);
+    if let Some(eased) = work.eased.get(class) {
+        add_eases(eased, &mut mesh.motion, class);
+        kick(eased, &mut mesh.motion, step);
+    }
     extremes
 }
 
@@ -210,6 +225,17 @@ fn find_concerned(body: &Body, mesh: &ActiveMesh, class: usize, held: bool, work
     *revision = Some(mesh.revision(class));
 }
 
+fn collect_eased(mesh: &ActiveMesh, work: &mut Workspace) {
+    work.eased.iter_mut().for_each(Vec::clear);
+    for &slot in mesh.active() {
+        for (slots, ease) in work.eased.iter_mut().zip(&mesh.motion.ease[slot as usize]) {
+            if *ease != [0.0; 4] {
+                slots.push(slot);
+            }
+        }
+    }
+}
+
 fn collect_contact_nodes(constraints: &[Constraint], work: &mut Workspace) {
     work.turn = work.turn.wrapping_add(1);
     if work.turn == 0 {
@@ -265,12 +291,21 @@ fn fall(slots: &[u32], time: &mut [Real], motion: &mut crate::model::active_mesh
         let step = now - std::mem::replace(&mut time[s], now);
         // Nodes held fast never had a velocity, and do not fall.
         if motion.inverse_mass[s] > 0.0 {
-            let (x, v, ease) = (&mut motion.position[s], &mut motion.velocity[s], &motion.ease[s]);
+            let (x, v) = (&mut motion.position[s], &mut motion.velocity[s]);
             for c in 0..4 {
-                let pull = gravity[c] + ease[c] * motion.inverse_mass[s];
-                x[c] += step * (v[c] + 0.5 * step * pull);
-                v[c] += step * pull;
+                x[c] += step * (v[c] + 0.5 * step * gravity[c]);
+                v[c] += step * gravity[c];
             }
+        }
+    }
+}
+
+/// What is held on the nodes in `slots` acts now, with the elements of `class`.
+fn add_eases(slots: &[u32], motion: &mut crate::model::active_mesh::Motion, class: usize) {
+    for &slot in slots {
+        let ease = motion.ease[slot as usize][class];
+        for (f, e) in motion.force[slot as usize].iter_mut().zip(ease) {
+            *f += e;
         }
     }
 }

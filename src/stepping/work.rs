@@ -55,12 +55,10 @@ pub fn for_motion(budget: u32) -> u32 {
     budget - budget / 4
 }
 
-/// Elements that `units` are enough to weigh the forces of, some in any case, and the units that it takes to weigh so many:
-/// what they put on interface nodes is handed back.
-pub fn of_weighing(mesh: &ActiveMesh, units: u32) -> (u32, u32) {
-    let handed_back = (mesh.active().len() as u32 * NODE + mesh.row_entries() * ROW_ENTRY) / 16;
-    let elements = (units.saturating_sub(handed_back) / EASE_UPKEEP).max(LEAST_WEIGHED);
-    (elements, handed_back + elements * EASE_UPKEEP)
+/// Elements that `units` are enough to weigh the forces of, some in any case, and the units that it takes to weigh so many.
+pub fn of_weighing(units: u32) -> (u32, u32) {
+    let elements = (units / EASE_UPKEEP).max(LEAST_WEIGHED);
+    (elements, elements * EASE_UPKEEP)
 }
 
 /// Units of a batch of changes of resolution of a body with `nodes` nodes in use, whatever is in it: momenta, masses and the

@@ -80,14 +80,14 @@ fn a_budget_cut_tenfold_coarsens_and_no_tick_is_lost_or_too_dear() {
     assert!(physical < 0.05 * 0.99, "the force changes by {physical} N in a tick");
 }
 
-/// However much has to go, no tick takes more than its budget, where that is the least that the governor gives. Elements left
-/// under a ball pressed in by its radius are too large for it: its contact rings, and the hand follows slowly.
+/// However much has to go, no tick takes more than its budget, where that is the least that the governor gives; and neither
+/// the contact nor the hand gets a blow, though a ball is pressed in by more than its radius and the elements left are larger.
 #[test]
 fn a_liver_cut_to_the_least_budget_sheds_most_of_its_nodes_within_every_ticks_means() {
     let body = liver(0.45, vec![0.026, 0.015, 0.0085, 0.005], 5e3, 0.15);
     report(&body);
     let budget = work::floor(&body);
-    for (down, most_step) in [(0.016, 0.05), (0.02, 0.2)] {
+    for down in [0.012, 0.016, 0.02] {
         let press_at = |i: u64| {
             let down = down * ease(i as Real * TICK, 0.1, 0.5);
             if i == 0 { inputs(ATTACH) } else { inputs(ball_at(Vec3::new(-0.01, 0.002, 0.12 - down))) }
@@ -123,10 +123,7 @@ fn a_liver_cut_to_the_least_budget_sheds_most_of_its_nodes_within_every_ticks_me
         assert!(before.plan.needed > 3 * budget && active(&last) < active(&before) / 3, "there is much to shed");
         assert!(dearest <= budget, "{dearest} units in one tick");
         assert!(still < 250 && last.plan.taken == last.plan.needed, "{still} ticks without a step");
-        assert!(
-            steps[0] < most_step && steps[1] < 0.05 * (1.0 + 1e-9),
-            "the force changes by {steps:?} of it in a tick"
-        );
+        assert!(steps.iter().all(|step| *step < 0.05), "the force changes by {steps:?} of it in a tick");
     }
 }
 
@@ -150,9 +147,8 @@ fn a_small_body_is_refined_as_far_as_a_large_one() {
 fn unsettled(press: &Simulation, budget: u32) -> Vec<u32> {
     let (mesh, points) = (press.mesh(), &press.snapshot().points[0]);
     let pressed: Real = points.iter().map(|p| p.multiplier).sum();
-    let ease = |s: &u32| Vec3::from_column_slice(&mesh.motion.ease[*s as usize][..3]).norm();
     let sheds = pressed <= 0.0 || work::of_tick(mesh, points.len()) > work::for_motion(budget);
-    let unsettled = mesh.active().iter().filter(|s| !sheds && ease(s) > 0.02 * pressed);
+    let unsettled = mesh.active().iter().filter(|s| !sheds && mesh.eased(**s).norm() > 0.02 * pressed);
     unsettled.map(|s| mesh.node(*s)).collect()
 }
 

@@ -1,21 +1,23 @@
 //! Changes of resolution under a load: what they put out of balance is held at first, and let go little by little.
 //!
 //! New nodes lie where the old ones say, strained otherwise than by themselves. Let loose at once, light nodes under a tool
-//! would ring for some milliseconds, and the hand would feel it. So every node gets a force that leaves its acceleration as
-//! it was, and that fades. These forces add up to nothing, as those between the elements do, and so do their moments at
-//! first. A body that has to shed many nodes before it can move again is weighed whole, once before the first of them and
-//! once after the last, in slices.
+//! would ring for some milliseconds, and the hand would feel it. So every node gets forces that leave its acceleration as it
+//! was, and that fade. They act within a tick when what they stand for does, or a node would be off its place when its
+//! elements are due. They add up to nothing, as those between the elements do, and so do their moments. A body that has to
+//! shed many nodes before it can move again is weighed whole, once before the first of them and once after the last, in
+//! slices.
 
 use super::foresight::sides;
-use super::{ActiveMesh, Upkeep, constants, padded, vec3};
+use super::{ActiveMesh, EASE_CLASSES, Upkeep, constants, padded, vec3};
 use crate::math::{Mat3, Real, Vec3};
 use crate::model::active_set::Change;
-use crate::model::body::{Body, NONE};
+use crate::model::body::Body;
 use crate::model::constraint::PointMemory;
 use crate::model::element_pool::{CLASSES, ElementConstants, History};
 use crate::model::material::{COLLAPSE_ONSET, COLLAPSE_STIFFNESS};
 use crate::model::skin;
 use crate::model::state::Shedding;
+use crate::model::step_class;
 
 /// What acts on a body from outside.
 #[derive(Clone, Copy, Debug)]
@@ -26,9 +28,11 @@ pub struct Loads<'a> {
     pub gravity: Vec3,
 }
 
-/// Part of what is held that is left after a tick: a time constant of 50 ms is slow enough for hand and eye, where 20 ms
-/// still rang.
-const EASE_KEPT: Real = 0.98;
+/// Part of what is held that is let go of in a tick: a time constant of 25 ms. What is held is dead weight, and does not give
+/// way with the body: for longer, and it crushes what is under a tool.
+const EASED: Real = 0.04;
+/// Ticks until that much is let go of after a body has stood still: all of it at once would set it in motion with a jerk.
+const RESUMES_WITHIN: u32 = 10;
 /// Less than this [N] is let go at once: so little that the sum of all stays nothing.
 const LEAST_EASE: Real = 1e-15;
 
@@ -39,7 +43,6 @@ impl ActiveMesh {
         self.add_balance(body, Some(loads), 1.0);
         let upkeep = self.apply(body, changes);
         self.add_balance(body, Some(loads), -1.0);
-        self.balance_eases();
         Upkeep { eased, ..upkeep }
     }
 
@@ -50,7 +53,7 @@ impl ActiveMesh {
 
     /// True from the first [`ActiveMesh::hold`] to the last [`ActiveMesh::let_go`]: the body must not move.
     pub fn is_held(&self) -> bool {
-        self.shedding != Shedding::No
+        !matches!(self.shedding, Shedding::No | Shedding::Resumes(_))
     }
 
     /// Takes hold of what accelerates the body under `loads`, of at most `most` elements at once, before many batches of
@@ -72,11 +75,7 @@ impl ActiveMesh {
     pub fn let_go(&mut self, body: &Body, loads: &Loads, most: u32) {
         let done = if let Shedding::LetsGo(done) = self.shedding { done } else { 0 };
         let done = self.weigh_slice(body, loads, done, most, -1.0);
-        self.shedding = done.map_or(Shedding::No, Shedding::LetsGo);
-        if !self.is_held() {
-            // A tool may have left since it was weighed.
-            self.balance_eases();
-        }
+        self.shedding = done.map_or(Shedding::Resumes(0), Shedding::LetsGo);
     }
 
     /// Weighs at most `most` elements from `done` on, with the first of them the loads. How many are done then, unless all are.
@@ -89,42 +88,66 @@ impl ActiveMesh {
         Some(weighed).filter(|weighed| (*weighed as usize) < self.pool.len())
     }
 
-    /// Adds to what is held `sign` times what accelerates each active node, as far as the concerned elements and `loads` go.
+    /// Adds to what is held `sign` times what accelerates each active node, as far as the concerned elements and `loads` go:
+    /// by class of step, so that it acts when what it stands for does.
     fn add_balance(&mut self, body: &Body, loads: Option<&Loads>, sign: Real) {
         for i in 0..self.work.concerned.len() {
             let e = self.work.concerned[i];
-            let Some(history) = self.pool.history(e).filter(|_| self.active_vertices[e as usize] > 0) else { continue };
-            let slots = body.element(e).map(|n| self.slot[n as usize] as usize);
-            debug_assert!(slots.iter().all(|s| *s != NONE as usize));
-            let constants = constants(body, e, self.active_vertices[e as usize]);
-            let x = slots.map(|s| vec3(&self.motion.position[s]));
-            let forces = element_forces(body, &constants, &history, &x);
-            for (s, f) in slots.into_iter().zip(forces) {
-                (0..3).for_each(|c| self.motion.force[s][c] += f[c]);
+            if let Some((class, slots, forces)) = self.weigh_element(body, e) {
+                (0..4).for_each(|i| self.hold_on(slots[i], class, forces[i] * sign));
             }
         }
-        self.hand_back_all();
+        if let Some(loads) = loads {
+            let class = step_class::contact_class(self.finest_class());
+            self.hold_points(body, loads, class, sign);
+            for &slot in &self.active {
+                let s = slot as usize;
+                if self.motion.inverse_mass[s] > 0.0 {
+                    let weight = loads.gravity * (self.motion.mass[s] * sign);
+                    let ease = &mut self.motion.ease[s][class];
+                    *ease = padded(vec3(ease) + weight);
+                }
+            }
+        }
+    }
+
+    /// Holds `force` [N] more on the node in `slot`, with steps of `class`: on its masters, if it is an interface node.
+    fn hold_on(&mut self, slot: u32, class: usize, force: Vec3) {
+        let motion = &mut self.motion;
+        let mut hold = |slot: u32, weight: Real| {
+            if motion.inverse_mass[slot as usize] > 0.0 {
+                let ease = &mut motion.ease[slot as usize][class];
+                *ease = padded(vec3(ease) + force * weight);
+            }
+        };
+        if self.set.is_active(self.node[slot as usize]) {
+            hold(slot, 1.0);
+        } else {
+            self.row[slot as usize].entries().for_each(|(master, weight)| hold(master, weight));
+        }
+    }
+
+    /// Class of what is held of element `e`, its nodes' slots and the forces on them [N]; `None` unless it is in use.
+    fn weigh_element(&self, body: &Body, e: u32) -> Option<(usize, [u32; 4], [Vec3; 4])> {
+        let class = self.pool.class_of(e)?;
+        let history = self.pool.history(e)?;
+        let slots = body.element(e).map(|n| self.slot[n as usize]);
+        let x = slots.map(|slot| vec3(&self.motion.position[slot as usize]));
+        let forces = element_forces(body, &constants(body, e, self.active_vertices[e as usize]), &history, &x);
+        Some((class.min(EASE_CLASSES - 1), slots, forces))
+    }
+
+    /// Holds `sign` times what the tools' points press with.
+    fn hold_points(&mut self, body: &Body, loads: &Loads, class: usize, sign: Real) {
         let vertices = body.surface().vertices.len() as u32;
         let per_part = vertices + body.surface().triangles.len() as u32;
-        let points = loads.into_iter().flat_map(|loads| loads.points.iter().flatten());
-        for point in points.filter(|p| p.multiplier > 0.0) {
-            let on_body = point.normal * point.multiplier + point.tangential;
+        for point in loads.points.iter().flatten().filter(|p| p.multiplier > 0.0) {
+            let on_body = (point.normal * point.multiplier + point.tangential) * sign;
             let number = point.point % per_part;
             let corners = number.checked_sub(vertices).map_or([number; 3], |t| body.surface().triangles[t as usize]);
             let stencil: [(u32, Real); 3] = std::array::from_fn(|i| (corners[i], point.weights[i]));
             let row = skin::row(self, if number < vertices { &stencil[..1] } else { &stencil }).0;
-            for (slot, b) in row.entries() {
-                (0..3).for_each(|c| self.motion.force[*slot as usize][c] += on_body[c] * b);
-            }
-        }
-        let gravity = loads.map_or(Vec3::zeros(), |loads| loads.gravity);
-        for &slot in &self.active {
-            let s = slot as usize;
-            let force = vec3(&std::mem::replace(&mut self.motion.force[s], [0.0; 4]));
-            if self.motion.inverse_mass[s] > 0.0 {
-                let balance = (force + gravity * self.motion.mass[s]) * sign;
-                self.motion.ease[s] = padded(vec3(&self.motion.ease[s]) + balance);
-            }
+            row.entries().iter().for_each(|(slot, b)| self.hold_on(*slot, class, on_body * *b));
         }
     }
 
@@ -133,7 +156,8 @@ impl ActiveMesh {
         self.work.handed.clear();
         for change in changes {
             let slots = sides(body, change).0.iter().map(|n| self.slot[*n as usize] as usize);
-            self.work.handed.push(slots.map(|s| vec3(&self.motion.ease[s])).sum());
+            let sum = |class: usize| slots.clone().map(|s| vec3(&self.motion.ease[s][class])).sum();
+            self.work.handed.push(std::array::from_fn(sum));
         }
     }
 
@@ -143,21 +167,46 @@ impl ActiveMesh {
             let slots = || sides(body, change).1.iter().map(|n| self.slot[*n as usize] as usize);
             let mass: Real = slots().map(|s| self.motion.mass[s]).sum();
             for s in sides(body, change).1.iter().map(|n| self.slot[*n as usize] as usize) {
-                self.motion.ease[s] = padded(handed * (self.motion.mass[s] / mass));
+                self.motion.ease[s] = handed.map(|held| padded(held * (self.motion.mass[s] / mass)));
             }
+        }
+    }
+
+    /// Element `e` is to go over to steps of `class`: what is held of its forces goes along, so that it acts with them.
+    pub(super) fn hand_ease_on(&mut self, body: &Body, e: u32, class: usize) {
+        let ease = |mesh: &Self, n: u32, class: usize| mesh.motion.ease[mesh.slot[n as usize] as usize][class];
+        let eased = |n: &u32| (0..EASE_CLASSES).any(|class| ease(self, *n, class) != [0.0; 4]);
+        if !body.element(e).iter().any(eased) {
+            return;
+        }
+        let Some((from, slots, forces)) = self.weigh_element(body, e) else { return };
+        let to = class.min(EASE_CLASSES - 1);
+        // Of what is held there, the part that looks like this element's.
+        let nodes = body.element(e);
+        let held: Real = nodes.iter().zip(&forces).map(|(n, f)| -vec3(&ease(self, *n, from)).dot(f)).sum();
+        let whole: Real = forces.iter().map(Vec3::norm_squared).sum();
+        if from == to || held <= 0.0 {
+            return;
+        }
+        let part = (held / whole).min(1.0);
+        for (slot, force) in slots.into_iter().zip(forces) {
+            self.hold_on(slot, from, force * part);
+            self.hold_on(slot, to, force * -part);
         }
     }
 
     /// Lets go a little of what is held, by one tick in which the body moved.
     pub fn ease_off(&mut self) {
+        let mut let_go = EASED;
+        if let Shedding::Resumes(ticks) = self.shedding {
+            let_go *= Real::from(ticks + 1) / Real::from(RESUMES_WITHIN);
+            self.shedding = if ticks + 1 < RESUMES_WITHIN { Shedding::Resumes(ticks + 1) } else { Shedding::No };
+        }
         for &slot in &self.active {
-            let ease = &mut self.motion.ease[slot as usize];
-            for e in &mut ease[..3] {
-                *e = if e.abs() > LEAST_EASE { *e * EASE_KEPT } else { 0.0 };
+            for e in self.motion.ease[slot as usize].as_flattened_mut() {
+                *e = if e.abs() > LEAST_EASE { *e * (1.0 - let_go) } else { 0.0 };
             }
         }
-        // They keep their directions while the body turns.
-        self.balance_eases();
     }
 }
 

@@ -26,12 +26,18 @@ use super::element_pool::{CLASSES, ElementConstants, ElementPool, History};
 use super::interface::{InterfaceRow, Search};
 use super::organ::MOST_ORGANS;
 use super::state::{Shedding, State};
-use super::step_class::{self, Strained};
+use super::step_class::{self, SHORTEST_CONTACT_CLASS, Strained};
 use crate::math::{Mat3, Real, Vec3};
 
 /// Units of mass in an organ's mass: sums of whole numbers do not depend on their order, so a node's mass does not
 /// depend on how the set of active nodes came about.
 const MASS_UNITS: Real = (1u64 << 50) as Real;
+
+/// Classes of steps by which held forces act: with the elements, or the contact, that they stand for. Those of shorter steps
+/// count to the last.
+pub const EASE_CLASSES: usize = SHORTEST_CONTACT_CLASS + 1;
+/// By class of step.
+pub type Ease<T> = [T; EASE_CLASSES];
 
 /// Motion and mass by slot: active nodes and interface nodes alike.
 #[derive(Debug)]
@@ -43,7 +49,7 @@ pub struct Motion {
     /// Forces under way [N], zero between events.
     pub force: Vec<Padded>,
     /// Forces that changes of resolution have left to fade [N], see [`ActiveMesh::apply_under`]; of active nodes.
-    pub ease: Vec<Padded>,
+    pub ease: Vec<Ease<Padded>>,
     /// [1/kg]; 0 for nodes that are held fast and for interface nodes.
     pub inverse_mass: Vec<Real>,
     /// [kg]; 0 for interface nodes.
@@ -124,10 +130,13 @@ struct Work {
     vertex_stamp: Vec<u32>,
     rehung: Vec<u32>,
     concerned: Vec<u32>,
-    handed: Vec<Vec3>,
+    handed: Vec<Ease<Vec3>>,
     /// Of each change, at rest [m].
     boxes: Vec<(Vec3, Vec3)>,
 }
+
+/// Nothing held.
+const NO_EASE: Ease<Padded> = [[0.0; 4]; EASE_CLASSES];
 
 fn vec3(p: &Padded) -> Vec3 {
     Vec3::new(p[0], p[1], p[2])
@@ -157,7 +166,7 @@ impl ActiveMesh {
                 position: vec![[0.0; 4]; slots],
                 velocity: vec![[0.0; 4]; slots],
                 force: vec![[0.0; 4]; slots],
-                ease: vec![[0.0; 4]; slots],
+                ease: vec![NO_EASE; slots],
                 inverse_mass: vec![0.0; slots],
                 mass: vec![0.0; slots],
             },
@@ -236,7 +245,7 @@ impl ActiveMesh {
         self.motion.mass.fill(0.0);
         self.motion.inverse_mass.fill(0.0);
         self.motion.force.fill([0.0; 4]);
-        self.motion.ease.fill([0.0; 4]);
+        self.motion.ease.fill(NO_EASE);
         self.active.clear();
         self.interface.clear();
         self.free.clear();
@@ -245,7 +254,7 @@ impl ActiveMesh {
         for (((&n, x), v), ease) in state.nodes.iter().zip(&state.position).zip(&state.velocity).zip(&state.ease) {
             let slot = self.take_slot(body, n);
             self.enlist(slot, true);
-            self.motion.ease[slot as usize] = padded(*ease);
+            self.motion.ease[slot as usize] = ease.map(padded);
             self.motion.position[slot as usize] = padded(*x);
             self.motion.velocity[slot as usize] = padded(*v);
         }
@@ -296,8 +305,8 @@ impl ActiveMesh {
 
     fn check(&self, body: &Body, set: &ActiveSet, state: &State) -> Result<(), String> {
         let nodes = state.nodes.len();
-        let moving = [&state.position, &state.velocity, &state.ease];
-        if moving.iter().any(|of| of.len() != nodes) || state.fade.len() != self.fade.len() {
+        let moving = [state.position.len(), state.velocity.len(), state.ease.len()];
+        if moving.iter().any(|len| *len != nodes) || state.fade.len() != self.fade.len() {
             return Err(format!("the state's arrays do not fit {nodes} active nodes and the body's surface"));
         }
         let calm = state.calm.len();
@@ -346,7 +355,7 @@ impl ActiveMesh {
             state.nodes.push(self.node[slot as usize]);
             state.position.push(vec3(&self.motion.position[slot as usize]));
             state.velocity.push(vec3(&self.motion.velocity[slot as usize]));
-            state.ease.push(vec3(&self.motion.ease[slot as usize]));
+            state.ease.push(self.motion.ease[slot as usize].map(|e| vec3(&e)));
         }
         state.interface.clear();
         state.interface.extend(self.interface.iter().map(|s| self.node[*s as usize]));
@@ -382,6 +391,11 @@ impl ActiveMesh {
         rates: &super::element_kernel::Rates,
     ) -> super::element_kernel::Extremes {
         self.pool.add_forces(path, class, rates, &self.motion.position, &mut self.motion.force)
+    }
+
+    /// Class of the shortest steps that elements in use take.
+    pub fn finest_class(&self) -> usize {
+        (0..CLASSES).rev().find(|class| self.pool.count(*class) > 0).unwrap_or(0)
     }
 
     /// Slots of the active nodes.
@@ -488,6 +502,11 @@ impl ActiveMesh {
         vec3(&self.motion.position[slot as usize])
     }
 
+    /// What is held on the active node in `slot` [N].
+    pub fn eased(&self, slot: u32) -> Vec3 {
+        self.motion.ease[slot as usize].iter().map(vec3).sum()
+    }
+
     /// True when no number that moves is infinite or not a number.
     pub fn is_finite(&self) -> bool {
         let moves = |s: &u32| {
@@ -543,6 +562,7 @@ impl ActiveMesh {
             wanted = step_class::class_in(body, step / LENGTHENING_MARGIN).min(class);
         }
         if wanted != class {
+            self.hand_ease_on(body, e, wanted);
             self.pool.set_class(e, wanted);
             self.revision[class] = self.revision[class].wrapping_add(1);
             self.revision[wanted] = self.revision[wanted].wrapping_add(1);
@@ -600,7 +620,7 @@ impl ActiveMesh {
         self.row[s] = InterfaceRow::EMPTY;
         self.motion.position[s] = [0.0; 4];
         self.motion.velocity[s] = [0.0; 4];
-        self.motion.ease[s] = [0.0; 4];
+        self.motion.ease[s] = NO_EASE;
         self.motion.mass[s] = 0.0;
         self.motion.inverse_mass[s] = 0.0;
         self.springs[s] = 0.0;
@@ -615,7 +635,7 @@ impl ActiveMesh {
             self.motion.mass[slot as usize] = 0.0;
             self.motion.inverse_mass[slot as usize] = 0.0;
             self.motion.velocity[slot as usize] = [0.0; 4];
-            self.motion.ease[slot as usize] = [0.0; 4];
+            self.motion.ease[slot as usize] = NO_EASE;
             self.springs[slot as usize] = 0.0;
         }
     }

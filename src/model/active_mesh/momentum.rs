@@ -112,21 +112,24 @@ impl ActiveMesh {
         }
     }
 
-    /// Takes from what is held of organs that can move as a whole what would move them so: a change of resolution is no push.
-    pub(super) fn balance_eases(&mut self) {
-        if !self.free_organs.contains(&true) {
-            return;
-        }
+    /// Whether an organ that can move as a whole is among the bodies.
+    pub fn has_free_organs(&self) -> bool {
+        self.free_organs.contains(&true)
+    }
+
+    /// Takes from what is held of organs that can move as a whole, and is to act now with steps of `class`, what would move
+    /// them so: a change of resolution is no push, wherever a tool has gone since and however the body has turned.
+    pub fn balance_eases(&mut self, class: usize) {
         let moments = self.moments_by_organ();
-        let sums = self.sum_by_organ(|s| vec3(&self.motion.ease[s]));
+        let sums = self.sum_by_organ(|s| vec3(&self.motion.ease[s][class]));
         let pushes: ByOrgan<Option<RigidMotion>> = std::array::from_fn(|organ| {
             (self.free_organs[organ] && moments[organ].mass > 0.0).then(|| moments[organ].motion_with(&sums[organ]))
         });
         for &slot in &self.active {
             let s = slot as usize;
             if let Some(push) = &pushes[usize::from(self.organ[s])] {
-                let ease = vec3(&self.motion.ease[s]) - push.at(vec3(&self.motion.position[s])) * self.motion.mass[s];
-                self.motion.ease[s] = padded(ease);
+                let ease = &mut self.motion.ease[s][class];
+                *ease = padded(vec3(ease) - push.at(vec3(&self.motion.position[s])) * self.motion.mass[s]);
             }
         }
     }
