@@ -201,8 +201,6 @@ pub struct Simulation {
     adaptation: adaptation::Workspace,
     stepping: step::Workspace,
     detection: detection::Workspace,
-    /// Tools that points which pushed have left, or turned under, in this tick.
-    jolts: [bool; MOST_TOOLS],
     outputs: Outputs,
 }
 
@@ -237,7 +235,6 @@ impl Simulation {
             adaptation: adaptation::Workspace::new(&body, &settings.adaptivity.clone().unwrap_or_default()),
             stepping: step::Workspace::new(&mesh, MOST_POINTS * tools),
             detection: detection::Workspace::new(&body, &mesh, tools),
-            jolts: [false; MOST_TOOLS],
             outputs: Outputs {
                 tick: start.tick,
                 tools: vec![ToolOutput::default(); tools],
@@ -487,7 +484,6 @@ impl Simulation {
     fn find_contacts(&mut self) {
         self.constraints.clear();
         self.points_of_action.clear();
-        self.jolts.fill(false);
         if self.tools.iter().all(|t| t.phase == Phase::Detached) {
             self.points.iter_mut().for_each(Vec::clear);
             return;
@@ -508,9 +504,7 @@ impl Simulation {
                 continue;
             }
             let out = (&mut self.constraints, &mut self.points_of_action);
-            let lost =
-                detection::detect((&self.body, &self.mesh), i as u32, of, tool, points, out, &mut self.detection);
-            self.jolts[i] = lost > (JOLT * tool.physical_force.norm()).max(LEAST_JOLT);
+            detection::detect((&self.body, &self.mesh), i as u32, of, tool, points, out, &mut self.detection);
         }
     }
 
@@ -572,9 +566,6 @@ impl Simulation {
                 physical = Wrench { force: tool.physical_force, torque: tool.physical_torque };
                 contact_points = own.iter().filter(|c| c.multiplier > 0.0).count() as u32;
             }
-            if self.jolts[i] && physical.force.norm() > STAYS * tool.physical_force.norm() {
-                tool.settle();
-            }
             let solved_at = tool.pose;
             tool.hang_back(physical.force, physical.torque);
             // What the solver found is where the next tick starts.
@@ -615,13 +606,6 @@ impl Simulation {
     }
 }
 
-/// Part of a tool's force that points have pushed with which leave it or turn, and the least of it [N], from which on it follows
-/// its force slowly for a while: half of what a hand can tell. What comes out of a solid core at another side pushes another
-/// way at once, and an edge or a corner stands on few points.
-const JOLT: Real = 0.025;
-const LEAST_JOLT: Real = 0.005;
-/// Part of the force that is left then, or the tool has left.
-const STAYS: Real = 0.5;
 /// Places along a tool's way that are refined for it, [`LOOK_AHEAD`] apart.
 const LOOKS_AHEAD: usize = 3;
 /// [s].

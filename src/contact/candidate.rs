@@ -4,11 +4,12 @@
 //! as before: what is remembered of each point tells the two apart, and where a thin tip slides on below the next
 //! triangle, it is followed.
 
-use super::detection::{Touchable, points_of_a_part};
+use super::detection::{FASTEST_SURFACE, Touchable, points_of_a_part};
 use super::outside::is_inside;
 use super::shape::{MOST_PARTS, Posed};
 use crate::math::{Real, Vec3};
 use crate::model::constraint::PointMemory;
+use crate::model::step_class::TICK;
 use crate::model::{ActiveMesh, Body};
 
 /// A constraint in the making.
@@ -110,6 +111,10 @@ pub(super) const ALIKE: Real = 0.5;
 /// Distance as which a normal counts that is another by one radian [m]: on a wide tool, rims need more points than faces.
 const TURNED: Real = 5e-3;
 
+/// How far the place in a triangle that a solid core pushes the most goes in a tick beyond the core's own way [m]: inside of a
+/// core, the deepest place jumps.
+const FARTHEST_SHIFT: Real = 1e-4;
+
 /// Weight of a corner below which a place counts as on the edge opposite.
 const ON_EDGE: Real = 1e-3;
 
@@ -131,6 +136,10 @@ pub(super) enum Sheet {
 /// A tool near a surface, and what it touched before.
 pub(super) struct Touch<'a> {
     pub(super) parts: &'a [Posed<'a>],
+    /// How far any point of each part moves in this tick at most [m].
+    pub(super) ways: [Real; MOST_PARTS],
+    /// Change of the tool's force that is not felt [N].
+    pub(super) unfelt: Real,
     /// Points with a gap up to this become constraints [m].
     pub(super) margin: Real,
     /// How deep the tool has sunk below what it touched [m].
@@ -197,7 +206,8 @@ impl Touch<'_> {
         let turned = normal.dot(&outward) >= 0.0;
         let behind = turned && is_behind(on, from, stencil_of(stencil));
         // What a solid core passes gets inside of it first, unless it is thin and fast; what is beside its wall has not been.
-        let passed = |m: &PointMemory| !at.is_solid() || m.normal.dot(&normal) < -ALIKE;
+        let leaps = FASTEST_SURFACE * TICK + self.ways[part] > at.part.half_thickness();
+        let passed = |m: &PointMemory| !at.is_solid() || leaps && m.normal.dot(&normal) < -ALIKE;
         let sheet = match known {
             Some(m) if behind && m.normal.dot(&outward) < 0.0 && passed(m) => Sheet::Sunk,
             // A thin tip that slides fast turns its normal, and so does one that is through an edge.
@@ -208,12 +218,23 @@ impl Touch<'_> {
             None => Sheet::Beside,
         };
         let front = matches!(sheet, Sheet::Front | Sheet::Turned);
-        let (normal, gap) = if front { (normal, distance - radius) } else { (-normal, -distance - radius) };
+        // A point that pushes does not turn at once, as long as that does not draw it into the core.
+        let turned = |m: &PointMemory| towards(m.normal, normal, self.unfelt / m.multiplier).try_normalize(0.1);
+        let bit_by_bit = known.filter(|_| front && at.is_solid()).and_then(turned).filter(|n| n.dot(&away) > -radius);
+        let normal = bit_by_bit.unwrap_or(normal);
+        let (normal, gap) = if front { (normal, normal.dot(&away) - radius) } else { (-normal, -distance - radius) };
         let side = Side { point, normal, gap, core, sheet };
         let side = if inside || !front { pushed_out(at, place, side, known.filter(|_| inside)) } else { side };
         // In a dent, what is beside the wall of a vertex's triangles may be below it all the same: `follow_sunk` finds out.
         Some(side).filter(|side| side.gap <= self.margin || side.sheet == Sheet::Turned)
     }
+}
+
+/// From `from` to `to`, but no farther than `most`.
+fn towards(from: Vec3, to: Vec3, most: Real) -> Vec3 {
+    let way = to - from;
+    let length = way.norm();
+    if length > most { from + way * (most / length) } else { to }
 }
 
 impl Touch<'_> {
@@ -452,6 +473,10 @@ pub(super) fn near_triangles(
                 continue;
             }
             let (place, core) = at.nearest_in_triangle(&corners, known.map_or(-outward, |m| m.normal));
+            let from = |m: &PointMemory| corners.iter().zip(m.weights).map(|(x, w)| x * w).sum();
+            let place = known
+                .filter(|m| at.is_solid() && m.multiplier > 0.0)
+                .map_or(place, |m| towards(from(m), place, touch.ways[part] + FARTHEST_SHIFT));
             let Some(weights) = weights_in_triangle(&corners, place) else { continue };
             // A corner is a point of its own already.
             if weights.iter().any(|w| *w > 0.999) {

@@ -20,7 +20,7 @@ use crate::model::{ActiveMesh, Body, Friction};
 pub(super) const MARGIN: Real = 2e-3;
 
 /// A surface that comes to meet a tool is taken to be no faster [m/s].
-const FASTEST_SURFACE: Real = 1.0;
+pub(super) const FASTEST_SURFACE: Real = 1.0;
 
 /// Part of an overlap found late that remains after each tick: 32 of them (a frame) close 99.5 % of it.
 const SLACK_KEPT: Real = 0.85;
@@ -127,7 +127,7 @@ pub(super) struct Touchable<'a> {
 
 /// Appends the constraints of tool `index` on the body at the start of a tick to `constraints` and the surface point at
 /// which each one acts [m] to `points_of_action`; `memory` holds the tool's points of the last tick, ascending, and
-/// receives this tick's. What those of the last tick pushed with [N] that are gone or push another way now.
+/// receives this tick's.
 pub fn detect(
     (body, mesh): (&Body, &ActiveMesh),
     index: u32,
@@ -136,7 +136,7 @@ pub fn detect(
     memory: &mut Vec<PointMemory>,
     (constraints, points_of_action): (&mut Vec<Constraint>, &mut Vec<Vec3>),
     work: &mut Workspace,
-) -> Real {
+) {
     let candidates = &mut work.candidates;
     candidates.clear();
     let per_part = points_of_a_part(body);
@@ -146,7 +146,9 @@ pub fn detect(
     let way = |i: usize| start[i].frame.farthest_move(&end[i].frame, all[i].part);
     let margin = (0..parts).map(|i| way(i) + FASTEST_SURFACE * TICK).fold(MARGIN, Real::max);
     let deep = sunk_depth(body, mesh, &all[..parts], memory);
-    let touch = Touch { parts: &all[..parts], margin, deep, per_part, memory };
+    let unfelt = LEAST_UNFELT + UNFELT * tool.physical_force.norm();
+    let ways = std::array::from_fn(way);
+    let touch = Touch { parts: &all[..parts], ways, unfelt, margin, deep, per_part, memory };
     // Whatever touches the tool has all its vertices within an edge's length of the box of one of its parts.
     work.near.clear();
     let windows = touch.windows(MOST_STRETCH * work.longest_edge);
@@ -209,6 +211,11 @@ pub fn detect(
         let shift = known.map_or(0.0, |m| m.shift) + changed;
         // Where a point leaves its area to a corner, that leaves it no force.
         let share = candidate.share;
+        // What comes out of a solid core at another side than it was pushed to is let go of bit by bit.
+        let pushed_out = known.is_some_and(|m| part.is_solid() && m.multiplier > 0.0);
+        let rises = n.dot(&load.row.interpolate(&mesh.motion.velocity)) * TICK;
+        let left = (overlap - share * shift + UNNOTICED + moved.abs() + rises.abs()).min(0.0);
+        let shift = if pushed_out { shift + left } else { shift };
         let overlap = overlap - share * shift;
         let slack = match known {
             Some(m) => m.slack.min(overlap.max(0.0)).max(overlap - UNNOTICED - 0.5 * moved.abs()),
@@ -270,13 +277,7 @@ pub fn detect(
             weights: candidate.stencil.map(|s| s.1),
         });
     }
-    let goes_on = |m: &&PointMemory| {
-        let now = work.memory.binary_search_by_key(&m.point, |p| p.point);
-        now.is_ok_and(|i| work.memory[i].normal.dot(&m.normal) > ALIKE)
-    };
-    let lost = memory.iter().filter(|m| !goes_on(m)).map(|m| m.multiplier).sum();
     std::mem::swap(memory, &mut work.memory);
-    lost
 }
 
 /// Of the points of the last tick, those up to this far apart [m] count as touching where not all can be kept.
@@ -384,6 +385,10 @@ fn recall(on: &Touchable, candidates: &mut [Candidate], memory: &[PointMemory], 
         candidates[i].known = known.map(|k| k as u32);
     }
 }
+
+/// Change of a tool's force [N] that is not felt of one point of a solid core that turns: at least, and over the force.
+const LEAST_UNFELT: Real = 2e-3;
+const UNFELT: Real = 0.01;
 
 /// Overlap [m] that rounding and a solve of few sweeps may leave.
 const UNNOTICED: Real = 5e-5;

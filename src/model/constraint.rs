@@ -205,8 +205,9 @@ pub struct PointMemory {
     pub taken: Real,
     /// Overlap that has not been closed yet [m].
     pub slack: Real,
-    /// What changes of resolution have made of the dent more (below zero) or less, and how far the tool has come while the body
-    /// stood still, as far as neither is followed yet [m].
+    /// What changes of resolution have made of the dent more (below zero) or less, how far the tool has come while the body
+    /// stood still, and how deep the point was in a solid core before it came out at another side (below zero), as far as none
+    /// of that is followed yet [m].
     pub shift: Real,
     /// [`Constraint::dent`] after the last tick [m].
     pub dent: Real,

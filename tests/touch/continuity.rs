@@ -126,7 +126,7 @@ fn a_tick_in_which_the_body_stands_still_is_not_felt() {
     assert!(with.0 < without.0 + 0.6, "a step of {:.2} of what may be felt", with.0);
 }
 
-/// Largest step of the rendered force from tick to tick over what may be felt, 5 % of it or 10 mN, and that in newtons, of the
+/// Largest step of the contact's force from tick to tick over what may be felt, 5 % of it or 10 mN, and that in newtons, of the
 /// only tool, from tick `from` on.
 fn largest_step(setup: &Setup, budget: u32, ticks: std::ops::Range<u32>, at: impl Fn(Real) -> ToolEvent) -> [Real; 2] {
     let mut press = simulation(setup);
@@ -134,7 +134,7 @@ fn largest_step(setup: &Setup, budget: u32, ticks: std::ops::Range<u32>, at: imp
     let (mut last, mut over, mut step) = (Vec3::zeros(), 0.0 as Real, 0.0 as Real);
     for i in 0..ticks.end {
         let event = at(Real::from(i) * TICK);
-        let force = press.advance(&Inputs { budget, ..inputs(&[Some(event)]) }).tools[0].state.force;
+        let force = press.advance(&Inputs { budget, ..inputs(&[Some(event)]) }).tools[0].state.physical_force;
         if i > ticks.start {
             over = over.max((force - last).norm() / (0.05 * last.norm()).max(0.01));
             step = step.max((force - last).norm());

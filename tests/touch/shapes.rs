@@ -167,7 +167,7 @@ fn a_rim_an_edge_and_a_corner_are_felt_alike_and_quietly_on_any_mesh() {
                     forces[499].xy().norm(),
                     1e3 * kink
                 );
-                assert!(kink < (0.1 * held).max(0.01), "{name} {depth} on {cells}: {kink} of {held} N");
+                assert!(kink < 0.01, "{name} {depth} on {cells}: {kink} of {held} N");
                 assert!(forces[499].xy().norm() < 0.3 * held, "{name} {depth} on {cells}: {:?}", forces[499]);
                 felt.push(held);
             }
