@@ -27,8 +27,10 @@ const SLACK_KEPT: Real = 0.85;
 
 /// Part of [`PointMemory::shift`] that remains after each tick: a time constant of 7 ms.
 const SHIFT_KEPT: Real = 0.87;
-/// What it changes by at most [m] within a tick: many changes in a row leave more than one.
+/// What it changes by at most [m] within a tick, or this part of it where that is more: many changes in a row leave more than
+/// one.
 const FASTEST_SHIFT: Real = 10e-6;
+const SHIFT_LEFT: Real = 0.01;
 
 /// Memory that detection needs and no one keeps.
 #[derive(Debug)]
@@ -234,7 +236,8 @@ pub fn detect(
         let anchored = (tool.previous.to_world(anchor), tool.pose.to_world(anchor));
         let left = |of: Real, kept: Real| if of.abs() > 1e-7 { of * kept } else { 0.0 };
         let (slack_end, shift_end) = (left(slack, SLACK_KEPT), left(shift, SHIFT_KEPT));
-        let shift_end = shift + (shift_end - shift).clamp(-FASTEST_SHIFT, FASTEST_SHIFT);
+        let fastest = FASTEST_SHIFT.max(SHIFT_LEFT * shift.abs());
+        let shift_end = shift + (shift_end - shift).clamp(-fastest, fastest);
         constraints.push(Constraint {
             row: load.row,
             normal: n,
