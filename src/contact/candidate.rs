@@ -111,9 +111,9 @@ pub(super) const ALIKE: Real = 0.5;
 /// Distance as which a normal counts that is another by one radian [m]: on a wide tool, rims need more points than faces.
 const TURNED: Real = 5e-3;
 
-/// How far the place in a triangle that a solid core pushes the most goes in a tick beyond the core's own way [m]: inside of a
-/// core, the deepest place jumps.
-const FARTHEST_SHIFT: Real = 1e-4;
+/// How far the place in a triangle that a solid core pushes the most goes within a tick beyond the core's own way [m]: the
+/// deepest place inside of a core jumps.
+const MOST_HOP: Real = 1e-4;
 
 /// Weight of a corner below which a place counts as on the edge opposite.
 const ON_EDGE: Real = 1e-3;
@@ -476,7 +476,7 @@ pub(super) fn near_triangles(
             let from = |m: &PointMemory| corners.iter().zip(m.weights).map(|(x, w)| x * w).sum();
             let place = known
                 .filter(|m| at.is_solid() && m.multiplier > 0.0)
-                .map_or(place, |m| towards(from(m), place, touch.ways[part] + FARTHEST_SHIFT));
+                .map_or(place, |m| towards(from(m), place, touch.ways[part] + MOST_HOP));
             let Some(weights) = weights_in_triangle(&corners, place) else { continue };
             // A corner is a point of its own already.
             if weights.iter().any(|w| *w > 0.999) {

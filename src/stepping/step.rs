@@ -3,7 +3,8 @@
 //! Nodes drift freely; in the middle of each of its steps an element brings its nodes to the present, evaluates its
 //! force once and gives each node its impulse. No two classes of steps have a middle in common, and the events of a tick
 //! lie symmetrically about its middle: the scheme is symplectic and of second order without damping. Contact is held at
-//! the next event of its own class.
+//! the next event of its own class. What changes of resolution have left held acts at the events of the class that it stands
+//! for.
 
 use super::constraint_solve::{self, Prepared};
 use crate::math::{Real, Vec3};
