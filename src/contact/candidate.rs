@@ -157,7 +157,7 @@ pub(super) fn sunk_depth(body: &Body, mesh: &ActiveMesh, parts: &[Posed], memory
             None => mesh.vertex(point),
             Some(t) => {
                 let corners = body.surface().triangles[t as usize].map(|v| mesh.vertex(v));
-                corners[0] * m.weights[0] + corners[1] * m.weights[1] + corners[2] * m.weights[2]
+                place_in(&corners, m.weights)
             }
         };
         let Some(at) = parts.get(part) else { return 0.0 };
@@ -219,8 +219,8 @@ impl Touch<'_> {
         };
         let front = matches!(sheet, Sheet::Front | Sheet::Turned);
         // A point that pushes does not turn at once, as long as that does not draw it into the core.
-        let turned = |m: &PointMemory| towards(m.normal, normal, self.unfelt / m.multiplier).try_normalize(0.1);
-        let bit_by_bit = known.filter(|_| front && at.is_solid()).and_then(turned).filter(|n| n.dot(&away) > -radius);
+        let follows = |m: &PointMemory| towards(m.normal, normal, self.unfelt / m.multiplier).try_normalize(0.1);
+        let bit_by_bit = known.filter(|_| front && at.is_solid()).and_then(follows).filter(|n| n.dot(&away) > -radius);
         let normal = bit_by_bit.unwrap_or(normal);
         let (normal, gap) = if front { (normal, normal.dot(&away) - radius) } else { (-normal, -distance - radius) };
         let side = Side { point, normal, gap, core, sheet };
@@ -228,6 +228,11 @@ impl Touch<'_> {
         // In a dent, what is beside the wall of a vertex's triangles may be below it all the same: `follow_sunk` finds out.
         Some(side).filter(|side| side.gap <= self.margin || side.sheet == Sheet::Turned)
     }
+}
+
+/// The place of a triangle with these barycentric `weights`.
+fn place_in(corners: &[Vec3; 3], weights: [Real; 3]) -> Vec3 {
+    corners[0] * weights[0] + corners[1] * weights[1] + corners[2] * weights[2]
 }
 
 /// From `from` to `to`, but no farther than `most`.
@@ -473,17 +478,15 @@ pub(super) fn near_triangles(
                 continue;
             }
             let (place, core) = at.nearest_in_triangle(&corners, known.map_or(-outward, |m| m.normal));
-            let from = |m: &PointMemory| corners.iter().zip(m.weights).map(|(x, w)| x * w).sum();
-            let place = known
-                .filter(|m| at.is_solid() && m.multiplier > 0.0)
-                .map_or(place, |m| towards(from(m), place, touch.ways[part] + MOST_HOP));
+            let hops = |m: &PointMemory| towards(place_in(&corners, m.weights), place, touch.ways[part] + MOST_HOP);
+            let place = known.filter(|m| at.is_solid() && m.multiplier > 0.0).map_or(place, hops);
             let Some(weights) = weights_in_triangle(&corners, place) else { continue };
             // A corner is a point of its own already.
             if weights.iter().any(|w| *w > 0.999) {
                 below.into_iter().for_each(|c| put(out, c));
                 continue;
             }
-            let place = corners[0] * weights[0] + corners[1] * weights[1] + corners[2] * weights[2];
+            let place = place_in(&corners, weights);
             let core = core.unwrap_or_else(|| at.nearest(place));
             if touch.parts.len() > 1 && nearest_part(touch.parts, place).0 != part {
                 continue;

@@ -7,7 +7,7 @@
 use super::candidate::{ALIKE, Candidate, Sheet, Touch, follow_sunk, is_in, near_triangles, near_vertices, sunk_depth};
 use super::dent::{Dents, Load, share_areas, share_discs};
 use super::nearby::Nearby;
-use super::shape::{Posed, posed};
+use super::shape::{MOST_PARTS, Posed, posed};
 use super::tool::{MOST_POINTS, Tool, ToolState};
 use super::wrench::middle_pose;
 use crate::math::{Real, Vec3};
@@ -145,11 +145,11 @@ pub fn detect(
     let middle = middle_pose(tool);
     let ((all, parts), (start, _), (end, _)) =
         (posed(&middle, &of.shape), posed(&tool.previous, &of.shape), posed(&tool.pose, &of.shape));
-    let way = |i: usize| start[i].frame.farthest_move(&end[i].frame, all[i].part);
-    let margin = (0..parts).map(|i| way(i) + FASTEST_SURFACE * TICK).fold(MARGIN, Real::max);
+    let way = |i: usize| if i < parts { start[i].frame.farthest_move(&end[i].frame, all[i].part) } else { 0.0 };
+    let ways: [Real; MOST_PARTS] = std::array::from_fn(way);
+    let margin = ways[..parts].iter().map(|way| way + FASTEST_SURFACE * TICK).fold(MARGIN, Real::max);
     let deep = sunk_depth(body, mesh, &all[..parts], memory);
     let unfelt = LEAST_UNFELT + UNFELT * tool.physical_force.norm();
-    let ways = std::array::from_fn(way);
     let touch = Touch { parts: &all[..parts], ways, unfelt, margin, deep, per_part, memory };
     // Whatever touches the tool has all its vertices within an edge's length of the box of one of its parts.
     work.near.clear();
@@ -214,10 +214,11 @@ pub fn detect(
         // Where a point leaves its area to a corner, that leaves it no force.
         let share = candidate.share;
         // What comes out of a solid core at another side than it was pushed to is let go of bit by bit.
-        let pushed_out = known.is_some_and(|m| part.is_solid() && m.multiplier > 0.0);
-        let rises = n.dot(&load.row.interpolate(&mesh.motion.velocity)) * TICK;
-        let left = (overlap - share * shift + UNNOTICED + moved.abs() + rises.abs()).min(0.0);
-        let shift = if pushed_out { shift + left } else { shift };
+        let escaped = |_: &PointMemory| {
+            let rises = n.dot(&load.row.interpolate(&mesh.motion.velocity)) * TICK;
+            (overlap - share * shift + UNNOTICED + moved.abs() + rises.abs()).min(0.0)
+        };
+        let shift = shift + known.filter(|m| part.is_solid() && m.multiplier > 0.0).map_or(0.0, escaped);
         let overlap = overlap - share * shift;
         let slack = match known {
             Some(m) => m.slack.min(overlap.max(0.0)).max(overlap - UNNOTICED - 0.5 * moved.abs()),

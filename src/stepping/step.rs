@@ -8,7 +8,7 @@
 
 use super::constraint_solve::{self, Prepared};
 use crate::math::{Real, Vec3};
-use crate::model::active_mesh::Ease;
+use crate::model::active_mesh::{Ease, Motion};
 use crate::model::element_kernel::{Extremes, Padded, Path, Rates};
 use crate::model::element_pool::CLASSES;
 use crate::model::step_class::{self, STEP_VISCOSITY, TICK};
@@ -86,8 +86,7 @@ pub fn tick(
         let class = deepest - i.trailing_zeros() as usize;
         let held = class == holds && !body.holds().is_empty();
         let touched = class == contact && !constraints.is_empty();
-        let eased = work.eased.get(class).is_some_and(|slots| !slots.is_empty());
-        if mesh.pool().count(class) > 0 || held || eased {
+        if mesh.pool().count(class) > 0 || held || !of_class(&work.eased, class).is_empty() {
             let elements = event(path, body, mesh, class, held, gravity, now, work);
             extremes = extremes.join(&elements);
         }
@@ -126,7 +125,9 @@ fn event(
 ) -> Extremes {
     let step = step_class::step_of(class);
     let rates = rates(body, step);
-    let balanced = mesh.has_free_organs() && work.eased.get(class).is_some_and(|slots| !slots.is_empty());
+    let eased = of_class(&work.eased, class);
+    // What is held of a body that can move as a whole is balanced where all its nodes are now.
+    let balanced = mesh.has_free_organs() && !eased.is_empty();
     // Where most elements are due most nodes are concerned: finding out which costs more than moving the others.
     if balanced || 4 * mesh.pool().count(class) > mesh.pool().len() {
         drift_all(&mut work.time, mesh, gravity, now);
@@ -140,18 +141,14 @@ fn event(
             mesh.balance_eases(class);
         }
         let (active, motion) = mesh.active_motion();
-        if let Some(eased) = work.eased.get(class) {
-            add_eases(if balanced { active } else { eased }, motion, class);
-        }
+        add_eases(if balanced { active } else { eased }, motion, class);
         kick(active, motion, step);
         return extremes;
     }
     find_concerned(body, mesh, class, held, work);
-    let concerned = &work.concerned[class];
+    let (concerned, eased) = (&work.concerned[class], of_class(&work.eased, class));
     drift(&concerned.active, &mut work.time, mesh, gravity, now);
-    if let Some(eased) = work.eased.get(class) {
-        drift(eased, &mut work.time, mesh, gravity, now);
-    }
+    drift(eased, &mut work.time, mesh, gravity, now);
     mesh.place_these(&concerned.interface);
     let extremes = mesh.add_forces(path, class, &rates);
     if held {
@@ -159,10 +156,8 @@ fn event(
     }
     mesh.hand_back(&concerned.interface);
     kick(&concerned.active, &mut mesh.motion, step);
-    if let Some(eased) = work.eased.get(class) {
-        add_eases(eased, &mut mesh.motion, class);
-        kick(eased, &mut mesh.motion, step);
-    }
+    add_eases(eased, &mut mesh.motion, class);
+    kick(eased, &mut mesh.motion, step);
     extremes
 }
 
@@ -226,6 +221,11 @@ fn find_concerned(body: &Body, mesh: &ActiveMesh, class: usize, held: bool, work
     *revision = Some(mesh.revision(class));
 }
 
+/// Nodes that something is held on by steps of `class`; none for the shortest steps.
+fn of_class(eased: &Ease<Vec<u32>>, class: usize) -> &[u32] {
+    eased.get(class).map_or(&[], Vec::as_slice)
+}
+
 fn collect_eased(mesh: &ActiveMesh, work: &mut Workspace) {
     work.eased.iter_mut().for_each(Vec::clear);
     for &slot in mesh.active() {
@@ -286,7 +286,7 @@ fn drift_all(time: &mut [Real], mesh: &mut ActiveMesh, gravity: Vec3, now: Real)
     fall(active, time, motion, [gravity.x, gravity.y, gravity.z, 0.0], now);
 }
 
-fn fall(slots: &[u32], time: &mut [Real], motion: &mut crate::model::active_mesh::Motion, gravity: Padded, now: Real) {
+fn fall(slots: &[u32], time: &mut [Real], motion: &mut Motion, gravity: Padded, now: Real) {
     for &slot in slots {
         let s = slot as usize;
         let step = now - std::mem::replace(&mut time[s], now);
@@ -302,7 +302,7 @@ fn fall(slots: &[u32], time: &mut [Real], motion: &mut crate::model::active_mesh
 }
 
 /// What is held on the nodes in `slots` acts now, with the elements of `class`.
-fn add_eases(slots: &[u32], motion: &mut crate::model::active_mesh::Motion, class: usize) {
+fn add_eases(slots: &[u32], motion: &mut Motion, class: usize) {
     for &slot in slots {
         let ease = motion.ease[slot as usize][class];
         for (f, e) in motion.force[slot as usize].iter_mut().zip(ease) {
@@ -311,7 +311,7 @@ fn add_eases(slots: &[u32], motion: &mut crate::model::active_mesh::Motion, clas
     }
 }
 
-fn kick(slots: &[u32], motion: &mut crate::model::active_mesh::Motion, step: Real) {
+fn kick(slots: &[u32], motion: &mut Motion, step: Real) {
     for &slot in slots {
         let s = slot as usize;
         let f = std::mem::replace(&mut motion.force[s], [0.0; 4]);

@@ -8,16 +8,17 @@
 //! slices.
 
 use super::foresight::sides;
-use super::{ActiveMesh, EASE_CLASSES, Upkeep, constants, padded, vec3};
+use super::{ActiveMesh, Upkeep, constants, padded, vec3};
 use crate::math::{Mat3, Real, Vec3};
 use crate::model::active_set::Change;
 use crate::model::body::Body;
 use crate::model::constraint::PointMemory;
+use crate::model::element_kernel::Padded;
 use crate::model::element_pool::{CLASSES, ElementConstants, History};
 use crate::model::material::{COLLAPSE_ONSET, COLLAPSE_STIFFNESS};
 use crate::model::skin;
 use crate::model::state::Shedding;
-use crate::model::step_class;
+use crate::model::step_class::{self, SHORTEST_CONTACT_CLASS};
 
 /// What acts on a body from outside.
 #[derive(Clone, Copy, Debug)]
@@ -27,6 +28,15 @@ pub struct Loads<'a> {
     /// [m/s²].
     pub gravity: Vec3,
 }
+
+/// Classes of steps by which held forces act: with the elements, or the contact, that they stand for. Those of shorter steps
+/// count to the last.
+const EASE_CLASSES: usize = SHORTEST_CONTACT_CLASS + 1;
+/// By class of step.
+pub type Ease<T> = [T; EASE_CLASSES];
+
+/// Nothing held.
+pub(super) const NO_EASE: Ease<Padded> = [[0.0; 4]; EASE_CLASSES];
 
 /// Part of what is held that is let go of in a tick: a time constant of 25 ms. What is held is dead weight, and does not give
 /// way with the body: for longer, and it crushes what is under a tool.
@@ -44,6 +54,11 @@ impl ActiveMesh {
         let upkeep = self.apply(body, changes);
         self.add_balance(body, Some(loads), -1.0);
         Upkeep { eased, ..upkeep }
+    }
+
+    /// What is held on the active node in `slot` [N].
+    pub fn eased(&self, slot: u32) -> Vec3 {
+        self.motion.ease[slot as usize].iter().map(vec3).sum()
     }
 
     /// How far the body is with shedding load.

@@ -14,7 +14,8 @@ mod momentum;
 mod reshape;
 
 pub use display::{Attachment, MOST_ASIDE};
-pub use easing::Loads;
+use easing::NO_EASE;
+pub use easing::{Ease, Loads};
 use momentum::ByOrgan;
 pub use momentum::Momenta;
 pub use reshape::Upkeep;
@@ -26,18 +27,12 @@ use super::element_pool::{CLASSES, ElementConstants, ElementPool, History};
 use super::interface::{InterfaceRow, Search};
 use super::organ::MOST_ORGANS;
 use super::state::{Shedding, State};
-use super::step_class::{self, SHORTEST_CONTACT_CLASS, Strained};
+use super::step_class::{self, Strained};
 use crate::math::{Mat3, Real, Vec3};
 
 /// Units of mass in an organ's mass: sums of whole numbers do not depend on their order, so a node's mass does not
 /// depend on how the set of active nodes came about.
 const MASS_UNITS: Real = (1u64 << 50) as Real;
-
-/// Classes of steps by which held forces act: with the elements, or the contact, that they stand for. Those of shorter steps
-/// count to the last.
-pub const EASE_CLASSES: usize = SHORTEST_CONTACT_CLASS + 1;
-/// By class of step.
-pub type Ease<T> = [T; EASE_CLASSES];
 
 /// Motion and mass by slot: active nodes and interface nodes alike.
 #[derive(Debug)]
@@ -134,9 +129,6 @@ struct Work {
     /// Of each change, at rest [m].
     boxes: Vec<(Vec3, Vec3)>,
 }
-
-/// Nothing held.
-const NO_EASE: Ease<Padded> = [[0.0; 4]; EASE_CLASSES];
 
 fn vec3(p: &Padded) -> Vec3 {
     Vec3::new(p[0], p[1], p[2])
@@ -500,11 +492,6 @@ impl ActiveMesh {
     /// World position of the node in `slot` [m].
     pub fn position(&self, slot: u32) -> Vec3 {
         vec3(&self.motion.position[slot as usize])
-    }
-
-    /// What is held on the active node in `slot` [N].
-    pub fn eased(&self, slot: u32) -> Vec3 {
-        self.motion.ease[slot as usize].iter().map(vec3).sum()
     }
 
     /// True when no number that moves is infinite or not a number.
