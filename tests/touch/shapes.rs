@@ -256,14 +256,14 @@ fn sliding(cube: &Setup, radius: Real, depth: Real, beside: Real) -> (Real, Real
     (forces.iter().map(|f| (f / mean - 1.0).abs()).fold(0.0, Real::max), mean)
 }
 
-/// The cube covered by lattices that its faces cut anywhere, of constants `spacings` [m]: the second moves as a whole, of
-/// more than two it adapts between them.
-fn covered(spacings: &[Real], radius: Real) -> Setup {
+/// The cube, displayed by `cells` squares along each edge, covered by lattices that its faces cut anywhere, of constants
+/// `spacings` [m]: the second moves as a whole, of more than two it adapts between them.
+fn covered(spacings: &[Real], cells: u32, radius: Real) -> Setup {
     let elastic = Material::from_young(1e4, 0.35, 1000.0);
     let bounds = (Vec3::zeros(), Vec3::new(SIDE, SIDE, 1e-3));
     let recipe = Recipe {
         name: "covered".into(),
-        shape: Shape::closed(box_surface(Vec3::repeat(SIDE), [40; 3]), spacings.to_vec()),
+        shape: Shape::closed(box_surface(Vec3::repeat(SIDE), [cells; 3]), spacings.to_vec()),
         material: Material { phi: elastic.lambda * 0.01, psi: elastic.mu * 0.01, ..elastic },
         inclusions: vec![],
         holds: vec![Region { bounds, stiffness: None, exact: false }],
@@ -290,8 +290,8 @@ fn a_ball_that_slides_at_constant_depth_keeps_its_force() {
         ("uniform 12.5 mm", with(&["body.cells=[[4,4,4],[8,8,8]]", "body.active_level=1"]), 0.031, &tracks[..]),
         ("adaptive, 25 to 8.3 mm", with(&["body.cells=[[4,4,4],[7,7,7],[12,12,12]]"]), 0.03, &tracks),
         ("adaptive, 20 to 5.9 mm", with(&["body.cells=[[5,5,5],[9,9,9],[17,17,17]]"]), 0.025, &tracks),
-        ("cover of 8.5 mm", covered(&[0.03, 0.0085], 0.01), 0.035, &tracks[..1]),
-        ("adaptive cover, 30 to 6 mm", covered(&[0.03, 0.018, 0.0105, 0.006], 0.01), 0.03, &tracks),
+        ("cover of 8.5 mm", covered(&[0.03, 0.0085], 40, 0.01), 0.035, &tracks[..1]),
+        ("adaptive cover, 30 to 6 mm", covered(&[0.03, 0.018, 0.0105, 0.006], 40, 0.01), 0.03, &tracks),
     ] {
         for &beside in tracks {
             let (away, mean) = sliding(&cube, 0.01, 0.003, beside);
@@ -299,10 +299,17 @@ fn a_ball_that_slides_at_constant_depth_keeps_its_force() {
             assert!(away < most, "{name}: {away}");
         }
     }
+    // Not as deep, where the contact is at least twice as wide as the displayed triangles.
+    let cover = covered(&[0.03, 0.0085], 72, 0.01);
+    for (depth, beside) in [(0.001, 0.003), (0.001, -0.0011), (0.002, 0.003), (0.002, -0.0011)] {
+        let (away, mean) = sliding(&cover, 0.01, depth, beside);
+        println!("{:.0} mm deep, {:+.1} mm: within {:.2} % of {mean:.4} N", 1e3 * depth, 1e3 * beside, 1e2 * away);
+        assert!(away < 0.03, "{depth} deep: {away}");
+    }
     // As wide a contact without large strain, whatever the elements' size.
     let hertz = 4.0 / 3.0 * 1e4 / (1.0 - 0.35 * 0.35) * (0.04 as Real).sqrt() * (0.75e-3 as Real).powf(1.5);
     for spacing in [0.0125, 0.0085] {
-        let (away, mean) = sliding(&covered(&[0.03, spacing], 0.04), 0.04, 0.75e-3, 0.003);
+        let (away, mean) = sliding(&covered(&[0.03, spacing], 40, 0.04), 0.04, 0.75e-3, 0.003);
         println!("cover of {:.1} mm: within {:.1} % of {mean:.4} N, Hertz {hertz:.4} N", 1e3 * spacing, 1e2 * away);
         assert!(away < 0.025 && (mean / hertz - 1.0).abs() < 0.06, "{spacing}: {away}, {mean} N");
     }
