@@ -554,6 +554,7 @@ impl Simulation {
 
     fn render_forces(&mut self) {
         let stood_still = self.outputs.plan.taken < self.outputs.plan.needed;
+        let per_part = detection::points_of_a_part(&self.body);
         let mut constraints = self.constraints.as_slice();
         for (i, (tool, points)) in self.tools.iter_mut().zip(&mut self.points).enumerate() {
             let own;
@@ -569,7 +570,7 @@ impl Simulation {
             let solved_at = tool.pose;
             tool.hang_back(physical.force, physical.torque);
             // What the solver found is where the next tick starts.
-            friction::remember(&self.mesh, own, &solved_at, tool, points, !stood_still);
+            friction::remember(&self.mesh, (own, per_part), &solved_at, tool, points, !stood_still);
             let limited = safety::render(tool, &physical, &self.settings.limits, TICK);
             self.outputs.tools[i] = ToolOutput { state: *tool, contact_points, limited };
         }

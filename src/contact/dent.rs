@@ -11,8 +11,9 @@ use super::detection::{MARGIN, Touchable, points_of_a_part};
 use super::shape::Posed;
 use super::tool::MOST_POINTS;
 use crate::math::{Real, Vec3};
-use crate::model::constraint::{Firming, PointMemory};
+use crate::model::constraint::{Constraint, Firming, PointMemory};
 use crate::model::{Row, skin};
+use std::f64::consts::PI;
 
 /// What a candidate's force does to the surface below the mesh's size.
 #[derive(Clone, Copy, Debug)]
@@ -27,17 +28,27 @@ pub(super) struct Load {
     /// As [`Candidate::taken`], followed [m²].
     pub(super) taken: Real,
     /// Radius of the disc that it spreads over [m].
-    radius: Real,
+    pub(super) radius: Real,
     /// What the mesh shows of its dent, over that of a half-space at a distance of one [1/m].
     pub(super) shown: Real,
     /// What a half-space of the material under it gives way by, per newton and per distance [m²/N].
     half_space: Real,
     /// Poisson's ratio of that material.
     pub(super) nu: Real,
-    /// Last multiplier [N].
+    /// Last multiplier [N] ...
     pub(super) multiplier: Real,
+    /// ... and last dent below the mesh's size [m].
+    dent: Real,
     /// Whether it has come to hang on a coarser level, and does not count as all of that yet.
     pub(super) coarsened: bool,
+    /// What a half-space's dents count with, so that all points of a ball together give way as the disc that it touches.
+    scale: Real,
+    /// How much more than in small strain a half-space gives way, over that, ...
+    softened: Real,
+    /// ... and the mesh.
+    mesh_softened: Real,
+    /// As [`PointMemory::shown`].
+    pub(super) around: Real,
     /// As [`Constraint::disc`](crate::model::Constraint::disc).
     pub(super) disc: Real,
     /// How near it is to touching: 1 when it does, 0 from the margin on.
@@ -59,12 +70,17 @@ impl Load {
             row,
             fade,
             taken,
-            radius: ((candidate.area + taken) / std::f64::consts::PI).sqrt().max(LEAST_RADIUS),
+            radius: ((candidate.area + taken) / PI).sqrt().max(LEAST_RADIUS),
             shown: 0.0,
             half_space: material.half_space(),
             nu: material.poisson_ratio(),
             multiplier: known.map_or(0.0, |m| m.multiplier),
+            dent: known.map_or(0.0, |m| m.dent),
             coarsened: stencil.iter().any(|(v, _)| on.mesh.fade[*v as usize][3] < 0.0),
+            scale: 1.0,
+            softened: 0.0,
+            mesh_softened: 0.0,
+            around: 0.0,
             disc: 0.0,
             closed: (1.0 - candidate.gap / MARGIN).clamp(0.0, 1.0),
         }
@@ -72,17 +88,20 @@ impl Load {
 
     /// Under itself [m/N]: the mean over its disc. Where the mesh shows more than that, something is left all the same.
     fn own(&self) -> Real {
-        let (s, c) = (self.radius, self.shown);
-        self.half_space * if s * c < CUT { DISC / s - c + 2.0 / 15.0 * s * c * c } else { BEYOND / (c * s * s) }
+        let s = self.radius / self.scale;
+        let shown = s * self.shown * (1.0 + self.mesh_softened) / (1.0 + self.softened);
+        let left = if shown < CUT { DISC - shown + 2.0 / 15.0 * shown * shown } else { BEYOND / shown };
+        (1.0 + self.softened) * self.half_space * left / s
     }
 
-    /// Here, along this normal, because of `other` [m/N], when the mesh shows `shown` of it [m/N]. Discs that overlap count
-    /// as side by side, or the matrix would not be positive definite.
+    /// Here, along this normal, because of `other` [m/N], when the mesh shows `shown` of it [m/N].
     fn from(&self, other: &Load, shown: Real) -> Real {
-        let apart = (self.place - other.place).norm().max(LEAST_APART * (self.radius + other.radius));
         // Between two materials it is neither's.
-        let half_space = 0.5 * (self.half_space + other.half_space);
-        (half_space / apart - shown) * self.normal.dot(&other.normal).max(0.0)
+        let between = |of: fn(&Load) -> Real| 0.5 * (of(self) + of(other));
+        let whole = between(|load| load.scale * load.half_space * (1.0 + load.softened));
+        let apart = apart((self.place, self.radius), (other.place, other.radius));
+        let rest = whole / apart - shown * between(|load| 1.0 + load.mesh_softened);
+        rest * self.normal.dot(&other.normal).max(0.0)
     }
 
     /// How much it counts for what others may be raised by [m]: one that comes or goes, open or without area, not at all.
@@ -280,34 +299,128 @@ pub(super) fn share_areas(on: &Touchable, parts: &[Posed], candidates: &mut Vec<
     candidates.retain(|c| c.share > LEAST_SHARE || c.sheet != Sheet::Front);
 }
 
-/// The points of a ball together have no more area than the disc that it touches, of radius `a³ = 3FR/(4E*)` [Hertz 1881],
-/// `F` the force of the last tick, however large the triangles are. The area that counts is `(ΣF)²/Σ(F²/A)`, to which a new
-/// point adds nothing at first.
-pub(super) fn share_discs(parts: &[Posed], candidates: &[Candidate], loads: &mut [Load]) {
+/// The points of a ball together touch the disc of radius `a³ = 3FR/(4E*)` [Hertz 1881], `F` the force of the last tick,
+/// wherever they are on it and however large the triangles are; `memory` holds the points of that tick, `per_part` numbers
+/// for each part. No edge of the surface is longer than `edge` [m]: a ball that is thinner has too few points to tell a disc
+/// by, and they change at once.
+pub(super) fn share_discs(
+    parts: &[Posed],
+    candidates: &[Candidate],
+    (memory, per_part): (&[PointMemory], u32),
+    edge: Real,
+    loads: &mut [Load],
+) {
     for (part, at) in parts.iter().enumerate() {
         let Some(radius) = at.part.ball_radius() else { continue };
-        let own = |i: &usize| candidates[*i].part as usize == part;
-        let own_loads = || (0..loads.len()).filter(own).map(|i| &loads[i]);
-        let force: Real = own_loads().map(|load| load.multiplier).sum();
-        let reach: Real = own_loads().map(|load| load.multiplier * load.half_space).sum();
+        // The points of a part follow one another.
+        let own = |part: usize| candidates.partition_point(|c| (c.part as usize) < part);
+        let loads = &mut loads[own(part)..own(part + 1)];
+        let own = |part: usize| memory.partition_point(|m| ((m.point / per_part) as usize) < part);
+        let before = &memory[own(part)..own(part + 1)];
+        let least = (LEAST_DEPTH * radius).sqrt();
+        let known: Real = loads.iter().map(|load| load.multiplier).sum();
+        if known <= 0.0 {
+            loads.iter_mut().for_each(|load| load.radius = load.radius.min(least));
+            continue;
+        }
+        // Of the last tick's points, too, that are none any more.
+        let force: Real = before.iter().map(|m| m.multiplier).sum();
+        let half_space = mean_by_force(loads, |load| load.half_space);
         // 1/E* is π times the half-space's compliance.
-        let disc = cube_root(0.75 * std::f64::consts::PI * radius * reach);
-        let most = (disc * disc).max(LEAST_DEPTH * radius);
-        let pressure = |load: &Load| (load.multiplier / (load.radius * load.radius)).min(MOST_PRESSURE * force / most);
-        let squares: Real = own_loads().map(|load| load.multiplier * pressure(load)).sum();
-        for i in (0..loads.len()).filter(own) {
-            let load = &mut loads[i];
-            if force <= 0.0 {
-                load.radius = load.radius.min(most.sqrt());
-            } else if force * force > most * squares {
-                load.radius *= (most * squares).sqrt() / force;
-                // The disc grows with the cube root of the force.
-                let (s, c) = (load.radius, load.shown);
-                let grows = (DISC / s - 2.0 / 15.0 * s * c * c).max(0.0) / 3.0;
-                load.disc = load.half_space * grows * load.multiplier / force;
-            }
+        let disc = cube_root(0.75 * PI * radius * half_space * force).max(least);
+        if radius < edge {
+            no_wider_than(disc, loads);
+        } else {
+            give_way_as(disc, radius, (before, force), loads);
         }
     }
+}
+
+/// To which a point that comes or goes without force adds nothing.
+fn mean_by_force(loads: &[Load], of: fn(&Load) -> Real) -> Real {
+    let sum = |of: &dyn Fn(&Load) -> Real| loads.iter().map(|load| load.multiplier * of(load)).sum::<Real>();
+    sum(&of) / sum(&|_| 1.0)
+}
+
+/// Leaves the points of a ball together no more area than that of a `disc` [m] that they touch. The area that counts is
+/// `(ΣF)²/Σ(F²/A)`, to which a new point adds nothing at first.
+fn no_wider_than(disc: Real, loads: &mut [Load]) {
+    let force: Real = loads.iter().map(|load| load.multiplier).sum();
+    let pressure =
+        |load: &Load| (load.multiplier / (load.radius * load.radius)).min(MOST_PRESSURE * force / (disc * disc));
+    let squares: Real = loads.iter().map(|load| load.multiplier * pressure(load)).sum();
+    if force * force <= disc * disc * squares {
+        return;
+    }
+    for load in loads {
+        load.radius *= disc * squares.sqrt() / force;
+        // The disc grows with the cube root of the force.
+        let (s, c) = (load.radius, load.shown);
+        let grows = (DISC / s - 2.0 / 15.0 * s * c * c).max(0.0) / 3.0;
+        load.disc = load.half_space * grows * load.multiplier / force;
+    }
+}
+
+/// Makes the points of a ball of `radius` give way together as the `disc` [m] that they touched with `force` [N] in the last
+/// tick, `before`. A point whose normal is at the angle `θ` to the force is then `u = a²/R − R (1 − cos θ)` deep, and so the
+/// work `Σ F u` of all is known; what it would be on a half-space as they are tells [`measure`].
+///
+/// Large strain softens the continuum, and a mesh the less the coarser it is.
+fn give_way_as(disc: Real, radius: Real, (before, force): (&[PointMemory], Real), loads: &mut [Load]) {
+    let last = |of: fn(&PointMemory) -> Real| before.iter().map(of).fold(0.0, Real::max);
+    let (half_space, nu) = (mean_by_force(loads, |load| load.half_space), mean_by_force(loads, |load| load.nu));
+    // Of all around, and slowly: what is shown at one point tells little of how the mesh softens there.
+    let (all, was) = (loads.iter().map(|load| load.shown).sum::<Real>() / loads.len() as Real, last(|m| m.shown));
+    let shown = if was > 0.0 { was + SHOWN_FOLLOWED * (all - was) } else { all };
+    let softer = (SOFTENED[0] + nu * (SOFTENED[1] + nu * nu * SOFTENED[2])) * (disc / radius).min(MOST_SOFTENED);
+    let fine = shown * disc / FINE;
+    let (softened, mesh_softened) = (softer / fine.max(1.0), softer * fine.min(1.0 / fine));
+    let deep = disc * disc / radius;
+    let axis = before.iter().map(|m| m.normal * m.multiplier).sum::<Vec3>() / force;
+    let mean = (deep - radius * (1.0 - axis.norm())).max(LEAST_MEAN * deep);
+    let whole = WORK * mean * last(|m| m.distance) / (half_space * force);
+    // A ball that is in by as much as its radius touches no disc any more.
+    let scale = 1.0 + (2.0 - 2.0 * disc / radius).clamp(0.0, 1.0) * (whole - 1.0);
+    for load in loads {
+        (load.scale, load.softened, load.mesh_softened, load.around) = (scale, softened, mesh_softened, shown);
+        // The disc grows with the cube root of the force, ...
+        let own = (deep - radius * (1.0 - load.normal.dot(&axis))).max(0.0);
+        let grows = own / mean * (mean - 2.0 / 3.0 * deep).max(0.0);
+        // ... and softens.
+        load.disc = (grows - load.dent * softened / (1.0 + softened) / 3.0) / force;
+    }
+}
+
+/// Leaves in `points`, one for each of a tool's `constraints`, what [`share_discs`] asks for in the next tick.
+pub(super) fn measure(constraints: &[Constraint], points: &mut [PointMemory], per_part: u32) {
+    let part = |c: &Constraint| c.point / per_part;
+    for first in 0..constraints.len() {
+        if first > 0 && part(&constraints[first - 1]) == part(&constraints[first]) {
+            continue;
+        }
+        let own = || constraints[first..].iter().take_while(|c| part(c) == part(&constraints[first]));
+        let pushing = || own().filter(|c| c.multiplier > 0.0);
+        let (mut force, mut work) = (0.0, 0.0);
+        for (i, c) in pushing().enumerate() {
+            let give = |other: &Constraint| {
+                let apart = apart((c.arm, c.radius), (other.arm, other.radius));
+                other.multiplier * c.normal.dot(&other.normal).max(0.0) / apart
+            };
+            let others: Real = pushing().take(i).map(give).sum();
+            work += c.multiplier * (c.multiplier * DISC / c.radius + 2.0 * others);
+            force += c.multiplier;
+        }
+        let before = points[first..].iter().zip(own()).map(|(point, _)| point.distance).fold(0.0, Real::max);
+        let now = if work > 0.0 { force * force / work } else { 0.0 };
+        let distance = if before.min(now) > 0.0 { before + DISTANCE_FOLLOWED * (now - before) } else { now };
+        points[first..].iter_mut().zip(own()).for_each(|(point, _)| point.distance = distance);
+    }
+}
+
+/// Of two discs, given as middle and radius [m]; those that overlap count as side by side, or the matrix of their compliances
+/// would not be positive definite.
+fn apart((a, r): (Vec3, Real), (b, s): (Vec3, Real)) -> Real {
+    (a - b).norm().max(LEAST_APART * (r + s))
 }
 
 /// By Newton's method, after bringing `x` ≥ 0 between 1/8 and 1: the same on every machine.
@@ -360,8 +473,26 @@ const FIRM: [Real; 2] = [0.0125, 0.25];
 const GIVEN_ON: Real = 0.3;
 /// Of a triangle's own area that its point is a candidate for.
 const LEAST_SHARE: Real = 1e-3;
-/// Over the mean pressure on Hertz's disc, what a point counts with at most: a small force on next to no area would decide
-/// for all.
+/// How much less a ball needs than on Hertz's half-space, over the radius of what it touches over its own: what St.
+/// Venant–Kirchhoff's law gives (axisymmetric elements of third order) for a/R up to 0.3 and any Poisson's ratio, times 1, ν
+/// and ν³, within 1 % of the force.
+const SOFTENED: [Real; 3] = [0.17, 0.5, 1.9];
+/// a/R up to which that is known to grow.
+const MOST_SOFTENED: Real = 0.5;
+/// What a mesh shows of a point's dent, times a, that softens as the continuum does. A coarser one softens less; a finer one
+/// more, and so what is left counts as softening less.
+const FINE: Real = 2.0;
+/// Of the work that is known, what the points of a ball do: with this the forces are the continuum's on elements of a third to
+/// eight radii of the disc.
+const WORK: Real = 0.98;
+/// Part of the way to what it is now that [`PointMemory::distance`] goes in a tick, ...
+const DISTANCE_FOLLOWED: Real = 0.5;
+/// ... and [`PointMemory::shown`].
+const SHOWN_FOLLOWED: Real = 0.2;
+/// Over the depth, how deep a ball's points are on the average at least: on a sphere four fifths.
+const LEAST_MEAN: Real = 0.5;
+/// Over the mean pressure on Hertz's disc, what a point of a thin ball counts with at most: a small force on next to no area
+/// would decide for all.
 const MOST_PRESSURE: Real = 10.0;
 /// A ball that does not push yet has the disc of this depth [m].
 const LEAST_DEPTH: Real = 20e-6;

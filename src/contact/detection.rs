@@ -181,7 +181,7 @@ pub fn detect(
     work.loads.extend(candidates.iter().map(|c| Load::new(on, c, memory, work.followed)));
     let dents = &mut work.dents[index as usize];
     dents.show(on, candidates, &mut work.loads);
-    share_discs(&all[..parts], candidates, &mut work.loads);
+    share_discs(&all[..parts], candidates, (memory, per_part), work.longest_edge, &mut work.loads);
     dents.take_off_what_is_shown(&work.loads);
     let first = constraints.len() as u32;
     // The pose is where the coupling's springs are as long as the last force and torque made them.
@@ -247,6 +247,7 @@ pub fn detect(
             rate: (moved + slack - slack_end + share * (shift - shift_end)) / TICK,
             first,
             compliance,
+            radius: load.radius,
             disc: load.disc,
             firming,
             tool: index,
@@ -275,6 +276,8 @@ pub fn detect(
             shift: shift_end,
             dent: 0.0,
             taken: load.taken,
+            distance: known.map_or(0.0, |m| m.distance),
+            shown: load.around,
             normal: n,
             tangential,
             anchor,

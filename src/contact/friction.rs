@@ -1,5 +1,6 @@
 //! What is remembered of a contact point after the solve: its multipliers, and where it sticks to the tool.
 
+use super::dent::measure;
 use super::tool::ToolState;
 use crate::math::{Pose, Real, Vec3};
 use crate::model::constraint::PointMemory;
@@ -9,19 +10,20 @@ use crate::model::{ActiveMesh, Constraint};
 /// Part of μ λ from which on a point slips.
 const SLIPS: Real = 1.0 - 1e-9;
 
-/// Writes what the solve of `constraints`, the tool's own, has found into `points`, one for each. The solve took the tool
-/// at `solved_at`; `moved` says that the body has moved by a tick and not stood still.
+/// Writes what the solve of `constraints`, the tool's own, has found into `points`, one for each; `per_part` are the numbers
+/// that a part of the tool takes. The solve took the tool at `solved_at`; `moved` says that the body has moved by a tick and not stood still.
 ///
 /// A point that slips takes its anchor along, so that nothing but the force on the edge of Coulomb's disc is left to
 /// hold it; one that sticks keeps its anchor for ever.
 pub fn remember(
     mesh: &ActiveMesh,
-    constraints: &[Constraint],
+    (constraints, per_part): (&[Constraint], u32),
     solved_at: &Pose,
     tool: &ToolState,
     points: &mut [PointMemory],
     moved: bool,
 ) {
+    measure(constraints, points, per_part);
     for (c, point) in constraints.iter().zip(points) {
         debug_assert_eq!(c.point, point.point);
         point.multiplier = c.multiplier;

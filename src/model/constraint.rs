@@ -162,6 +162,8 @@ pub struct Constraint {
     /// Compliances `G_j` [m/N] in series: what a newton at the tool's `j`-th constraint adds here to the dent that the
     /// mesh is too coarse to show.
     pub compliance: [Real; MOST_POINTS],
+    /// Radius of the disc that its force spreads over [m].
+    pub radius: Real,
     /// What the growth of the touched disc takes off these compliances where the force changes [m/N].
     pub disc: Real,
     /// Where less than these is left.
@@ -203,6 +205,12 @@ pub struct PointMemory {
     pub multiplier: Real,
     /// Area that it stands for beside its own, of points that were left out [m²].
     pub taken: Real,
+    /// Harmonic mean of the distances between the points of this part of the tool, that of a point from itself being its disc's,
+    /// each counting by its force [m].
+    pub distance: Real,
+    /// What the mesh shows at the points of this part of the tool of a dent there, over that of a half-space at a distance of
+    /// one, on the average [1/m].
+    pub shown: Real,
     /// Overlap that has not been closed yet [m].
     pub slack: Real,
     /// What changes of resolution have made of the dent more (below zero) or less, how far the tool has come while the body
