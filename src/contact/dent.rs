@@ -12,7 +12,7 @@ use super::shape::Posed;
 use super::tool::MOST_POINTS;
 use crate::math::{Real, Vec3};
 use crate::model::constraint::{Constraint, Firming, PointMemory};
-use crate::model::{Row, skin};
+use crate::model::{Material, Row, skin};
 use std::f64::consts::PI;
 
 /// What a candidate's force does to the surface below the mesh's size.
@@ -368,17 +368,18 @@ fn no_wider_than(disc: Real, loads: &mut [Load]) {
 /// Large strain softens the continuum, and a mesh the less the coarser it is.
 fn give_way_as(disc: Real, radius: Real, (before, force): (&[PointMemory], Real), loads: &mut [Load]) {
     let last = |of: fn(&PointMemory) -> Real| before.iter().map(of).fold(0.0, Real::max);
-    let (half_space, nu) = (mean_by_force(loads, |load| load.half_space), mean_by_force(loads, |load| load.nu));
     // Of all around, and slowly: what is shown at one point tells little of how the mesh softens there.
     let (all, was) = (loads.iter().map(|load| load.shown).sum::<Real>() / loads.len() as Real, last(|m| m.shown));
     let shown = if was > 0.0 { was + SHOWN_FOLLOWED * (all - was) } else { all };
-    let softer = (SOFTENED[0] + nu * (SOFTENED[1] + nu * nu * SOFTENED[2])) * (disc / radius).min(MOST_SOFTENED);
+    let softer = Material::softening(mean_by_force(loads, |load| load.nu), disc / radius);
     let fine = shown * disc / FINE;
     let (softened, mesh_softened) = (softer / fine.max(1.0), softer * fine.min(1.0 / fine));
     let deep = disc * disc / radius;
     let axis = before.iter().map(|m| m.normal * m.multiplier).sum::<Vec3>() / force;
     let mean = (deep - radius * (1.0 - axis.norm())).max(LEAST_MEAN * deep);
-    let whole = WORK * mean * last(|m| m.distance) / (half_space * force);
+    // The half-space's compliance times the force; not less than the least disc's, however small the force is.
+    let reach = disc * disc * disc / (0.75 * PI * radius);
+    let whole = WORK * mean * last(|m| m.distance) / reach;
     // A ball that is in by as much as its radius touches no disc any more.
     let scale = 1.0 + (2.0 - 2.0 * disc / radius).clamp(0.0, 1.0) * (whole - 1.0);
     for load in loads {
@@ -387,7 +388,7 @@ fn give_way_as(disc: Real, radius: Real, (before, force): (&[PointMemory], Real)
         let own = (deep - radius * (1.0 - load.normal.dot(&axis))).max(0.0);
         let grows = own / mean * (mean - 2.0 / 3.0 * deep).max(0.0);
         // ... and softens.
-        load.disc = (grows - load.dent * softened / (1.0 + softened) / 3.0) / force;
+        load.disc = (grows - load.dent * softened / (1.0 + softened) / 3.0) * load.half_space / reach;
     }
 }
 
@@ -473,12 +474,6 @@ const FIRM: [Real; 2] = [0.0125, 0.25];
 const GIVEN_ON: Real = 0.3;
 /// Of a triangle's own area that its point is a candidate for.
 const LEAST_SHARE: Real = 1e-3;
-/// How much less a ball needs than on Hertz's half-space, over the radius of what it touches over its own: what St.
-/// Venant–Kirchhoff's law gives (axisymmetric elements of third order) for a/R up to 0.3 and any Poisson's ratio, times 1, ν
-/// and ν³, within 1 % of the force.
-const SOFTENED: [Real; 3] = [0.17, 0.5, 1.9];
-/// a/R up to which that is known to grow.
-const MOST_SOFTENED: Real = 0.5;
 /// What a mesh shows of a point's dent, times a, that softens as the continuum does. A coarser one softens less; a finer one
 /// more, and so what is left counts as softening less.
 const FINE: Real = 2.0;

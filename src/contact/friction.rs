@@ -11,7 +11,8 @@ use crate::model::{ActiveMesh, Constraint};
 const SLIPS: Real = 1.0 - 1e-9;
 
 /// Writes what the solve of `constraints`, the tool's own, has found into `points`, one for each; `per_part` are the numbers
-/// that a part of the tool takes. The solve took the tool at `solved_at`; `moved` says that the body has moved by a tick and not stood still.
+/// that a part of the tool takes. The solve took the tool at `solved_at`; `moved` says that the body has moved by a tick and
+/// not stood still.
 ///
 /// A point that slips takes its anchor along, so that nothing but the force on the edge of Coulomb's disc is left to
 /// hold it; one that sticks keeps its anchor for ever.

@@ -5,12 +5,12 @@ use super::relaxed::Stiffness;
 use crate::contact::shape::{Posed, Shape, posed};
 use crate::contact::tool::ToolState;
 use crate::math::{Real, Vec3};
-use crate::model::Body;
+use crate::model::{Body, Material};
 
 /// A surface farther away than this [m] says nothing yet: at 0.5 m/s it is 40 ms ahead.
 const REACH: Real = 0.02;
 /// Depth at which the force is what is told [m].
-const DEPTH: Real = 1.4e-3;
+const DEPTH: Real = 1e-3;
 /// How far below the surface the model holds [m].
 const BELOW: Real = 4e-3;
 
@@ -21,10 +21,11 @@ pub(super) fn ahead(body: &Body, vertices: &[Vec3], shape: &Shape, tool: &ToolSt
     let nearest = all[..parts].iter().filter_map(|part| nearest(body, vertices, part));
     let (gap, away, radius, vertex) = nearest.min_by(|a, b| a.0.total_cmp(&b.0))?;
     let normal = -away;
-    // Hertz: F/d = 4/3 E* a, with a² = R d.
+    // Hertz: F/d = 4/3 E* a, with a² = R d; large strain softens it.
     let material = body.material_at(vertex);
     let plane_strain = material.youngs_modulus() / (1.0 - material.poisson_ratio() * material.poisson_ratio());
-    let contact = 4.0 / 3.0 * plane_strain * (radius * DEPTH).sqrt();
+    let softened = 1.0 + Material::softening(material.poisson_ratio(), (DEPTH / radius).sqrt());
+    let contact = 4.0 / 3.0 * plane_strain * (radius * DEPTH).sqrt() / softened;
     let along = 1.0 / (1.0 / contact + tool.coupling.compliance);
     Some(Stiffness {
         matrix: normal * normal.transpose() * along,
