@@ -217,8 +217,7 @@ fn element_width(corners: [Vec3; 4]) -> Real {
 }
 
 // Measured on covers of a block with spacings of 6 to 12.5 mm and ν of 0.1, 0.35 and 0.45: with these, the small force of a
-// ball on the mesh and the dents that it does not show is 0 to 5 % below the continuum's, wherever the ball is. Larger
-// forces soften the continuum, but no dent that is added to the mesh.
+// ball on the mesh and the dents that it does not show is 0 to 5 % below the continuum's, wherever the ball is.
 
 /// What a node gives way while its neighbours are held counts more by this for each λ/μ.
 const HELD_LAMBDA: Real = 0.03;

@@ -309,7 +309,6 @@ fn a_ball_that_slides_over_a_face_that_cuts_elements_keeps_its_force() {
     // A third of its radius deep, the softening of elements that are cut is felt beside the dent.
     slides("cover of 8.5 mm", &covered(&[0.03, 0.0085], 40, 0.01), &[0.03, 0.03, 0.035]);
     slides("cover of 8.5 mm, small triangles", &covered(&[0.03, 0.0085], 72, 0.01), &[0.03, 0.03]);
-    // Where it is not as deep, more of what it touches hangs on coarser levels.
     slides("adaptive cover, 30 to 6 mm", &covered(&[0.03, 0.018, 0.0105, 0.006], 40, 0.01), &[0.04, 0.035, 0.03]);
 }
 
