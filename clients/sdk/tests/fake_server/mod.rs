@@ -74,8 +74,8 @@ impl FakeServer {
 
     /// As [`start`](Self::start), but takes queries only `after` it takes connections.
     pub fn start_slowly(version: (u32, u32), after: Duration) -> Self {
-        let endpoints = Endpoints { force: free_endpoint(), surface: free_endpoint(), session: "fake".to_owned() };
-        let (force, surface) = (open_router(&endpoints.force), open_router(&endpoints.surface));
+        let ((force, force_endpoint), (surface, surface_endpoint)) = (open_router(), open_router());
+        let endpoints = Endpoints { force: force_endpoint, surface: surface_endpoint, session: "fake".to_owned() };
         let mute = Arc::new(AtomicBool::new(false));
         answer_poses(&force, &endpoints.session, mute.clone());
         let attached = Arc::new(Mutex::new(Attach::default()));
@@ -122,21 +122,27 @@ fn free_endpoint() -> String {
     format!("tcp/127.0.0.1:{port}")
 }
 
-fn open_router(endpoint: &str) -> zenoh::Session {
-    let mut config = zenoh::Config::default();
-    for (key, value) in [
-        ("mode", r#""router""#),
-        ("listen/endpoints", &format!("[{endpoint:?}]")),
-        ("scouting/multicast/enabled", "false"),
-        // A router's `open` sleeps this long [ms], scouting or not.
-        ("scouting/delay", "0"),
-        // A router stamps every message by default.
-        ("timestamping/enabled", "false"),
-        ("transport/link/tx/queue/congestion_control/drop/wait_before_drop", "0"),
-    ] {
-        config.insert_json5(key, value).unwrap();
-    }
-    zenoh::open(config).wait().unwrap()
+/// A router and where it listens.
+fn open_router() -> (zenoh::Session, String) {
+    // Until it listens, another process may take a port that was free.
+    let listening = (0..20).find_map(|_| {
+        let endpoint = free_endpoint();
+        let mut config = zenoh::Config::default();
+        for (key, value) in [
+            ("mode", r#""router""#),
+            ("listen/endpoints", &format!("[{endpoint:?}]")),
+            ("scouting/multicast/enabled", "false"),
+            // A router's `open` sleeps this long [ms], scouting or not.
+            ("scouting/delay", "0"),
+            // A router stamps every message by default.
+            ("timestamping/enabled", "false"),
+            ("transport/link/tx/queue/congestion_control/drop/wait_before_drop", "0"),
+        ] {
+            config.insert_json5(key, value).unwrap();
+        }
+        Some((zenoh::open(config).wait().ok()?, endpoint))
+    });
+    listening.expect("a free port in twenty attempts")
 }
 
 fn publisher(session: &zenoh::Session, key: String) -> Publisher<'static> {
