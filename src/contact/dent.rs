@@ -14,6 +14,7 @@ use crate::math::{Real, Vec3};
 use crate::model::constraint::{Constraint, Firming, PointMemory};
 use crate::model::{Material, Row, skin};
 use std::f64::consts::PI;
+use std::ops::Range;
 
 /// What a candidate's force does to the surface below the mesh's size.
 #[derive(Clone, Copy, Debug)]
@@ -45,10 +46,8 @@ pub(super) struct Load {
     scale: Real,
     /// How much more than in small strain a half-space gives way, over that, ...
     softened: Real,
-    /// ... and the mesh.
-    mesh_softened: Real,
-    /// As [`PointMemory::shown`].
-    pub(super) around: Real,
+    /// ... and the mesh, followed.
+    pub(super) mesh_softened: Real,
     /// As [`Constraint::disc`](crate::model::Constraint::disc).
     pub(super) disc: Real,
     /// How near it is to touching: 1 when it does, 0 from the margin on.
@@ -80,7 +79,6 @@ impl Load {
             scale: 1.0,
             softened: 0.0,
             mesh_softened: 0.0,
-            around: 0.0,
             disc: 0.0,
             closed: (1.0 - candidate.gap / MARGIN).clamp(0.0, 1.0),
         }
@@ -183,6 +181,43 @@ impl Dents {
             part[i] = (1.0 / wider).sqrt();
             (0..=i).for_each(|j| self.points[i][j] *= part[i] * part[j]);
         }
+    }
+
+    /// How much more than in small strain the mesh gives way, over that, to the forces of `loads`, which begin with the load
+    /// `first` of those that [`Dents::show`] was given.
+    ///
+    /// An energy `U₂ + U₃` of second and third order in the displacements gives way by `-3/2 U₃/U₂` more. That of the elements
+    /// which carry the loads is `Σ S:E / 2` and, of no rotation, `Σ S:E² / 2`; as an element that is crushed hands on what it
+    /// carries, it softens the mesh the less. Cut elements soften by how they are cut, which nothing at rest tells.
+    fn mesh_softening(&mut self, on: &Touchable, first: usize, loads: &[Load]) -> Real {
+        let force: Real = loads.iter().map(|load| load.multiplier).sum();
+        self.given.fill(0.0);
+        for (load, carriers) in loads.iter().zip(&self.carriers[first..]) {
+            carriers.iter().for_each(|(k, b)| self.given[usize::from(*k)] += b * load.multiplier / force);
+        }
+        let carried = |node: &u32| match self.place_of[*node as usize] {
+            NOWHERE => 0.0,
+            place => self.given[usize::from(place)].max(0.0),
+        };
+        let (mut second, mut third) = (0.0, 0.0);
+        for node in self.wanted.iter().filter(|node| carried(node) > 0.0) {
+            for &e in on.body.elements_around(*node) {
+                let nodes = on.body.element(e);
+                // Each element once: by the first of its nodes that carry.
+                if nodes.iter().find(|n| carried(n) > 0.0) != Some(node) {
+                    continue;
+                }
+                let Some(strain) = on.mesh.pool().strain(e) else { continue };
+                // One that comes to carry does not count all at once.
+                let share = (nodes.iter().map(carried).sum::<Real>() / ALL_COUNTS).min(1.0);
+                let weight = share * on.body.volume(e) * on.body.stiffness_factor(e);
+                let [two, three, four] = on.body.material_of(e).works(&strain);
+                second += weight * two;
+                third += weight * (three + four);
+            }
+        }
+        let [least, most] = MESH_SOFTENS;
+        if second > 0.0 { (-SOFTENS * third / second).clamp(least, most) } else { 0.0 }
     }
 
     /// Leaves what the mesh does not show of the dents of `loads`.
@@ -302,8 +337,9 @@ pub(super) fn share_areas(on: &Touchable, parts: &[Posed], candidates: &mut Vec<
 /// The points of a ball together touch the disc of radius `a³ = 3FR/(4E*)` [Hertz 1881], `F` the force of the last tick,
 /// wherever they are on it and however large the triangles are; `memory` holds the points of that tick, `per_part` numbers
 /// for each part. No edge of the surface is longer than `edge` [m]: a ball that is thinner has too few points to tell a disc
-/// by, and they change at once.
+/// by, and they change at once. `dents` have been [shown](Dents::show) the `loads`.
 pub(super) fn share_discs(
+    (on, dents): (&Touchable, &mut Dents),
     parts: &[Posed],
     candidates: &[Candidate],
     (memory, per_part): (&[PointMemory], u32),
@@ -312,11 +348,9 @@ pub(super) fn share_discs(
 ) {
     for (part, at) in parts.iter().enumerate() {
         let Some(radius) = at.part.ball_radius() else { continue };
-        // The points of a part follow one another.
-        let own = |part: usize| candidates.partition_point(|c| (c.part as usize) < part);
-        let loads = &mut loads[own(part)..own(part + 1)];
-        let own = |part: usize| memory.partition_point(|m| ((m.point / per_part) as usize) < part);
-        let before = &memory[own(part)..own(part + 1)];
+        let own = of_part(part, candidates, |c| c.part as usize);
+        let (first, loads) = (own.start, &mut loads[own]);
+        let before = &memory[of_part(part, memory, |m| (m.point / per_part) as usize)];
         let least = (LEAST_DEPTH * radius).sqrt();
         let known: Real = loads.iter().map(|load| load.multiplier).sum();
         if known <= 0.0 {
@@ -331,9 +365,15 @@ pub(super) fn share_discs(
         if radius < edge {
             no_wider_than(disc, loads);
         } else {
-            give_way_as(disc, radius, (before, force), loads);
+            let mesh_softens = dents.mesh_softening(on, first, loads);
+            give_way_as(disc, radius, (before, force), mesh_softens, loads);
         }
     }
+}
+
+/// Those of `all` that belong to `part`; the points of a part follow one another.
+fn of_part<T>(part: usize, all: &[T], part_of: impl Fn(&T) -> usize) -> Range<usize> {
+    all.partition_point(|x| part_of(x) < part)..all.partition_point(|x| part_of(x) <= part)
 }
 
 /// To which a point that comes or goes without force adds nothing.
@@ -365,25 +405,28 @@ fn no_wider_than(disc: Real, loads: &mut [Load]) {
 /// tick, `before`. A point whose normal is at the angle `θ` to the force is then `u = a²/R − R (1 − cos θ)` deep, and so the
 /// work `Σ F u` of all is known; what it would be on a half-space as they are tells [`measure`].
 ///
-/// Large strain softens the continuum, and a mesh the less the coarser it is.
-fn give_way_as(disc: Real, radius: Real, (before, force): (&[PointMemory], Real), loads: &mut [Load]) {
-    let last = |of: fn(&PointMemory) -> Real| before.iter().map(of).fold(0.0, Real::max);
-    // Of all around, and slowly: what is shown at one point tells little of how the mesh softens there.
-    let (all, was) = (loads.iter().map(|load| load.shown).sum::<Real>() / loads.len() as Real, last(|m| m.shown));
-    let shown = if was > 0.0 { was + SHOWN_FOLLOWED * (all - was) } else { all };
-    let softer = Material::softening(mean_by_force(loads, |load| load.nu), disc / radius);
-    let fine = shown * disc / FINE;
-    let (softened, mesh_softened) = (softer / fine.max(1.0), softer * fine.min(1.0 / fine));
+/// Large strain softens the continuum, and the mesh by `mesh_softens`.
+fn give_way_as(
+    disc: Real,
+    radius: Real,
+    (before, force): (&[PointMemory], Real),
+    mesh_softens: Real,
+    loads: &mut [Load],
+) {
+    // All points of a part remember the same.
+    let (distance, was) = before.first().map_or((0.0, 0.0), |m| (m.distance, m.mesh_softened));
+    let mesh_softened = was + SOFTENING_FOLLOWED * (mesh_softens - was);
+    let softened = Material::softening(mean_by_force(loads, |load| load.nu), disc / radius);
     let deep = disc * disc / radius;
     let axis = before.iter().map(|m| m.normal * m.multiplier).sum::<Vec3>() / force;
     let mean = (deep - radius * (1.0 - axis.norm())).max(LEAST_MEAN * deep);
     // The half-space's compliance times the force; not less than the least disc's, however small the force is.
     let reach = disc * disc * disc / (0.75 * PI * radius);
-    let whole = WORK * mean * last(|m| m.distance) / reach;
+    let whole = WORK * mean * distance / reach;
     // A ball that is in by as much as its radius touches no disc any more.
     let scale = 1.0 + (2.0 - 2.0 * disc / radius).clamp(0.0, 1.0) * (whole - 1.0);
     for load in loads {
-        (load.scale, load.softened, load.mesh_softened, load.around) = (scale, softened, mesh_softened, shown);
+        (load.scale, load.softened, load.mesh_softened) = (scale, softened, mesh_softened);
         // The disc grows with the cube root of the force, ...
         let own = (deep - radius * (1.0 - load.normal.dot(&axis))).max(0.0);
         let grows = own / mean * (mean - 2.0 / 3.0 * deep).max(0.0);
@@ -474,16 +517,19 @@ const FIRM: [Real; 2] = [0.0125, 0.25];
 const GIVEN_ON: Real = 0.3;
 /// Of a triangle's own area that its point is a candidate for.
 const LEAST_SHARE: Real = 1e-3;
-/// What a mesh shows of a point's dent, times a, that softens as the continuum does. A coarser one softens less; a finer one
-/// more, and so what is left counts as softening less.
-const FINE: Real = 2.0;
+/// Part of a tool's force that the nodes of an element carry from which on all of it counts for how the mesh softens.
+const ALL_COUNTS: Real = 0.2;
+/// What `Σ S:(E² + E³) / Σ S:E` makes a mesh of 6 to 12.5 mm softer by under a ball of 10 mm; to second order it is 3/2.
+const SOFTENS: Real = 1.6;
+/// How much the mesh may soften: a body that is drawn out or crumpled is not what this is for.
+const MESH_SOFTENS: [Real; 2] = [-0.2, 0.4];
 /// Of the work that is known, what the points of a ball do: with this the forces are the continuum's on elements of a third to
 /// eight radii of the disc.
 const WORK: Real = 0.98;
 /// Part of the way to what it is now that [`PointMemory::distance`] goes in a tick, ...
 const DISTANCE_FOLLOWED: Real = 0.5;
-/// ... and [`PointMemory::shown`].
-const SHOWN_FOLLOWED: Real = 0.2;
+/// ... and [`PointMemory::mesh_softened`].
+const SOFTENING_FOLLOWED: Real = 0.2;
 /// Over the depth, how deep a ball's points are on the average at least: on a sphere four fifths.
 const LEAST_MEAN: Real = 0.5;
 /// Over the mean pressure on Hertz's disc, what a point of a thin ball counts with at most: a small force on next to no area

@@ -181,7 +181,7 @@ pub fn detect(
     work.loads.extend(candidates.iter().map(|c| Load::new(on, c, memory, work.followed)));
     let dents = &mut work.dents[index as usize];
     dents.show(on, candidates, &mut work.loads);
-    share_discs(&all[..parts], candidates, (memory, per_part), work.longest_edge, &mut work.loads);
+    share_discs((on, dents), &all[..parts], candidates, (memory, per_part), work.longest_edge, &mut work.loads);
     dents.take_off_what_is_shown(&work.loads);
     let first = constraints.len() as u32;
     // The pose is where the coupling's springs are as long as the last force and torque made them.
@@ -277,7 +277,7 @@ pub fn detect(
             dent: 0.0,
             taken: load.taken,
             distance: known.map_or(0.0, |m| m.distance),
-            shown: load.around,
+            mesh_softened: load.mesh_softened,
             normal: n,
             tangential,
             anchor,

@@ -208,9 +208,8 @@ pub struct PointMemory {
     /// Harmonic mean of the distances between the points of this part of the tool, that of a point from itself being its disc's,
     /// each counting by its force [m].
     pub distance: Real,
-    /// What the mesh shows at the points of this part of the tool of a dent there, over that of a half-space at a distance of
-    /// one, on the average [1/m].
-    pub shown: Real,
+    /// How much more than in small strain the mesh gives way under this part of the tool, over that.
+    pub mesh_softened: Real,
     /// Overlap that has not been closed yet [m].
     pub slack: Real,
     /// What changes of resolution have made of the dent more (below zero) or less, how far the tool has come while the body

@@ -61,6 +61,15 @@ impl Material {
         (0.17 + nu * (0.5 + nu * nu * 1.9)) * reach.min(0.5)
     }
 
+    /// `S:E`, `S:E²` and `S:E³` [J/m³] of St. Venant–Kirchhoff's law at Green's strain `E`: xx, yy, zz, yz, xz, xy.
+    pub fn works(&self, strain: &[Real; 6]) -> [Real; 3] {
+        let [xx, yy, zz, yz, xz, xy] = *strain;
+        let e = Mat3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz);
+        let squared = e * e;
+        let traces = [e.trace(), squared.trace(), e.dot(&squared), squared.dot(&squared)];
+        std::array::from_fn(|i| self.lambda * traces[0] * traces[i] + 2.0 * self.mu * traces[i + 1])
+    }
+
     /// `(1−ν²)/(πE)` [m²/N]: under a point load an elastic half-space gives way by this much per newton and per distance.
     pub fn half_space(&self) -> Real {
         let nu = self.poisson_ratio();
