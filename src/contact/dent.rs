@@ -415,16 +415,17 @@ fn give_way_as(
 ) {
     // All points of a part remember the same.
     let (distance, was) = before.first().map_or((0.0, 0.0), |m| (m.distance, m.mesh_softened));
-    let mesh_softened = was + SOFTENING_FOLLOWED * (mesh_softens - was);
-    let softened = Material::softening(mean_by_force(loads, |load| load.nu), disc / radius);
+    // A ball that is in by as much as its radius touches no disc any more.
+    let shallow = ((1.0 - disc / radius) / (1.0 - SHALLOW)).clamp(0.0, 1.0);
+    let softened = shallow * Material::softening(mean_by_force(loads, |load| load.nu), disc / radius);
+    let mesh_softened = was + SOFTENING_FOLLOWED * (shallow * mesh_softens - was);
     let deep = disc * disc / radius;
     let axis = before.iter().map(|m| m.normal * m.multiplier).sum::<Vec3>() / force;
     let mean = (deep - radius * (1.0 - axis.norm())).max(LEAST_MEAN * deep);
     // The half-space's compliance times the force; not less than the least disc's, however small the force is.
     let reach = disc * disc * disc / (0.75 * PI * radius);
     let whole = WORK * mean * distance / reach;
-    // A ball that is in by as much as its radius touches no disc any more.
-    let scale = 1.0 + (2.0 - 2.0 * disc / radius).clamp(0.0, 1.0) * (whole - 1.0);
+    let scale = 1.0 + shallow * (whole - 1.0);
     for load in loads {
         (load.scale, load.softened, load.mesh_softened) = (scale, softened, mesh_softened);
         // The disc grows with the cube root of the force, ...
@@ -526,6 +527,8 @@ const MESH_SOFTENS: [Real; 2] = [-0.2, 0.4];
 /// Of the work that is known, what the points of a ball do: with this the forces are the continuum's on elements of a third to
 /// eight radii of the disc.
 const WORK: Real = 0.98;
+/// Disc over radius up to which a ball's points give way as its disc; at 1 nothing is left of that.
+const SHALLOW: Real = 0.6;
 /// Part of the way to what it is now that [`PointMemory::distance`] goes in a tick, ...
 const DISTANCE_FOLLOWED: Real = 0.5;
 /// ... and [`PointMemory::mesh_softened`].
