@@ -113,6 +113,20 @@ mod tests {
     }
 
     #[test]
+    fn works_are_those_of_the_stress() {
+        let m = Material::from_young(1e4, 0.35, 1000.0);
+        let f = Mat3::new(0.9, 0.1, 0.0, -0.05, 1.1, 0.2, 0.1, 0.0, 0.8);
+        let e = (f.transpose() * f - Mat3::identity()) * 0.5;
+        let stress = Mat3::identity() * (m.lambda * e.trace()) + e * (2.0 * m.mu);
+        let given = [e[(0, 0)], e[(1, 1)], e[(2, 2)], e[(1, 2)], e[(0, 2)], e[(0, 1)]];
+        let expected = [stress.dot(&e), stress.dot(&(e * e)), stress.dot(&(e * e * e))];
+        for (work, expected) in m.works(&given).iter().zip(expected) {
+            assert!((work - expected).abs() < 1e-12 * m.mu, "{work} and {expected}");
+        }
+        assert!((0.5 * m.works(&given)[0] / m.energy_density(&f) - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
     fn crushing_costs_ever_more_energy() {
         let m = Material::from_young(1e4, 0.45, 1000.0);
         let density = |s: Real| m.energy_density(&Mat3::from_diagonal_element(s));
