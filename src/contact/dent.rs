@@ -405,7 +405,7 @@ fn no_wider_than(disc: Real, loads: &mut [Load]) {
 /// tick, `before`. A point whose normal is at the angle `θ` to the force is then `u = a²/R − R (1 − cos θ)` deep, and so the
 /// work `Σ F u` of all is known; what it would be on a half-space as they are tells [`measure`].
 ///
-/// Large strain softens the continuum, and the mesh by `mesh_softens`.
+/// Large strain softens the continuum as [`Material::softening`] says, and the mesh by `mesh_softens`.
 fn give_way_as(
     disc: Real,
     radius: Real,
