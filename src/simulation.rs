@@ -295,6 +295,11 @@ impl Simulation {
         self.tick
     }
 
+    /// What the last tick gave.
+    pub fn outputs(&self) -> &Outputs {
+        &self.outputs
+    }
+
     /// The body as it moves.
     pub fn mesh(&self) -> &ActiveMesh {
         &self.mesh
@@ -533,9 +538,10 @@ impl Simulation {
                 &mut self.stepping,
             );
             self.mesh.ease_off();
-            self.mesh.reclass_alarmed(&self.body);
+            self.mesh.reclass_over_limit(&self.body);
         }
         self.mesh.fade_out();
+        self.mesh.follow_offsets(&self.body);
     }
 
     /// Our last line: a state that is not finite, or that the body would stay in for ever, is replaced by the one a reset

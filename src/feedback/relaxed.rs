@@ -399,8 +399,8 @@ fn dot(a: &[Vec3], b: &[Vec3]) -> Real {
 }
 
 /// Elastic forces and those of the holds on the active nodes [N], as `mesh` is now.
-fn forces(body: &Body, path: Path, mesh: &mut ActiveMesh, out: &mut [Vec3]) {
-    step::add_elastic_forces(path, body, mesh);
+fn forces(path: Path, mesh: &mut ActiveMesh, out: &mut [Vec3]) {
+    step::add_elastic_forces(path, mesh);
     let (active, motion) = mesh.active_motion();
     for (out, slot) in out.iter_mut().zip(active) {
         let f = std::mem::take(&mut motion.force[*slot as usize]);

@@ -15,6 +15,7 @@ pub use super::lanes::Padded;
 use super::lanes::{LANES, Lanes, Plain, Row};
 use super::material::{COLLAPSE_ONSET, COLLAPSE_STIFFNESS};
 use crate::math::Real;
+use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
 /// Most Maxwell branches of an element.
@@ -43,8 +44,24 @@ pub(super) struct Block {
     pub strain: [Row; 6],
     /// `J` at the last evaluation.
     pub det: Row,
-    /// `|2E|²` up to which the element may keep its step.
-    pub calm: Row,
+    /// [`StrainLimit::deviator`].
+    pub limit: Row,
+    /// [`StrainLimit::slope`].
+    pub slope: Row,
+}
+
+/// Strain up to which an element may keep its step: `|dev 2E| ≤ deviator − slope · tr 2E`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct StrainLimit {
+    /// No unit.
+    pub deviator: Real,
+    /// No unit.
+    pub slope: Real,
+}
+
+impl StrainLimit {
+    /// Whatever the strain.
+    pub const NONE: Self = Self { deviator: Real::INFINITY, slope: 0.0 };
 }
 
 /// What one Maxwell branch of [`LANES`] elements remembers: `2D`, components as in [`Block::strain`].
@@ -140,7 +157,7 @@ pub(super) struct Batch<'a> {
     pub count: usize,
     /// Maxwell branches of each element, at most [`MAX_BRANCHES`].
     pub branches: usize,
-    /// Receives the blocks with an element that is strained beyond its calm or crushed; has room for all.
+    /// Receives the blocks with an element that is strained beyond its limit or crushed; has room for all.
     pub alarmed: &'a mut Vec<u32>,
 }
 
@@ -292,7 +309,9 @@ unsafe fn add_forces_here<L: Lanes, const B: usize>(
                     det = det.where_less(lane, used).add(one.sub(one.where_less(lane, used)));
                 }
                 det.store(&mut block.det, at);
-                alarm |= L::load(&block.calm, at).any_less(squares);
+                // |dev 2E|² against the square of its limit; where that is below zero every deviator is beyond it.
+                let limit = L::load(&block.limit, at).sub(L::load(&block.slope, at).mul(trace)).max(zero);
+                alarm |= limit.mul(limit).any_less(squares.sub(third.mul(trace.mul(trace))));
                 strain_squared = squares.max(strain_squared);
                 least_det = det.min(least_det);
 
@@ -753,7 +772,7 @@ mod tests {
     }
 
     #[test]
-    fn extremes_are_those_of_the_elements_and_who_is_not_calm_is_named() {
+    fn extremes_are_those_of_the_elements_and_who_is_over_its_limit_is_named() {
         let mut noise = Noise(23);
         let soup = Soup::new(&mut noise, 30, 61);
         for amount in [0.02, 0.5, 1.5] {
@@ -761,25 +780,35 @@ mod tests {
             let mut pool = soup.pool(1);
             let (_, extremes) = forces(&mut pool, Path::best(), &RATES, &x);
             let mut expected = Extremes::REST;
-            let mut strained = vec![];
+            let (mut strained, mut calm) = (vec![], vec![]);
+            let limit = StrainLimit { deviator: 0.6, slope: 0.8 };
             for e in 0..soup.elements.len() {
                 let f = soup.deformation(e, &x);
                 let strain = (f.transpose() * f - Mat3::identity()) * 0.5;
                 let det = f.determinant();
                 let own = Extremes { strain_squared: strain.dot(&strain), det_f: det };
-                if strain.dot(&strain) > 0.09 || det < COLLAPSE_ONSET {
+                let deviator = (strain - Mat3::identity() * (strain.trace() / 3.0)).norm();
+                let over = 2.0 * deviator - (limit.deviator - limit.slope * 2.0 * strain.trace());
+                if det < COLLAPSE_ONSET || over > 1e-9 {
                     strained.push(e as u32);
+                } else if over < -1e-9 {
+                    calm.push(e as u32);
                 }
                 expected = expected.join(&own);
             }
             let near = |a: Real, b: Real| (a - b).abs() < 1e-11 * (1.0 + b.abs());
             assert!(near(extremes.strain_squared, expected.strain_squared));
             assert!(near(extremes.det_f, expected.det_f));
-            // Twice a strain of 0.3, squared.
-            (0..soup.elements.len() as u32).for_each(|e| pool.set_calm(e, 0.36));
-            forces(&mut pool, Path::best(), &RATES, &x);
-            let alarmed: Vec<u32> = pool.alarmed(5).collect();
-            assert!(strained.iter().all(|e| alarmed.contains(e)), "{strained:?} in {alarmed:?}");
+            for path in Path::available() {
+                let mut pool = soup.pool(1);
+                (0..soup.elements.len() as u32).for_each(|e| pool.set_strain_limit(e, limit));
+                forces(&mut pool, path, &RATES, &x);
+                let over: Vec<u32> = pool.over_limit(5).collect();
+                assert!(strained.iter().all(|e| over.contains(e)), "{strained:?} in {over:?}");
+                // One over its limit brings along those of its block, and no others.
+                let block = |e: &u32| strained.iter().any(|s| s / LANES as u32 == e / LANES as u32);
+                assert!(calm.iter().all(|e| block(e) || !over.contains(e)), "{over:?} for {strained:?}");
+            }
         }
     }
 }

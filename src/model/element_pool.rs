@@ -4,7 +4,7 @@
 //! sums. An element joins at the end; where one leaves, the last of the class takes its place. Which blocks hold the
 //! sequence is of no consequence, so the order of the ids is all that a saved state needs of it.
 
-use super::element_kernel::{self, Batch, Block, Extremes, MAX_BRANCHES, Memory, Path, Rates};
+use super::element_kernel::{self, Batch, Block, Extremes, MAX_BRANCHES, Memory, Path, Rates, StrainLimit};
 use super::lanes::{LANES, Padded};
 use crate::math::Real;
 use serde::{Deserialize, Serialize};
@@ -82,7 +82,7 @@ pub struct ElementPool {
     /// Blocks that belong to no class, the next to be used last.
     free: Vec<u32>,
     classes: [Class; CLASSES],
-    /// By class, the blocks that the last evaluation found strained beyond their calm.
+    /// By class, the blocks that the last evaluation found with an element over its limit.
     alarmed: [Vec<u32>; CLASSES],
     places: Vec<Place>,
     len: usize,
@@ -231,26 +231,30 @@ impl ElementPool {
             .then(|| self.owners[self.classes[class].blocks[place / LANES] as usize][place % LANES])
     }
 
-    /// Square of twice the strain, `|2E|²`, up to which element `id` may keep its step: beyond it, and when crushed, it
-    /// is among the [`ElementPool::alarmed`].
-    pub fn set_calm(&mut self, id: u32, squared: Real) {
+    /// Beyond `limit`, and when crushed, element `id` is among those [over their limit](ElementPool::over_limit).
+    pub fn set_strain_limit(&mut self, id: u32, limit: StrainLimit) {
         if let Some((block, lane)) = self.find(id) {
-            self.blocks[block].calm[lane] = squared;
+            self.blocks[block].limit[lane] = limit.deviator;
+            self.blocks[block].slope[lane] = limit.slope;
         }
     }
 
-    /// What [`ElementPool::set_calm`] has set.
-    pub fn calm(&self, id: u32) -> Option<Real> {
-        self.find(id).map(|(block, lane)| self.blocks[block].calm[lane])
+    /// What [`ElementPool::set_strain_limit`] has set.
+    pub fn strain_limit(&self, id: u32) -> Option<StrainLimit> {
+        let limit = |(block, lane): (usize, usize)| {
+            let block = &self.blocks[block];
+            StrainLimit { deviator: block.limit[lane], slope: block.slope[lane] }
+        };
+        self.find(id).map(limit)
     }
 
-    /// Elements of the blocks of `class` in which the last evaluation found one beyond its calm.
-    pub fn alarmed(&self, class: usize) -> impl Iterator<Item = u32> + '_ {
+    /// Elements of the blocks of `class` in which the last evaluation found one over its limit.
+    pub fn over_limit(&self, class: usize) -> impl Iterator<Item = u32> + '_ {
         self.alarmed[class].iter().flat_map(|b| self.owners[*b as usize]).filter(|e| *e != NONE)
     }
 
-    /// Forgets who is alarmed: what was found in one tick says nothing in the next.
-    pub fn calm_down(&mut self) {
+    /// Forgets who is over its limit: what was found in one tick says nothing in the next.
+    pub fn forget_over_limit(&mut self) {
         self.alarmed.iter_mut().for_each(Vec::clear);
     }
 
@@ -395,7 +399,8 @@ impl ElementPool {
         b.lambda[lane] = 0.0;
         b.mu[lane] = 0.0;
         b.branch[lane] = 0.0;
-        b.calm[lane] = Real::INFINITY;
+        b.limit[lane] = Real::INFINITY;
+        b.slope[lane] = 0.0;
         self.write_history(block, lane, &History::REST);
     }
 
@@ -412,7 +417,8 @@ impl ElementPool {
         b.lambda[j] = source.lambda[i];
         b.mu[j] = source.mu[i];
         b.branch[j] = source.branch[i];
-        b.calm[j] = source.calm[i];
+        b.limit[j] = source.limit[i];
+        b.slope[j] = source.slope[i];
         let history = self.read_history(from, i);
         self.write_history(to, j, &history);
     }
@@ -451,7 +457,8 @@ const UNUSED: Block = Block {
     branch: [0.0; LANES],
     strain: [[0.0; LANES]; 6],
     det: [1.0; LANES],
-    calm: [Real::INFINITY; LANES],
+    limit: [Real::INFINITY; LANES],
+    slope: [0.0; LANES],
 };
 
 #[cfg(test)]

@@ -19,6 +19,7 @@ pub mod organ;
 pub mod skin;
 pub mod state;
 pub mod step_class;
+pub mod sweeps;
 
 pub use active_mesh::ActiveMesh;
 pub use body::Body;

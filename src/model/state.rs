@@ -3,6 +3,7 @@
 use super::active_mesh::Ease;
 use super::active_set::ActiveSet;
 use super::body::Body;
+use super::element_kernel::StrainLimit;
 use super::element_pool::{CLASSES, History};
 use super::step_class;
 use crate::math::{Real, Vec3, is_finite};
@@ -43,9 +44,8 @@ pub struct State {
     pub classes: Vec<Vec<u32>>,
     /// What each of them remembers, class by class.
     pub history: Vec<History>,
-    /// Up to which strain each of them may keep its step, as [`super::element_pool::ElementPool::set_calm`] takes it;
-    /// empty to have it found.
-    pub calm: Vec<Real>,
+    /// Up to which strain each of them may keep its step; empty to have it found.
+    pub strain_limit: Vec<StrainLimit>,
     /// By display vertex: what changes of resolution have left to fade, see
     /// [`super::active_mesh::ActiveMesh::fade`].
     pub fade: Vec<[Real; 4]>,
@@ -89,7 +89,7 @@ impl State {
             velocity: vec![Vec3::zeros(); position.len()],
             ease: vec![Ease::default(); position.len()],
             shedding: Shedding::No,
-            calm: Vec::new(),
+            strain_limit: Vec::new(),
             history: vec![History::REST; classes.iter().map(Vec::len).sum()],
             fade: vec![[0.0; 4]; body.surface().vertices.len()],
             nodes,
@@ -111,7 +111,7 @@ impl State {
             interface: Vec::with_capacity(slots),
             classes: (0..CLASSES).map(|_| Vec::with_capacity(elements)).collect(),
             history: Vec::with_capacity(elements),
-            calm: Vec::with_capacity(elements),
+            strain_limit: Vec::with_capacity(elements),
             fade: Vec::with_capacity(body.surface().vertices.len()),
         }
     }

@@ -5,6 +5,7 @@
 //! accuracy: energy errors grow with the square of the step, and a hand would feel elements that answer late.
 
 use super::body::Body;
+use super::element_kernel::StrainLimit;
 use super::element_pool::CLASSES;
 use super::material::{COLLAPSE_ONSET, COLLAPSE_STIFFNESS, Material};
 use crate::math::Real;
@@ -82,12 +83,23 @@ impl Strained {
     }
 }
 
-/// Strain `|E|` up to which an element that is not crushed may step in `class`, whatever the direction of its strain:
-/// its growth is at most `1 + (2 + √3)|E|`, and so is its stretch. Arguments as in [`stable_step`].
-pub fn calm_strain(class: usize, omega_squared: Real, damping_time: Real, springs: Real) -> Real {
-    let step = step_of(class);
-    let growth = (4.0 - springs * step * step) / (omega_squared * step * (step + 2.0 * damping_time));
-    ((growth - 1.0) / (2.0 + 1.733)).max(0.0)
+/// Strain up to which an element of `material` that is not crushed may step in `class`: [`stable_step`] with the bounds
+/// of [`Strained::of`] on growth, `1 + (2 + 2μ/M) e + (λ/M) tr E`, and on the squared stretch, `1 + 2e`, solved for
+/// `|dev E|`, `M = λ + 2μ`, `e = tr E/3 + √(2/3) |dev E|`. Arguments as in [`stable_step`].
+pub fn strain_limit(
+    class: usize,
+    material: &Material,
+    omega_squared: Real,
+    damping_time: Real,
+    springs: Real,
+) -> StrainLimit {
+    let (h, tau, modulus) = (step_of(class), damping_time, material.pressure_modulus());
+    let left = (4.0 - springs * h * h) / omega_squared - h * (h + 2.0 * tau);
+    // `e · stretched + tr E · swollen ≤ left`.
+    let stretched = h * (h * (2.0 + 2.0 * material.mu / modulus) + 4.0 * tau);
+    let swollen = h * h * material.lambda / modulus;
+    let per_deviator = SQRT_TWO_THIRDS * stretched;
+    StrainLimit { deviator: 2.0 * left / per_deviator, slope: (stretched / 3.0 + swollen) / per_deviator }
 }
 
 const SQRT_TWO_THIRDS: Real = 0.816_496_580_927_726;

@@ -9,9 +9,10 @@
 use super::constraint_solve::{self, Prepared};
 use crate::math::{Real, Vec3};
 use crate::model::active_mesh::{Ease, Motion};
-use crate::model::element_kernel::{Extremes, Padded, Path, Rates};
+use crate::model::element_kernel::{Extremes, Path, Rates};
 use crate::model::element_pool::CLASSES;
 use crate::model::step_class::{self, STEP_VISCOSITY, TICK};
+use crate::model::sweeps::{self, Falling, Registers};
 use crate::model::{ActiveMesh, Body, Constraint};
 
 /// Nodes that the elements of one class concern.
@@ -124,7 +125,7 @@ fn event(
     work: &mut Workspace,
 ) -> Extremes {
     let step = step_class::step_of(class);
-    let rates = rates(body, step);
+    let (rates, registers) = (rates(body, step), mesh.registers());
     let eased = of_class(&work.eased, class);
     // What is held of a body that can move as a whole is balanced where all its nodes are now.
     let balanced = mesh.has_free_organs() && !eased.is_empty();
@@ -134,7 +135,7 @@ fn event(
         mesh.place_interface();
         let extremes = mesh.add_forces(path, class, &rates);
         if held {
-            pull_back(body, mesh);
+            mesh.add_supports();
         }
         mesh.hand_back_all();
         if balanced {
@@ -142,22 +143,22 @@ fn event(
         }
         let (active, motion) = mesh.active_motion();
         add_eases(if balanced { active } else { eased }, motion, class);
-        kick(active, motion, step);
+        kick(registers, active, motion, step);
         return extremes;
     }
-    find_concerned(body, mesh, class, held, work);
+    find_concerned(mesh, class, held, work);
     let (concerned, eased) = (&work.concerned[class], of_class(&work.eased, class));
     drift(&concerned.active, &mut work.time, mesh, gravity, now);
     drift(eased, &mut work.time, mesh, gravity, now);
     mesh.place_these(&concerned.interface);
     let extremes = mesh.add_forces(path, class, &rates);
     if held {
-        pull_back(body, mesh);
+        mesh.add_supports();
     }
     mesh.hand_back(&concerned.interface);
-    kick(&concerned.active, &mut mesh.motion, step);
+    kick(registers, &concerned.active, &mut mesh.motion, step);
     add_eases(eased, &mut mesh.motion, class);
-    kick(eased, &mut mesh.motion, step);
+    kick(registers, eased, &mut mesh.motion, step);
     extremes
 }
 
@@ -179,7 +180,7 @@ fn rates(body: &Body, step: Real) -> Rates {
 }
 
 /// Nodes of the elements of `class`, of the holds when `held`, and the masters they hang on.
-fn find_concerned(body: &Body, mesh: &ActiveMesh, class: usize, held: bool, work: &mut Workspace) {
+fn find_concerned(mesh: &ActiveMesh, class: usize, held: bool, work: &mut Workspace) {
     if work.concerned[class].revision == Some(mesh.revision(class)) {
         return;
     }
@@ -214,9 +215,7 @@ fn find_concerned(body: &Body, mesh: &ActiveMesh, class: usize, held: bool, work
         }
     }
     if held {
-        for hold in body.holds() {
-            mesh.attachment(hold.vertex).slots.into_iter().for_each(&mut note);
-        }
+        mesh.supported().for_each(&mut note);
     }
     *revision = Some(mesh.revision(class));
 }
@@ -228,6 +227,9 @@ fn of_class(eased: &Ease<Vec<u32>>, class: usize) -> &[u32] {
 
 fn collect_eased(mesh: &ActiveMesh, work: &mut Workspace) {
     work.eased.iter_mut().for_each(Vec::clear);
+    if !mesh.has_eases() {
+        return;
+    }
     for &slot in mesh.active() {
         for (slots, ease) in work.eased.iter_mut().zip(&mesh.motion.ease[slot as usize]) {
             if *ease != [0.0; 4] {
@@ -252,53 +254,31 @@ fn collect_contact_nodes(constraints: &[Constraint], work: &mut Workspace) {
 }
 
 /// Adds the relaxed elastic forces of all elements and the pull of the holds to [`ActiveMesh::motion`]'s forces.
-pub fn add_elastic_forces(path: Path, body: &Body, mesh: &mut ActiveMesh) {
+pub fn add_elastic_forces(path: Path, mesh: &mut ActiveMesh) {
     mesh.place_interface();
     for class in 0..CLASSES {
         mesh.add_forces(path, class, &Rates::ELASTIC);
     }
-    pull_back(body, mesh);
+    mesh.add_supports();
     mesh.hand_back_all();
-}
-
-/// Springs that hold display vertices where they were at rest.
-fn pull_back(body: &Body, mesh: &mut ActiveMesh) {
-    for hold in body.holds() {
-        let stretch = body.surface().vertices[hold.vertex as usize] - mesh.vertex(hold.vertex);
-        let pull = stretch * hold.stiffness;
-        let attachment = *mesh.attachment(hold.vertex);
-        for (slot, w) in attachment.slots.iter().zip(attachment.weights) {
-            let force = &mut mesh.motion.force[*slot as usize];
-            for c in 0..3 {
-                force[c] += pull[c] * w;
-            }
-        }
-    }
 }
 
 /// Free fall of the nodes in `slots` up to `now` [s].
 fn drift(slots: &[u32], time: &mut [Real], mesh: &mut ActiveMesh, gravity: Vec3, now: Real) {
-    fall(slots, time, &mut mesh.motion, [gravity.x, gravity.y, gravity.z, 0.0], now);
+    let registers = mesh.registers();
+    fall(registers, slots, &mut mesh.motion, time, gravity, now);
 }
 
 fn drift_all(time: &mut [Real], mesh: &mut ActiveMesh, gravity: Vec3, now: Real) {
+    let registers = mesh.registers();
     let (active, motion) = mesh.active_motion();
-    fall(active, time, motion, [gravity.x, gravity.y, gravity.z, 0.0], now);
+    fall(registers, active, motion, time, gravity, now);
 }
 
-fn fall(slots: &[u32], time: &mut [Real], motion: &mut Motion, gravity: Padded, now: Real) {
-    for &slot in slots {
-        let s = slot as usize;
-        let step = now - std::mem::replace(&mut time[s], now);
-        // Nodes held fast never had a velocity, and do not fall.
-        if motion.inverse_mass[s] > 0.0 {
-            let (x, v) = (&mut motion.position[s], &mut motion.velocity[s]);
-            for c in 0..4 {
-                x[c] += step * (v[c] + 0.5 * step * gravity[c]);
-                v[c] += step * gravity[c];
-            }
-        }
-    }
+fn fall(registers: Registers, slots: &[u32], motion: &mut Motion, time: &mut [Real], gravity: Vec3, now: Real) {
+    let Motion { position, velocity, inverse_mass, .. } = motion;
+    let falling = Falling { position, velocity, inverse_mass, time };
+    sweeps::fall(registers, slots, falling, [gravity.x, gravity.y, gravity.z, 0.0], now);
 }
 
 /// What is held on the nodes in `slots` acts now, with the elements of `class`.
@@ -311,14 +291,7 @@ fn add_eases(slots: &[u32], motion: &mut Motion, class: usize) {
     }
 }
 
-fn kick(slots: &[u32], motion: &mut Motion, step: Real) {
-    for &slot in slots {
-        let s = slot as usize;
-        let f = std::mem::replace(&mut motion.force[s], [0.0; 4]);
-        let impulse = step * motion.inverse_mass[s];
-        let v = &mut motion.velocity[s];
-        for c in 0..4 {
-            v[c] += impulse * f[c];
-        }
-    }
+fn kick(registers: Registers, slots: &[u32], motion: &mut Motion, step: Real) {
+    let Motion { velocity, force, inverse_mass, .. } = motion;
+    sweeps::kick(registers, slots, inverse_mass, step, force, velocity);
 }

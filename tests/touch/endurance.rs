@@ -292,7 +292,7 @@ fn what_differs(a: &Snapshot, b: &Snapshot) -> Vec<&'static str> {
         ("interface", a.body.interface == b.body.interface),
         ("classes", a.body.classes == b.body.classes),
         ("history", a.body.history == b.body.history),
-        ("calm", a.body.calm == b.body.calm),
+        ("strain limit", a.body.strain_limit == b.body.strain_limit),
         ("fade", a.body.fade == b.body.fade),
     ];
     parts.into_iter().filter(|p| !p.1).map(|p| p.0).collect()

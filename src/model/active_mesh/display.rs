@@ -126,7 +126,7 @@ impl ActiveMesh {
             }
         }
         self.work.shifted = shifted;
-        self.weigh_springs(body);
+        self.fold_supports(body);
     }
 
     /// Returns how many of them, the first ones, may hang elsewhere; the others are on what has moved.
@@ -210,40 +210,6 @@ impl ActiveMesh {
             }
         }
         Host { element: best.1, weights: best.2 }
-    }
-
-    /// What the springs add to `ω²` at most: `Σ_h k |b_j| Σ_i|b_i| / m_j` by row sums.
-    pub(super) fn weigh_springs(&mut self, body: &Body) {
-        if body.holds().is_empty() {
-            return;
-        }
-        self.active.iter().for_each(|s| self.springs[*s as usize] = 0.0);
-        for hold in body.holds() {
-            let a = self.attachment[hold.vertex as usize];
-            let amplification: Real = a
-                .slots
-                .iter()
-                .zip(a.weights)
-                .map(|(s, w)| w.abs() * if self.is_master(*s) { 1.0 } else { self.row[*s as usize].amplification() })
-                .sum();
-            for (slot, w) in a.slots.iter().zip(a.weights) {
-                let stiffness = hold.stiffness * w.abs() * amplification;
-                if self.is_master(*slot) {
-                    self.springs[*slot as usize] += stiffness * self.motion.inverse_mass[*slot as usize];
-                } else {
-                    for (master, p) in self.row[*slot as usize].entries() {
-                        self.springs[master as usize] +=
-                            stiffness * p.abs() * self.motion.inverse_mass[master as usize];
-                    }
-                }
-            }
-        }
-        self.stiffest_spring = self.active.iter().map(|s| self.springs[*s as usize]).fold(0.0, Real::max);
-    }
-
-    /// Bound on the springs' share of `ω²` [1/s²] of any node.
-    pub fn stiffest_spring(&self) -> Real {
-        self.stiffest_spring
     }
 
     /// Fades what changes of resolution have left, by one tick.

@@ -56,6 +56,11 @@ impl ActiveMesh {
         Upkeep { eased, ..upkeep }
     }
 
+    /// Whether there are residual forces that have not decayed yet.
+    pub fn has_eases(&self) -> bool {
+        self.eases
+    }
+
     /// What is held on the active node in `slot` [N].
     pub fn eased(&self, slot: u32) -> Vec3 {
         self.motion.ease[slot as usize].iter().map(vec3).sum()
@@ -106,6 +111,7 @@ impl ActiveMesh {
     /// Adds to what is held `sign` times what accelerates each active node, as far as the concerned elements and `loads` go:
     /// by class of step, so that it acts when what it stands for does.
     fn add_balance(&mut self, body: &Body, loads: Option<&Loads>, sign: Real) {
+        self.eases = true;
         for i in 0..self.work.concerned.len() {
             let e = self.work.concerned[i];
             if let Some((class, slots, forces)) = self.weigh_element(body, e) {
@@ -217,9 +223,14 @@ impl ActiveMesh {
             let_go *= Real::from(ticks + 1) / Real::from(RESUMES_WITHIN);
             self.shedding = if ticks + 1 < RESUMES_WITHIN { Shedding::Resumes(ticks + 1) } else { Shedding::No };
         }
+        if !self.eases {
+            return;
+        }
+        self.eases = false;
         for &slot in &self.active {
             for e in self.motion.ease[slot as usize].as_flattened_mut() {
                 *e = if e.abs() > LEAST_EASE { *e * (1.0 - let_go) } else { 0.0 };
+                self.eases |= *e != 0.0;
             }
         }
     }

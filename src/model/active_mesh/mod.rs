@@ -12,6 +12,7 @@ mod easing;
 mod foresight;
 mod momentum;
 mod reshape;
+mod supports;
 
 pub use display::{Attachment, MOST_ASIDE};
 use easing::NO_EASE;
@@ -19,15 +20,17 @@ pub use easing::{Ease, Loads};
 use momentum::ByOrgan;
 pub use momentum::Momenta;
 pub use reshape::Upkeep;
+use supports::Supports;
 
 use super::active_set::ActiveSet;
 use super::body::{Body, NONE};
-use super::element_kernel::Padded;
+use super::element_kernel::{Padded, StrainLimit};
 use super::element_pool::{CLASSES, ElementConstants, ElementPool, History};
 use super::interface::{InterfaceRow, Search};
 use super::organ::MOST_ORGANS;
 use super::state::{Shedding, State};
 use super::step_class::{self, Strained};
+use super::sweeps::{self, Registers};
 use crate::math::{Mat3, Real, Vec3};
 
 /// Units of mass in an organ's mass: sums of whole numbers do not depend on their order, so a node's mass does not
@@ -89,7 +92,9 @@ pub struct ActiveMesh {
     astray: Vec<u32>,
     lever: Real,
     shedding: Shedding,
-    /// Whether no node of an organ is held fast.
+    /// Whether a node has a residual force.
+    eases: bool,
+    /// Whether nothing holds an organ: neither supports nor fixed nodes.
     free_organs: ByOrgan<bool>,
     /// Counts up with every change of a class's elements, and with every change of interface rows (all classes).
     revision: [u32; CLASSES],
@@ -98,6 +103,8 @@ pub struct ActiveMesh {
     /// Longest side of the surface's bounding box at rest [m].
     size: Real,
     row_entries: u32,
+    registers: Registers,
+    supports: Supports,
     stiffest_spring: Real,
     work: Work,
 }
@@ -183,14 +190,20 @@ impl ActiveMesh {
             astray: Vec::with_capacity(vertices),
             lever: 1.0,
             shedding: Shedding::No,
+            eases: false,
             free_organs: std::array::from_fn(|organ| {
-                let held_fast = |n: u32| body.organ_of(n) == organ && body.is_fixed(n);
-                organ < body.organs().len() && !(0..body.node_count() as u32).any(held_fast)
+                let fixed = |n: u32| body.organ_of(n) == organ && body.is_fixed(n);
+                // Every level carries every display vertex, or the next coarser one does.
+                let carries = |v: u32| body.element(body.level(0).embedding[v as usize].element)[0];
+                let supported = body.holds().iter().any(|hold| body.organ_of(carries(hold.vertex)) == organ);
+                organ < body.organs().len() && !supported && !(0..body.node_count() as u32).any(fixed)
             }),
             revision: [0; CLASSES],
             mass_unit: body.organs().iter().map(|organ| organ.mass / MASS_UNITS).collect(),
             size: (high - low).max(),
             row_entries: 0,
+            registers: Registers::best(),
+            supports: Supports::new(body),
             stiffest_spring: 0.0,
             work: Work {
                 search: Search::new(body),
@@ -279,16 +292,17 @@ impl ActiveMesh {
         self.astray.clear();
         self.lever = 1.0;
         self.shedding = state.shedding;
+        self.eases = state.ease.iter().flatten().any(|e| *e != Vec3::zeros());
         for v in 0..self.attachment.len() as u32 {
             self.attach(body, v);
         }
-        self.weigh_springs(body);
-        let mut calm = state.calm.iter();
+        self.fold_supports(body);
+        let mut limits = state.strain_limit.iter();
         for (class, ids) in state.classes.iter().enumerate() {
             for &e in ids {
-                match calm.next() {
-                    Some(calm) => self.pool.set_calm(e, *calm),
-                    None => self.set_calm(body, e, class),
+                match limits.next() {
+                    Some(limit) => self.pool.set_strain_limit(e, *limit),
+                    None => self.limit_strain(body, e, class),
                 }
             }
         }
@@ -301,9 +315,9 @@ impl ActiveMesh {
         if moving.iter().any(|len| *len != nodes) || state.fade.len() != self.fade.len() {
             return Err(format!("the state's arrays do not fit {nodes} active nodes and the body's surface"));
         }
-        let calm = state.calm.len();
+        let limits = state.strain_limit.len();
         if state.classes.len() != CLASSES
-            || (calm > 0 && calm != state.history.len())
+            || (limits > 0 && limits != state.history.len())
             || state.history.len() != state.classes.iter().map(Vec::len).sum::<usize>()
         {
             return Err("the state's elements do not fit its step classes".into());
@@ -352,13 +366,13 @@ impl ActiveMesh {
         state.interface.clear();
         state.interface.extend(self.interface.iter().map(|s| self.node[*s as usize]));
         state.history.clear();
-        state.calm.clear();
+        state.strain_limit.clear();
         for (class, ids) in state.classes.iter_mut().enumerate() {
             ids.clear();
             for e in self.pool.ids(class) {
                 ids.push(e);
                 state.history.push(self.pool.history(e).unwrap_or(History::REST));
-                state.calm.push(self.pool.calm(e).unwrap_or(0.0));
+                state.strain_limit.push(self.pool.strain_limit(e).unwrap_or(StrainLimit::NONE));
             }
         }
         state.fade.clear();
@@ -437,16 +451,7 @@ impl ActiveMesh {
 
     /// Places the interface nodes of `slots` where their masters say.
     pub fn place_these(&mut self, slots: &[u32]) {
-        for &slot in slots {
-            let mut sum = [0.0; 4];
-            for (master, weight) in self.row[slot as usize].entries() {
-                let x = &self.motion.position[master as usize];
-                for c in 0..4 {
-                    sum[c] += weight * x[c];
-                }
-            }
-            self.motion.position[slot as usize] = sum;
-        }
+        sweeps::place(self.registers, &self.row, slots, &mut self.motion.position);
     }
 
     /// Places all interface nodes.
@@ -458,18 +463,7 @@ impl ActiveMesh {
 
     /// Hands the forces on the interface nodes of `slots` to their masters.
     pub fn hand_back(&mut self, slots: &[u32]) {
-        for &slot in slots {
-            let f = std::mem::replace(&mut self.motion.force[slot as usize], [0.0; 4]);
-            if f == [0.0; 4] {
-                continue;
-            }
-            for (master, weight) in self.row[slot as usize].entries() {
-                let to = &mut self.motion.force[master as usize];
-                for c in 0..4 {
-                    to[c] += weight * f[c];
-                }
-            }
-        }
+        sweeps::hand_back(self.registers, &self.row, slots, &mut self.motion.force);
     }
 
     /// Hands the forces on all interface nodes to their masters.
@@ -477,6 +471,11 @@ impl ActiveMesh {
         let slots = std::mem::take(&mut self.interface);
         self.hand_back(&slots);
         self.interface = slots;
+    }
+
+    /// Registers that sweeps over its nodes use.
+    pub fn registers(&self) -> Registers {
+        self.registers
     }
 
     /// Slots of the active nodes, and their motion to be changed.
@@ -553,26 +552,27 @@ impl ActiveMesh {
             self.pool.set_class(e, wanted);
             self.revision[class] = self.revision[class].wrapping_add(1);
             self.revision[wanted] = self.revision[wanted].wrapping_add(1);
-            self.set_calm(body, e, wanted);
+            self.limit_strain(body, e, wanted);
         }
     }
 
     /// Tells the kernel up to which strain element `e` may stay in `class`.
-    fn set_calm(&mut self, body: &Body, e: u32, class: usize) {
+    fn limit_strain(&mut self, body: &Body, e: u32, class: usize) {
         let springs = self.springs_at(body.element(e).map(|n| self.slot[n as usize]));
         let omega_squared = self.omega_squared[e as usize];
-        let strain = step_class::calm_strain(class, omega_squared, body.damping_time(), springs);
-        self.pool.set_calm(e, 4.0 * strain * strain);
+        let material = body.material_of(e);
+        let limit = step_class::strain_limit(class, material, omega_squared, body.damping_time(), springs);
+        self.pool.set_strain_limit(e, limit);
     }
 
     /// [`ActiveMesh::reclass`] for the elements that their last evaluation found strained beyond what their step
     /// allows.
-    pub fn reclass_alarmed(&mut self, body: &Body) {
+    pub fn reclass_over_limit(&mut self, body: &Body) {
         self.work.elements.clear();
         for class in 0..CLASSES {
-            self.work.elements.extend(self.pool.alarmed(class));
+            self.work.elements.extend(self.pool.over_limit(class));
         }
-        self.pool.calm_down();
+        self.pool.forget_over_limit();
         for i in 0..self.work.elements.len() {
             self.reclass(body, self.work.elements[i]);
         }

@@ -289,7 +289,7 @@ impl ActiveMesh {
             let class = step_class::class_in(body, step);
             let taken = self.pool.insert(e, class, slots, &constants, &history);
             debug_assert!(taken, "whoever plans a change asks for room first");
-            self.set_calm(body, e, class);
+            self.limit_strain(body, e, class);
         }
         for i in 0..self.work.leaving.len() {
             self.pool.remove(self.work.leaving[i]);
