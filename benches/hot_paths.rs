@@ -10,7 +10,7 @@ use palpate::model::element_kernel::{Path as KernelPath, Rates};
 use palpate::model::element_pool::CLASSES;
 use palpate::model::{ActiveMesh, Body, State};
 use palpate::scene::LoadedScene;
-use palpate::simulation::{Inputs, Simulation, Snapshot};
+use palpate::simulation::{Budget, Inputs, Simulation, Snapshot};
 use palpate::wire;
 use palpate::wire::surface::SurfaceEncoder;
 use palpate_proto::Message;
@@ -90,7 +90,7 @@ fn ticks(c: &mut Criterion) {
     assert!(counts.1.iter().skip(1).any(|n| *n > 0), "the bench refines");
     tick.bench_function("pressed", |b| b.iter(|| press(&mut touched, -0.008)));
     let mut lapsing = simulation();
-    let none = Inputs { budget: 0, ..Inputs::default() };
+    let none = Inputs { budget: Budget::of(0), ..Inputs::default() };
     tick.bench_function("without budget", |b| b.iter(|| lapsing.advance(&none).tick));
     tick.finish();
 

@@ -88,7 +88,7 @@ pub fn run(args: DemoArgs) -> anyhow::Result<ExitCode> {
     let scene: Scene = loaded.scene.clone();
     runtime()?.block_on(async {
         let server = Server::start(loaded.scene, body, start, args.server.options()).await?;
-        eprintln!("{}", args.server.describe());
+        eprintln!("{}; {}", args.server.describe(), server.measured().describe());
         if let Some(warning) = server.warning() {
             eprintln!("warning: {warning}");
         }
@@ -331,15 +331,22 @@ pub fn summary(s: &proto::Status) -> String {
             s.tick, s.tick_rate_hz, s.late_ticks, s.missed_deadlines, s.stalls, s.lapsed_ticks, s.unmoved_ticks
         ),
         format!(
-            "{} active nodes ({} by level), {} elements, {} evaluations, {} units of work per tick of {}; {} splits, {} merges",
+            "{} active nodes ({} by level), {} elements, {} evaluations; planned {}; {} splits, {} merges",
             s.nodes,
             by_level(s),
             s.elements,
             s.element_evaluations,
-            s.work,
-            s.budget,
+            planned(s),
             s.splits,
             s.merges
+        ),
+        format!(
+            "{} of the missed deadlines while the machine was away, {:.1} of the others a minute; the real-time threads take \
+             {:.0} % of a processor; as it starts the body takes {:.0} µs of a tick",
+            s.missed_away,
+            s.missed_per_minute,
+            100.0 * s.real_time_share,
+            s.floor as f64 / 1e3
         ),
         format!(
             "{} wrenches sent, {} skipped; {:.1} surface frames/s; {}",
@@ -409,8 +416,8 @@ fn draw(view: &View, frame: &mut ratatui::Frame) {
     frame.render_widget(table, clock);
 
     let missed = format!(
-        "deadlines missed {}   late ticks {}   stalls {} ({} ticks lost)   stood still {}",
-        s.missed_deadlines, s.late_ticks, s.stalls, s.lapsed_ticks, s.unmoved_ticks
+        "deadlines missed {} ({} away, {:.1} a minute)   stalls {} ({} ticks lost)   stood still {}",
+        s.missed_deadlines, s.missed_away, s.missed_per_minute, s.stalls, s.lapsed_ticks, s.unmoved_ticks
     );
     let touch = view.phantom.map_or("waiting for the Phantom".to_owned(), |p| {
         format!(
@@ -420,12 +427,11 @@ fn draw(view: &View, frame: &mut ratatui::Frame) {
     });
     let lines = vec![
         Line::from(format!(
-            "active nodes {} ({}), {} elements, {} units of work per tick of {}",
+            "active nodes {} ({}), {} elements, planned {}",
             s.nodes,
             by_level(s),
             s.elements,
-            s.work,
-            s.budget
+            planned(s)
         )),
         Line::from(format!(
             "surface {:.1} frames/s; wrenches sent {}, skipped {}",
@@ -450,6 +456,12 @@ fn draw(view: &View, frame: &mut ratatui::Frame) {
     let bars = Sparkline::default().data(&shown).max(peak.max(100)).style(Style::new().fg(Color::Red));
     frame.render_widget(bars.block(block), force);
     frame.render_widget(Line::from(" q or Ctrl-C ends ").dim(), foot);
+}
+
+/// What the last tick was planned to take, of what a tick may.
+fn planned(s: &proto::Status) -> String {
+    let micros = |ns: u64| ns as f64 / 1e3;
+    format!("{:.0} µs a tick, at most {:.0} of {:.0}", micros(s.work), micros(s.planned), micros(s.budget))
 }
 
 fn recording_line(s: &proto::Status) -> String {

@@ -29,7 +29,7 @@
 //! # Invariants
 //! - **The core is a function.** Body, settings and ordered [`simulation::Inputs`] give the same states and forces, bit
 //!   for bit, on any x86-64 machine: only `+ − × ÷ √`, no fused multiply-add, every sum in a fixed order.
-//! - **Nothing else enters a tick.** Ticks that the machine lost and the work budget are inputs, and recorded.
+//! - **Nothing else enters a tick.** Ticks that the machine lost, the budget and the prices of work are inputs, and recorded.
 //! - **The tick is poor.** No allocation, lock, log or system call but the clock, its sleep and one wake-up.
 //! - **Contact and stepping meet in one list**, [`model::Constraint`]: contact fills it, stepping solves it, contact
 //!   sums the multipliers into the wrench.

@@ -1,6 +1,7 @@
 //! The command line: arguments, start, wait, stop.
 
 mod demo;
+mod doctor;
 mod prepare_command;
 mod progress;
 
@@ -33,6 +34,8 @@ enum Command {
     /// Watch a running server, or play a recording, in a window or into a picture
     #[cfg(feature = "viewer")]
     View(palpate_viewer::Args),
+    /// Say what this machine can hold: scheduling, wake-ups, the cost of each part of a tick, elements at 1 kHz
+    Doctor(doctor::DoctorArgs),
     /// Serve a scene to remote tools and viewers
     Serve(ServeArgs),
     /// Run a scene without a network, as fast as it goes
@@ -195,6 +198,7 @@ fn main() -> ExitCode {
         Command::Demo(args) => demo::run(args),
         #[cfg(feature = "viewer")]
         Command::View(args) => view(args),
+        Command::Doctor(args) => doctor::run(&args),
         Command::Serve(args) => serve(&args),
         Command::Simulate(args) => simulate(&args),
         Command::Prepare(args) => prepare_command::run(&args),
@@ -280,7 +284,7 @@ fn serve(args: &ServeArgs) -> anyhow::Result<ExitCode> {
     let (loaded, body, start) = build(&args.scene)?;
     runtime()?.block_on(async {
         let server = Server::start(loaded.scene, body, start, args.server.options()).await?;
-        tracing::info!("{}; Ctrl-C ends it", args.server.describe());
+        tracing::info!("{}; {}; Ctrl-C ends it", args.server.describe(), server.measured().describe());
         if let Some(warning) = server.warning() {
             tracing::warn!("{warning}");
         }

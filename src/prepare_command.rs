@@ -10,19 +10,20 @@ use palpate::math::Vec3;
 use palpate::model::Body;
 use palpate::prepare::body_check::check;
 use palpate::prepare::body_file::{BodyFile, InputFile, Provenance};
-use palpate::prepare::forecast::{LevelForecast, forecast, unit_time};
+use palpate::prepare::forecast::{LevelForecast, forecast};
 use palpate::prepare::input::{Fineness, Input, shape};
 use palpate::prepare::region::{Reach, keep_finest_within};
 use palpate::prepare::report::{LevelReport, report};
 use palpate::prepare::section::Plane;
 use palpate::prepare::thin_walls::{Thin, ThinPlaces, thin_places};
 use palpate::prepare::{self, Shape, prepare};
-use palpate::realtime::governor::WORK_TIME;
+use palpate::realtime::governor::MOST_PLANNED;
 use palpate::scene::LoadedScene;
 use palpate::scene::prepared::body_keys;
 use palpate::study::plot::{self, Section};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::sync::Arc;
 
 /// Arguments of `prepare`.
 #[derive(Args)]
@@ -143,6 +144,10 @@ pub fn run(args: &PrepareArgs) -> anyhow::Result<ExitCode> {
         options: args.options(),
         scene: loaded.scene.to_toml(),
     };
+    progress.show("touching it", 1, 1);
+    let shared = Arc::new(body);
+    let forecast = forecast(&shared, MOST_PLANNED).map_err(anyhow::Error::msg)?;
+    let body = Arc::into_inner(shared).context("the forecast keeps the body")?;
     let file = BodyFile { provenance, body };
     let body = &file.body;
 
@@ -155,7 +160,6 @@ pub fn run(args: &PrepareArgs) -> anyhow::Result<ExitCode> {
         }
         Shape::Meshes { .. } => vec![ThinPlaces::default(); body.levels().len()],
     };
-    let forecast = forecast(body, unit_time(body), WORK_TIME * 1e-9);
     progress.finish("looked at the levels");
     let size = body.surface().bounds().1 - body.surface().bounds().0;
     println!(
@@ -176,7 +180,7 @@ pub fn run(args: &PrepareArgs) -> anyhow::Result<ExitCode> {
         println!("labels '{}': {} of the volume", body.parts().labels.name, shares.join(", "));
     }
     print!("{report}");
-    for (r, (level, forecast)) in report.levels.iter().zip(&forecast).enumerate() {
+    for (r, (level, forecast)) in report.levels.iter().zip(&forecast.levels).enumerate() {
         println!("level {r}: {}", in_words(level, forecast));
         for (what, thin) in [("walls thinner than an element", thin[r].walls), ("gaps that it bridges", thin[r].gaps)] {
             if let Some(Thin { part, thickness, at }) = thin {
@@ -190,6 +194,15 @@ pub fn run(args: &PrepareArgs) -> anyhow::Result<ExitCode> {
                 );
             }
         }
+    }
+    println!(
+        "on this machine: {:.0} µs of each tick at rest; under a touch about {} elements in {:.0} µs",
+        1e6 * forecast.floor,
+        forecast.elements,
+        1e6 * forecast.tick
+    );
+    if forecast.floor > f64::from(MOST_PLANNED) * 1e-9 {
+        println!("warning: this machine cannot serve it at 1 kHz; choose a coarser first level");
     }
     if let Some(file) = &args.picture {
         picture(file, body, &recipe.shape).with_context(|| file.display().to_string())?;

@@ -10,7 +10,7 @@ use crate::contact::detection;
 use crate::contact::friction;
 use crate::contact::outside::is_outside;
 use crate::contact::safety::{self, ForceLimits, Limited};
-use crate::contact::shape::{MOST_PARTS, Part};
+use crate::contact::shape::{MOST_PARTS, Part as ShapePart};
 use crate::contact::tool::{Following, MOST_POINTS, MOST_TOOLS, Phase, Tool, ToolEvent, ToolState};
 use crate::contact::wrench::{self, Wrench};
 use crate::math::{Real, Vec3};
@@ -20,7 +20,8 @@ use crate::model::element_kernel::{Extremes, Path};
 use crate::model::knot::{Home, KNOT_FRAMES};
 pub use crate::model::step_class::TICK;
 use crate::model::{ActiveMesh, Body, Constraint, State};
-use crate::stepping::{step, work};
+use crate::stepping::step;
+pub use crate::stepping::work::{self, Budget, Laps, Part, Prices};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
@@ -49,8 +50,10 @@ pub struct Settings {
 pub struct Inputs {
     /// Ticks that the machine lost just before this one: time passes, the body stands still.
     pub lapsed: u32,
-    /// Work that this tick may spend, in units of [`crate::stepping::work`]: on the body's motion, [`work::for_motion`] of it.
-    pub budget: u32,
+    /// Time that this tick may take, by the prices.
+    pub budget: Budget,
+    /// What work costs from this tick on, where it has been measured anew.
+    pub prices: Option<Prices>,
     /// Back to the starting state first.
     pub reset: bool,
     /// What happened to each tool, by id.
@@ -60,7 +63,7 @@ pub struct Inputs {
 impl Default for Inputs {
     /// Nothing happens, and work is unbounded.
     fn default() -> Self {
-        Self { lapsed: 0, budget: u32::MAX, reset: false, tools: [None; MOST_TOOLS] }
+        Self { lapsed: 0, budget: Budget::UNLIMITED, prices: None, reset: false, tools: [None; MOST_TOOLS] }
     }
 }
 
@@ -69,9 +72,10 @@ impl Default for Inputs {
 pub struct Snapshot {
     /// Ticks since the start of the session.
     pub tick: u64,
-    /// Units of work that ticks in which the body stood still have left over, or that a change of resolution took beyond
-    /// what is for motion (negative).
-    pub credit: i64,
+    /// Ticks in a row until now in which the body stood still.
+    pub frozen: u32,
+    /// What work costs.
+    pub prices: Prices,
     /// Frames in a row that the body, which nothing touches, has been knotted in itself.
     pub knotted: u32,
     /// Motion of the body.
@@ -92,7 +96,8 @@ impl Snapshot {
     pub fn with_state(state: State, tools: usize) -> Self {
         Self {
             tick: 0,
-            credit: 0,
+            frozen: 0,
+            prices: Prices::COMMON,
             knotted: 0,
             body: state,
             tools: vec![ToolState::default(); tools],
@@ -130,13 +135,15 @@ pub struct TickFlags {
 /// Most levels of a body.
 pub const MOST_LEVELS: usize = 16;
 
-/// Work of one tick [units], counted before it runs.
+/// Time of one tick [ns], by the prices, counted before it runs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Plan {
-    /// What the step needs.
+    /// What the body's motion needs, contacts with it.
     pub needed: u32,
     /// What is spent on it: all of it, or nothing.
     pub taken: u32,
+    /// What the whole tick takes.
+    pub whole: u32,
 }
 
 /// Everything that leaves a tick.
@@ -154,7 +161,7 @@ pub struct Outputs {
     pub levels: Vec<u8>,
     /// [`Snapshot::hash`] as of the last frame.
     pub hash: u64,
-    /// Units of work that the step needed and took: all, or none when the budget did not cover it.
+    /// Time that the tick was planned to take: the body stood still when the budget did not cover its motion.
     pub plan: Plan,
     /// Element evaluations spent.
     pub element_evaluations: u32,
@@ -185,7 +192,8 @@ pub struct Simulation {
     settings: Settings,
     path: Path,
     tick: u64,
-    credit: i64,
+    frozen: u32,
+    prices: Prices,
     knotted: u32,
     mesh: ActiveMesh,
     tools: Vec<ToolState>,
@@ -223,7 +231,8 @@ impl Simulation {
         Ok(Self {
             path: Path::best(),
             tick: start.tick,
-            credit: start.credit,
+            frozen: start.frozen,
+            prices: start.prices,
             knotted: start.knotted,
             tools: start.tools,
             points,
@@ -320,7 +329,8 @@ impl Simulation {
     /// Saves what [`Simulation::snapshot`] gives without allocating; `snapshot` was made by [`Snapshot::with_room`].
     pub fn save_into(&self, snapshot: &mut Snapshot) {
         snapshot.tick = self.tick;
-        snapshot.credit = self.credit;
+        snapshot.frozen = self.frozen;
+        snapshot.prices = self.prices;
         snapshot.knotted = self.knotted;
         self.mesh.save_into(&mut snapshot.body);
         snapshot.tools.copy_from_slice(&self.tools);
@@ -357,7 +367,8 @@ impl Simulation {
 
     /// Takes over `snapshot`, which is one of this body and these tools: for questions about a copy.
     pub fn load(&mut self, snapshot: &Snapshot) {
-        (self.tick, self.credit, self.knotted) = (snapshot.tick, snapshot.credit, snapshot.knotted);
+        (self.tick, self.frozen, self.knotted) = (snapshot.tick, snapshot.frozen, snapshot.knotted);
+        self.prices = snapshot.prices;
         self.mesh.restore(&self.body, &snapshot.body);
         self.detection.forget();
         self.tools.copy_from_slice(&snapshot.tools);
@@ -376,22 +387,27 @@ impl Simulation {
     pub fn contacts(&mut self) -> (&mut ActiveMesh, &[Constraint], &[Vec3]) {
         self.tools.iter_mut().for_each(|tool| tool.previous = tool.pose);
         self.detection.settle();
-        self.find_contacts();
+        self.find_contacts(&mut ());
         self.mesh.skin(&mut self.vertices);
         (&mut self.mesh, &self.constraints, &self.vertices)
     }
 
     /// One tick.
     pub fn advance(&mut self, inputs: &Inputs) -> &Outputs {
+        self.advance_with(inputs, &mut ())
+    }
+
+    /// One tick, which tells `laps` what it does.
+    pub fn advance_with(&mut self, inputs: &Inputs, laps: &mut impl Laps) -> &Outputs {
         self.begin(inputs);
         self.move_tools(inputs);
-        self.adapt(inputs.budget);
-        self.find_contacts();
+        self.adapt(inputs.budget, laps);
+        self.find_contacts(laps);
         self.detection.end_tick();
-        self.step(inputs.budget);
+        self.step(inputs.budget, laps);
         self.contain();
         self.render_forces();
-        self.end_frame();
+        self.end_frame(laps);
         &self.outputs
     }
 
@@ -399,6 +415,7 @@ impl Simulation {
         self.tick += 1 + u64::from(inputs.lapsed);
         self.outputs.tick = self.tick;
         self.outputs.restored = false;
+        self.prices = inputs.prices.unwrap_or(self.prices);
         if inputs.reset {
             self.back_to_start();
         }
@@ -407,7 +424,7 @@ impl Simulation {
     fn back_to_start(&mut self) {
         self.mesh.restore(&self.body, &self.start);
         self.detection.forget();
-        self.knotted = 0;
+        (self.knotted, self.frozen) = (0, 0);
         self.points.iter_mut().for_each(Vec::clear);
         self.constraints.clear();
         // The shape jumps back under the tools: they have to come from outside again.
@@ -426,7 +443,7 @@ impl Simulation {
     }
 
     /// Refines and coarsens, and gives elements the steps that their strain asks for.
-    fn adapt(&mut self, budget: u32) {
+    fn adapt(&mut self, budget: Budget, laps: &mut impl Laps) {
         let ticks = self.tick;
         self.outputs.adapted = adaptation::Adapted::default();
         if let Some(adaptivity) = &self.settings.adaptivity {
@@ -438,38 +455,65 @@ impl Simulation {
                 let velocity = (tool.pose.position - tool.previous.position) / TICK;
                 for k in 0..LOOKS_AHEAD {
                     let place = tool.pose.position + velocity * (k as Real * LOOK_AHEAD);
-                    for (start, along, radius) in held.shape.parts().iter().map(Part::outline) {
+                    for (start, along, radius) in held.shape.parts().iter().map(ShapePart::outline) {
                         let from = place + tool.pose.rotate(start);
                         let to = from + tool.pose.rotate(along);
                         self.focus.push(Focus { from, to, radius });
                     }
                 }
             }
+            let (contact, points) = self.contact_time(0);
+            let near = !self.focus.is_empty();
+            let means = Means {
+                budget,
+                prices: &self.prices,
+                contact,
+                points,
+                expected: if near { self.contact_time(adaptation::EXPECTED_CONTACTS).0 } else { 0 },
+                frame: ticks.is_multiple_of(TICKS_PER_FRAME),
+            };
             let (body, mesh) = (&self.body, &mut self.mesh);
-            let contacts = self.points.iter().map(Vec::len).sum();
-            let motion = work::for_motion(budget);
-            let of_tick = if mesh.is_held() { budget } else { motion };
-            let allowed = (i64::from(of_tick) + self.credit).clamp(0, i64::from(u32::MAX)) as u32;
-            let means = Means { budget, motion, allowed, contacts };
             let loads = Loads { points: &self.points, gravity: self.settings.gravity };
-            self.outputs.adapted =
-                adaptation::adapt(body, mesh, adaptivity, &self.focus, (&means, &loads), ticks, &mut self.adaptation);
+            laps.lap(Part::Fixed, 0);
+            self.outputs.adapted = adaptation::adapt(
+                body,
+                mesh,
+                adaptivity,
+                &self.focus,
+                (&means, &loads),
+                ticks,
+                &mut self.adaptation,
+                laps,
+            );
             let adapted = &self.outputs.adapted;
             if adapted.splits + adapted.merges > 0 {
                 self.detection.follow_change(&self.body, &self.mesh);
-                self.settle_tools(false);
-            } else if adapted.work > 0 {
-                self.settle_tools(true);
+                self.settle_tools();
             }
         }
-        if !self.mesh.is_held() {
-            self.mesh.reclass_part(&self.body, ticks % RECLASS_TICKS, RECLASS_TICKS);
-        }
+        laps.lap(Part::Fixed, 0);
+        self.mesh.reclass_part(&self.body, ticks % RECLASS_TICKS, RECLASS_TICKS);
+        laps.lap(Part::Fixed, 0);
     }
 
-    /// Tools that touch what now hangs on other elements (before a body moves again that stood still for many changes, `all`
-    /// that touch it) follow their force slowly for a while.
-    fn settle_tools(&mut self, all: bool) {
+    /// Time that finding contacts takes [ns] with as many points as in the last tick, but at least `least` in all, and how
+    /// many points these are.
+    fn contact_time(&self, least: u32) -> (u32, u32) {
+        let (mut time, mut points) = (0u32, 0);
+        for ((tool, memory), of) in self.tools.iter().zip(&self.points).zip(&self.settings.tools) {
+            if tool.phase == Phase::Detached {
+                continue;
+            }
+            let solid = of.shape.parts().iter().any(ShapePart::is_solid);
+            let own = (memory.len() as u32).max(least.saturating_sub(points));
+            time = time.saturating_add(work::of_contact(&self.prices, own, solid));
+            points += own;
+        }
+        (time, points)
+    }
+
+    /// Tools that touch what now hangs on other elements follow their force slowly for a while.
+    fn settle_tools(&mut self) {
         let first_triangle = self.body.surface().vertices.len() as u32;
         let per_part = detection::points_of_a_part(&self.body);
         for ((tool, points), of) in self.tools.iter_mut().zip(&self.points).zip(&self.settings.tools) {
@@ -479,14 +523,14 @@ impl Simulation {
             let concerned = |v: &u32| {
                 touched(*v) || self.body.triangles_around(*v as usize).iter().any(|t| touched(first_triangle + t))
             };
-            if !points.is_empty() && (all || self.mesh.rehung().iter().any(concerned)) {
-                if all { tool.settle_long() } else { tool.settle() }
+            if !points.is_empty() && self.mesh.rehung().iter().any(concerned) {
+                tool.settle();
             }
         }
     }
 
     /// Fills the constraint list, tool by tool, and lets waiting tools engage where they are outside.
-    fn find_contacts(&mut self) {
+    fn find_contacts(&mut self, laps: &mut impl Laps) {
         self.constraints.clear();
         self.points_of_action.clear();
         if self.tools.iter().all(|t| t.phase == Phase::Detached) {
@@ -508,24 +552,31 @@ impl Simulation {
                 points.clear();
                 continue;
             }
+            laps.lap(Part::Fixed, 0);
             let out = (&mut self.constraints, &mut self.points_of_action);
             detection::detect((&self.body, &self.mesh), i as u32, of, tool, points, out, &mut self.detection);
+            match points.len() as u32 {
+                0 => laps.lap(Part::Search, 1),
+                n if of.shape.parts().iter().any(ShapePart::is_solid) => laps.lap(Part::SolidPoint, n),
+                n => laps.lap(Part::Point, n),
+            }
         }
     }
 
-    fn step(&mut self, budget: u32) {
-        let needed = work::of_tick(&self.mesh, self.constraints.len());
-        let motion = work::for_motion(budget);
-        let of_tick = if self.mesh.is_held() { budget } else { motion };
-        let left = i64::from(of_tick) + self.credit - i64::from(self.outputs.adapted.work);
-        // What a change of resolution takes beside the motion later ticks make up for. A body whose motion alone takes more
-        // than a tick affords saves up for it, and moves every few ticks.
-        let beside = needed.saturating_add(self.outputs.adapted.work) <= budget;
-        let fits = if needed <= motion { beside } else { i64::from(needed) <= left };
-        let moves = fits && !self.outputs.adapted.saving;
-        // What is left of a tick in which the body moves is lost, what was saved before is not.
-        self.credit = if moves { (left - i64::from(needed)).min(self.credit.max(0)) } else { left };
-        self.outputs.plan = Plan { needed, taken: if moves { needed } else { 0 } };
+    fn step(&mut self, budget: Budget, laps: &mut impl Laps) {
+        let mut rest = work::of_rest(&self.prices, self.tick.is_multiple_of(TICKS_PER_FRAME));
+        if self.outputs.adapted.looked {
+            rest = rest.saturating_add(self.prices.of(Part::Look, self.mesh.pool().len() as u32));
+        }
+        let motion = work::of_motion(&self.body, &self.mesh, &self.prices, self.constraints.len() as u32);
+        let needed = motion.saturating_add(self.contact_time(0).0);
+        let whole = needed.saturating_add(rest).saturating_add(self.outputs.adapted.work);
+        // A body that never fits moves all the same, now and then.
+        let moves = whole <= budget.limit || self.frozen >= MOST_FROZEN;
+        self.frozen = if moves { 0 } else { self.frozen + 1 };
+        let taken = if moves { needed } else { 0 };
+        self.outputs.plan = Plan { needed, taken, whole: whole - needed + taken };
+        laps.lap(Part::Fixed, 0);
         self.outputs.element_evaluations = 0;
         if moves {
             self.outputs.element_evaluations = work::evaluations(&self.mesh);
@@ -536,9 +587,12 @@ impl Simulation {
                 &mut self.constraints,
                 self.settings.gravity,
                 &mut self.stepping,
+                laps,
             );
             self.mesh.ease_off();
+            laps.lap(Part::Fixed, 0);
             self.mesh.reclass_over_limit(&self.body);
+            laps.lap(Part::Fixed, 0);
         }
         self.mesh.fade_out();
         self.mesh.follow_offsets(&self.body);
@@ -582,7 +636,8 @@ impl Simulation {
         }
     }
 
-    fn end_frame(&mut self) {
+    fn end_frame(&mut self, laps: &mut impl Laps) {
+        laps.lap(Part::Fixed, 0);
         let frame = self.tick.is_multiple_of(TICKS_PER_FRAME);
         self.outputs.frame = frame;
         self.outputs.elements = self.mesh.pool().len() as u32;
@@ -596,6 +651,7 @@ impl Simulation {
         self.count_knotted();
         if frame {
             self.outputs.hash = self.hash();
+            laps.lap(Part::Frame, 1);
         }
     }
 
@@ -619,4 +675,6 @@ const LOOKS_AHEAD: usize = 3;
 const LOOK_AHEAD: Real = 0.025;
 /// A full look at which elements may take longer steps again takes this many ticks; those that need shorter ones are
 /// found by their evaluation.
-const RECLASS_TICKS: u64 = 32;
+const RECLASS_TICKS: u64 = 64;
+/// Ticks in a row in which a body may stand still: a force that keeps its value for longer feels like a stick.
+pub const MOST_FROZEN: u32 = 5;

@@ -197,7 +197,7 @@ fn trajectory_error(body: &Body, gravity: Real, traces: &[Trace], per_tick: u32)
     let last = traces.iter().flat_map(|t| t.1).map(|p| p.0).max().unwrap_or(0);
     let (mut worst, mut least_det) = (0.0 as Real, Real::INFINITY);
     for tick in 1..=last {
-        let extremes = step::tick(Path::best(), body, &mut mesh, &mut [], gravity, &mut work);
+        let extremes = step::tick(Path::best(), body, &mut mesh, &mut [], gravity, &mut work, &mut ());
         least_det = least_det.min(extremes.det_f);
         for (node, points) in traces {
             for (_, value) in points.iter().filter(|p| p.0 == tick) {
@@ -328,7 +328,7 @@ fn a_free_spinning_cube_keeps_its_momentum_to_rounding_and_its_energy_to_the_ste
         let mut work = Workspace::new(&mesh, 0);
         let (mut linear, mut angular, mut drift) = (0.0 as Real, 0.0 as Real, 0.0 as Real);
         for _ in 0..5000 {
-            step::tick(Path::best(), &body, &mut mesh, &mut [], Vec3::zeros(), &mut work);
+            step::tick(Path::best(), &body, &mut mesh, &mut [], Vec3::zeros(), &mut work, &mut ());
             let (p, l, e) = momentum(&mesh);
             linear = linear.max((p - p0).norm());
             angular = angular.max((l - l0).norm());
@@ -424,7 +424,7 @@ fn viscosity_damps_the_lowest_mode_as_the_reference() {
                 let mut work = Workspace::new(&mesh, 0);
                 let mut track = vec![amplitude(&mesh)];
                 for _ in 0..600 {
-                    step::tick(Path::best(), &body, &mut mesh, &mut [], Vec3::zeros(), &mut work);
+                    step::tick(Path::best(), &body, &mut mesh, &mut [], Vec3::zeros(), &mut work, &mut ());
                     track.push(amplitude(&mesh));
                 }
                 // Peaks by the parabola through three samples.

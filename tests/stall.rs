@@ -7,7 +7,7 @@ use palpate::realtime::pacer::TICK_NS;
 use palpate::realtime::sim_thread::SimThread;
 use palpate::recording::{Recording, RecordingWriter};
 use palpate::scene::LoadedScene;
-use palpate::simulation::{Simulation, Snapshot};
+use palpate::simulation::{Part, Simulation, Snapshot};
 use std::cell::RefCell;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
@@ -72,6 +72,12 @@ impl Clock for MadeUp {
             self.stall(true);
         }
         self.ends_tick = !self.ends_tick;
+        self.now
+    }
+    fn computed(&mut self) -> u64 {
+        self.now
+    }
+    fn after(&mut self, _: Part, _: u32) -> u64 {
         self.now
     }
     fn sleep_until(&mut self, deadline: u64) {

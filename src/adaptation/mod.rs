@@ -7,12 +7,12 @@ pub mod indicator;
 mod shedding;
 
 use crate::math::{Real, Vec3};
-use crate::model::active_mesh::{Loads, Upkeep};
+use crate::model::active_mesh::Loads;
 use crate::model::active_set::Change;
 use crate::model::element_pool::CLASSES;
 use crate::model::step_class::{self, Strained};
 use crate::model::{ActiveMesh, Body};
-use crate::stepping::work::{self, CHANGE_UPKEEP, EASED_CHANGE};
+use crate::stepping::work::{self, Budget, Laps, Part, Prices};
 
 /// When to refine and to coarsen.
 #[derive(Clone, Debug, PartialEq)]
@@ -56,10 +56,13 @@ impl Focus {
 
 /// Most changes of one tick.
 const MOST_CHANGES: usize = 64;
-/// A full look at the indicator takes this many ticks.
-const INDICATOR_TICKS: u64 = 32;
-/// A full look at what is near tools takes this many.
-const FOCUS_TICKS: u64 = 4;
+/// Ticks between two looks at where resolution is wanted, and the first of them: none ends a frame, or lies in the middle of
+/// one. A tool that follows its pose at its fastest comes 8 mm farther in between, less than it is refined ahead of it.
+const LOOK_TICKS: u64 = 8;
+const FIRST_LOOK: u64 = 4;
+/// Looks for splits, and looks for merges, that a full look at the indicator takes: 32 ms. They take turns, or a body that is
+/// always refined somewhere would never be coarsened. What is near tools is all looked at in each.
+const INDICATOR_LOOKS: u64 = 2;
 /// A family near a tool stays refined up to this much farther away than it was refined at.
 const STAY: Real = 1.3;
 /// Where the material is uneven, nodes are split from this much farther away: large elements show too little of what is
@@ -71,19 +74,19 @@ const TOUCHED: Real = 2.0;
 const STRAINED: Real = 1.9;
 /// What is near a tool gives way to what is worth this much more.
 const WORTH_MORE: Real = 0.5;
-/// Part of what is for motion that several changes of resolution may take together in one tick, one in this many.
-const UPKEEP_PART: u32 = 6;
+/// Part of what a tick has left that several changes of resolution may take together, one in this many: what they take
+/// together is less well known than what one takes.
+const SEVERAL: u32 = 2;
 /// Part of what the tools press with from which on a node is not settled. Split and merged in turns before it is, a family
 /// would be strained more each time.
 const UNSETTLED: Real = 0.02;
 /// Changes that take more than a tick has left, after which no others are looked at.
-const MOST_REFUSED: u32 = 4;
+const MOST_REFUSED: u32 = 2;
 /// Contact points that room is kept for once a tool is there.
-const EXPECTED_CONTACTS: usize = 20;
-/// Part of what is for motion, in 1/16, up to which refinement fills it, and up to which strain alone does: the rest is for
-/// strains that shorten steps, and what a tool makes room for must not fill up again with what it was taken from.
-const FILLED: u32 = 11;
-const STRAIN_FILLED: u32 = 9;
+pub const EXPECTED_CONTACTS: u32 = 20;
+/// Part of a full tick, in 1/16, up to which strain alone fills it: what a tool makes room for must not fill up again with
+/// what it was taken from.
+const STRAIN_FILLED: u32 = 13;
 
 /// What was done in one tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -92,17 +95,17 @@ pub struct Adapted {
     pub splits: u32,
     /// Families merged.
     pub merges: u32,
-    /// Units of work it took.
+    /// Time that changing it took, by the prices [ns].
     pub work: u32,
-    /// The body is to stand still.
-    pub saving: bool,
+    /// Whether it was looked at where resolution is wanted.
+    pub looked: bool,
 }
 
 impl Adapted {
-    /// `changes` of `mesh` that took `upkeep`.
-    fn of(mesh: &ActiveMesh, changes: &[Change], upkeep: &Upkeep) -> Self {
+    /// `changes` of `mesh` that took `units`, at `prices`.
+    fn of(changes: &[Change], units: u32, prices: &Prices) -> Self {
         let splits = changes.iter().filter(|c| matches!(c, Change::Split(_))).count() as u32;
-        Self { splits, merges: changes.len() as u32 - splits, work: work::of_batch(mesh, upkeep), saving: false }
+        Self { splits, merges: changes.len() as u32 - splits, work: prices.of(Part::Change, units), looked: false }
     }
 }
 
@@ -143,19 +146,37 @@ pub fn finest_steppable(body: &Body) -> usize {
 
 /// What may be spent.
 #[derive(Clone, Copy, Debug)]
-pub struct Means {
-    /// Units of work that a tick may take.
-    pub budget: u32,
-    /// Those of them that are for the body's motion.
-    pub motion: u32,
-    /// What this tick has for that (a body that is held has all of it for changes): less after one that took more, more after
-    /// some in which the body stood still.
-    pub allowed: u32,
-    /// Contact points that are held.
-    pub contacts: usize,
+pub struct Means<'a> {
+    /// Time of the tick.
+    pub budget: Budget,
+    /// What work costs.
+    pub prices: &'a Prices,
+    /// Time that the contacts that are held take, found and made ready [ns], their number, and that time if as many were
+    /// held as are expected of a tool that is near.
+    pub contact: u32,
+    /// See there.
+    pub points: u32,
+    /// See there.
+    pub expected: u32,
+    /// The tick ends a frame.
+    pub frame: bool,
+}
+
+impl Means<'_> {
+    /// Time of a tick that moves `mesh` and ends no frame [ns]: with the contacts that are held, and with those expected.
+    fn loads(&self, body: &Body, mesh: &ActiveMesh) -> (u32, u32) {
+        let rest = work::of_rest(self.prices, false);
+        let with = |points, contact: u32| {
+            let motion = work::of_motion(body, mesh, self.prices, points);
+            motion.saturating_add(rest).saturating_add(contact)
+        };
+        let expected = self.points.max(EXPECTED_CONTACTS);
+        (with(self.points, self.contact), if self.expected > 0 { with(expected, self.expected) } else { 0 })
+    }
 }
 
 /// Decides what to change after `ticks` completed ticks, with tools in `focus`, while `loads` act on the body, and has it done.
+#[expect(clippy::too_many_arguments, reason = "the place where all meets")]
 pub fn adapt(
     body: &Body,
     mesh: &mut ActiveMesh,
@@ -164,6 +185,7 @@ pub fn adapt(
     (means, loads): (&Means, &Loads),
     ticks: u64,
     work: &mut Workspace,
+    laps: &mut impl Laps,
 ) -> Adapted {
     if work.finest == 0 {
         return Adapted::default();
@@ -171,49 +193,74 @@ pub fn adapt(
     work.wanted.clear();
     work.spare.clear();
     work.changes.clear();
-    let contacts = if focus.is_empty() { means.contacts } else { means.contacts.max(EXPECTED_CONTACTS) };
-    let load = work::of_tick(mesh, contacts);
-    let sheds = mesh.is_held() || work::of_tick(mesh, means.contacts) > means.motion;
+    let (held, expected) = means.loads(body, mesh);
+    let load = held.max(expected);
+    let Budget { limit, planned, seldom } = means.budget;
     // Under a tool, what changes put out of balance is eased.
     let pressed: Real = loads.points.iter().flatten().map(|p| p.multiplier).sum();
     let eases = pressed > 0.0;
+    // Ticks that end a frame have to fit, too; there nothing is changed.
+    let frame = work::of_frame(means.prices);
+    let sheds = held > planned || held.saturating_add(frame) > seldom;
+    if !sheds && ticks % LOOK_TICKS != FIRST_LOOK {
+        return Adapted::default();
+    }
     let settled = if eases && !sheds { UNSETTLED * pressed } else { Real::INFINITY };
     let look = Look { body, adaptivity, focus, settled };
-    // A body without room for a change could not follow a tool.
-    let spare = means.budget.saturating_sub(work::of_empty_batch(mesh) + CHANGE_UPKEEP + EASED_CHANGE);
-    let part = |of: u32| ((u64::from(means.motion) * u64::from(of) / 16) as u32).min(spare);
-    let full = part(FILLED);
-    if sheds {
-        return shedding::shed(&look, mesh, (means, loads, eases), (load, full), ticks, work);
-    }
-    // What the last change took has to be made up for first.
-    let left = if means.allowed < means.motion { 0 } else { means.budget.saturating_sub(load) };
-    let mut pay = Pay { one: left, several: left.min(means.motion / UPKEEP_PART), eases, taken: 0, refused: 0 };
-    look.wanted_nodes(mesh, ticks, work.finest, &mut work.wanted);
-    let room = [full, part(STRAIN_FILLED)].map(|filled| filled.saturating_sub(load));
-    let short = plan_splits(&look, mesh, &mut pay, room, work);
-    if work.changes.is_empty() {
+    // No refinement that a tick could not undo, nor one that a little strain would make a load to be shed.
+    let looking = means.prices.of(Part::Look, mesh.pool().len() as u32);
+    let undoing = work::of_undoing(mesh, means.prices).saturating_add(looking).max(frame);
+    let full = seldom.saturating_sub(undoing).min(planned - planned / 16);
+    let now = held.saturating_add(if sheds { 0 } else { looking }).saturating_add(if means.frame { frame } else { 0 });
+    let short = if sheds {
+        let fits = now <= limit;
+        // A tick that does not fit is of use for changes alone.
+        let spent = if fits { now } else { now - work::of_motion(body, mesh, means.prices, means.points) };
+        let left = means.prices.count(Part::Change, limit.saturating_sub(spent));
+        let excess = load.saturating_sub(full);
+        shedding::plan(&look, mesh, (left, eases, fits), (excess, means.prices), ticks, work);
+        None
+    } else {
+        let left = means.prices.count(Part::Change, seldom.saturating_sub(now));
+        let mut pay = Pay::new([left, left / SEVERAL], eases, MOST_REFUSED);
+        if (ticks / LOOK_TICKS).is_multiple_of(2) {
+            look.wanted_nodes(mesh, ticks, work.finest, &mut work.wanted);
+        }
+        let part = |of: u32| (u64::from(full) * u64::from(of) / 16) as u32;
+        let room = [full, part(STRAIN_FILLED)].map(|filled| filled.saturating_sub(load));
+        let short = plan_splits(&look, mesh, &mut pay, (room, means.prices), work);
+        Some((short, pay)).filter(|_| work.changes.is_empty())
+    };
+    if let Some((short, mut pay)) = short {
         // What is wanted and does not fit may take the place of what is worth less.
         let limit = match work.wanted.first() {
             Some((value, _)) if *value > TOUCHED => (value - WORTH_MORE).max(TOUCHED),
             Some((value, _)) => 0.5 * value,
             None => adaptivity.merge,
         };
-        let some = slice(mesh.active(), ticks % INDICATOR_TICKS, INDICATOR_TICKS);
+        let some = slice(mesh.active(), ticks / (2 * LOOK_TICKS) % INDICATOR_LOOKS, INDICATOR_LOOKS);
         look.spare_families(mesh, some.iter(), limit, &mut work.spare);
-        plan_merges(body, mesh, &mut pay, short, adaptivity.merge, work);
+        plan_merges(&look, mesh, &mut pay, (short, adaptivity.merge, means.prices), work);
+    }
+    // Shedding looks at a part of the body alone.
+    if sheds {
+        laps.lap(Part::Fixed, 0)
+    } else {
+        laps.lap(Part::Look, mesh.pool().len() as u32)
     }
     let upkeep = match work.changes.as_slice() {
-        [] => return Adapted::default(),
+        [] => return Adapted { looked: !sheds, ..Adapted::default() },
         changes if eases => mesh.apply_under(body, changes, loads),
         changes => mesh.apply(body, changes),
     };
-    Adapted::of(mesh, &work.changes, &upkeep)
+    let units = work::change_units(mesh, &upkeep);
+    laps.lap(Part::Change, units);
+    Adapted { looked: !sheds, ..Adapted::of(&work.changes, units, means.prices) }
 }
 
 /// What pays for changes, and for several of them only where they take little.
 struct Pay {
-    /// Units of work that one may take, with what it adds to the tick.
+    /// Change units that one may take, with what it adds to the tick.
     one: u32,
     /// And several together.
     several: u32,
@@ -221,26 +268,37 @@ struct Pay {
     eases: bool,
     taken: u32,
     refused: u32,
+    /// Changes that take more than there is, after which no others are looked at.
+    most_refused: u32,
+    /// The one of them that takes the least, and its change units.
+    cheapest: Option<(u32, Change)>,
 }
 
 impl Pay {
-    /// True where it is enough for `change`, too, which adds `more` units to the tick. Changes side by side take together what
+    fn new([one, several]: [u32; 2], eases: bool, most_refused: u32) -> Self {
+        Self { one, several, eases, taken: 0, refused: 0, most_refused, cheapest: None }
+    }
+
+    /// True where it is enough for `change`, too, which adds as much as `more` change units to the tick. Changes side by side take together what
     /// each takes alone, or less, but for the few elements that none of them alone takes out.
     fn takes(&mut self, body: &Body, mesh: &mut ActiveMesh, change: Change, more: u32) -> bool {
         let units = self.alone(body, mesh, change) + more;
         let (total, most) = match self.taken {
             0 => (units, self.one),
-            taken => (taken + units - work::of_empty_batch(mesh), self.several),
+            taken => (taken + units - work::empty_batch_units(mesh), self.several),
         };
         let enough = total <= most;
+        if !enough && self.cheapest.is_none_or(|(least, _)| units < least) {
+            self.cheapest = Some((units, change));
+        }
         *(if enough { &mut self.taken } else { &mut self.refused }) = if enough { total } else { self.refused + 1 };
         enough
     }
 
-    /// Units of work that `change` takes by itself.
+    /// Change units that `change` takes by itself.
     fn alone(&self, body: &Body, mesh: &mut ActiveMesh, change: Change) -> u32 {
         let upkeep = mesh.foresee(body, &[change], self.eases);
-        work::of_batch(mesh, &upkeep)
+        work::change_units(mesh, &upkeep)
     }
 
     /// True where it were enough for `change` alone, if that had just the `room` that it adds to the tick.
@@ -252,13 +310,19 @@ impl Pay {
 
     /// True where it is of no use to ask for more.
     fn is_spent(&self) -> bool {
-        self.refused >= if self.taken > 0 { 1 } else { MOST_REFUSED }
+        self.refused >= if self.taken > 0 { 1 } else { self.most_refused }
     }
 }
 
-/// Splits nodes that `pay` is enough for and whose elements take no more than `room` units of work a tick, those that only
-/// strain asks for no more than the second. Units that the best of those that do not fit is short of.
-fn plan_splits(look: &Look, mesh: &mut ActiveMesh, pay: &mut Pay, room: [u32; 2], work: &mut Workspace) -> u32 {
+/// Splits nodes that `pay` is enough for and whose elements take no more than `room` [ns] a tick, those that only strain asks
+/// for no more than the second. Time that the best of those that do not fit is short of [ns].
+fn plan_splits(
+    look: &Look,
+    mesh: &mut ActiveMesh,
+    pay: &mut Pay,
+    (room, prices): ([u32; 2], &Prices),
+    work: &mut Workspace,
+) -> u32 {
     let (mut elements, mut taken, mut short, mut least) = (0, 0, 0, 0.0);
     for &(value, wanted) in &work.wanted {
         if work.changes.len() >= MOST_CHANGES || pay.is_spent() {
@@ -274,22 +338,26 @@ fn plan_splits(look: &Look, mesh: &mut ActiveMesh, pay: &mut Pay, room: [u32; 2]
             continue;
         }
         let added = mesh.added_by_split(look.body, n);
-        let mut cost = cost_of_split(look.body, n, added);
+        let mut cost = cost_of_split(look.body, mesh, n, added, prices);
         if value < least {
             break;
         }
         let room = room[usize::from(value < TOUCHED)];
         if n != wanted {
             // Without room for what it is for, it would be merged again.
-            cost += cost_of_split(look.body, wanted, mesh.added_by_split(look.body, wanted));
+            let added = mesh.added_by_split(look.body, wanted);
+            cost += cost_of_split(look.body, mesh, wanted, added, prices);
         }
         if taken + cost <= room && mesh.has_room_to_split(elements + added) {
-            if pay.takes(look.body, mesh, Change::Split(n), cost) {
+            if pay.takes(look.body, mesh, Change::Split(n), prices.count(Part::Change, cost)) {
                 taken += cost;
                 elements += added;
                 work.changes.push(Change::Split(n));
             }
-        } else if short == 0 && taken + cost > room && pay.would_take(look.body, mesh, Change::Split(n), room) {
+        } else if short == 0
+            && taken + cost > room
+            && pay.would_take(look.body, mesh, Change::Split(n), prices.count(Part::Change, room))
+        {
             // What would be merged for it must not take the room in its stead.
             (short, least) = (taken + cost - room, value - WORTH_MORE);
         }
@@ -297,9 +365,16 @@ fn plan_splits(look: &Look, mesh: &mut ActiveMesh, pay: &mut Pay, room: [u32; 2]
     short
 }
 
-/// Units of work a tick that a split of `n` costs which adds `elements`, with the nodes and rows that come with them.
-fn cost_of_split(body: &Body, n: u32, elements: u32) -> u32 {
-    (elements << class_of_level(body, n)) * 3 / 2
+/// Time a tick that a split of `n` costs which adds `elements` [ns]: theirs, and that of as many nodes and row entries as
+/// come with each element that is in use now.
+fn cost_of_split(body: &Body, mesh: &ActiveMesh, n: u32, elements: u32, prices: &Prices) -> u32 {
+    let class = class_of_level(body, n);
+    let evaluations = elements << class;
+    let with_each =
+        |count: u32| (2 * u64::from(evaluations) * u64::from(count) / mesh.pool().len().max(1) as u64) as u32;
+    prices.of(Part::Element(class as u8), evaluations)
+        + prices.of(Part::Node, with_each(mesh.active().len() as u32))
+        + prices.of(Part::Row, with_each(mesh.row_entries()))
 }
 
 /// Class at rest of the level that the children of `n` are on, from any of their elements.
@@ -308,31 +383,30 @@ fn class_of_level(body: &Body, n: u32) -> usize {
     element.map_or(0, |e| step_class::class_at_rest(body, *e))
 }
 
-/// Merges families that `pay` is enough for, the least valuable first: those worth less than `merge`, and others until about `excess`
-/// units of work a tick are saved. Units that are.
+/// Merges families that `pay` is enough for, the least valuable first: those worth less than `merge`, and others until about
+/// `excess` [ns] a tick is saved.
 fn plan_merges(
-    body: &Body,
+    look: &Look,
     mesh: &mut ActiveMesh,
     pay: &mut Pay,
-    excess: u32,
-    merge: Real,
+    (excess, merge, prices): (u32, Real, &Prices),
     work: &mut Workspace,
-) -> u32 {
+) {
     let (mut saved, mut added) = (0, 0);
     for &(value, parent) in &work.spare {
         if work.changes.len() >= MOST_CHANGES || pay.is_spent() || (saved >= excess && value >= merge) {
             break;
         }
-        let elements = body.elements_around(parent).len() as u32;
-        let may = mesh.has_room(added + elements) && mesh.set().may_merge(body, parent);
-        if may && pay.takes(body, mesh, Change::Merge(parent), 0) {
+        let elements = look.body.elements_around(parent).len() as u32;
+        let may = mesh.has_room(added + elements) && mesh.set().may_merge(look.body, parent);
+        if may && pay.takes(look.body, mesh, Change::Merge(parent), 0) {
             added += elements;
             work.changes.push(Change::Merge(parent));
             // A node has about six elements of its own.
-            saved += (6 * body.children(parent).len() as u32) << class_of_level(body, parent);
+            let own = 6 * look.body.children(parent).len() as u32;
+            saved += cost_of_split(look.body, mesh, parent, own, prices);
         }
     }
-    saved
 }
 
 /// What decisions look at.
@@ -378,9 +452,9 @@ impl Look<'_> {
         elements.flat_map(|e| self.body.element(*e)).any(|m| !self.body.is_fixed(m))
     }
 
-    /// Nodes worth splitting, of the slices of this tick.
+    /// Nodes worth splitting, of the slice of this look.
     fn wanted_nodes(&self, mesh: &ActiveMesh, ticks: u64, finest: usize, wanted: &mut Vec<(Real, u32)>) {
-        for slot in slice(mesh.active(), ticks % INDICATOR_TICKS, INDICATOR_TICKS) {
+        for slot in slice(mesh.active(), ticks / (2 * LOOK_TICKS) % INDICATOR_LOOKS, INDICATOR_LOOKS) {
             let n = mesh.node(*slot);
             if self.may_split(n, finest) && self.is_settled(mesh, *slot) {
                 let value = indicator::strain_jump(self.body, mesh, n).unwrap_or_default() / self.adaptivity.split;
@@ -393,7 +467,7 @@ impl Look<'_> {
             return;
         }
         let farthest = self.adaptivity.reach * UNEVEN * self.widest();
-        for slot in slice(mesh.active(), ticks % FOCUS_TICKS, FOCUS_TICKS) {
+        for slot in mesh.active() {
             let distance = self.distance(mesh.position(*slot));
             // Most are far away, and where a node lies is at hand while the body's tables are not.
             if distance >= farthest {

@@ -1,6 +1,6 @@
 //! Safety of the hand: the rendered force is bounded, changes at a bounded rate, and rises and falls on ramps.
 
-use super::tool::{LONG_SETTLING_TICKS, Phase, SETTLING_TICKS, ToolState};
+use super::tool::{Phase, SETTLING_TICKS, ToolState};
 use super::wrench::Wrench;
 use crate::math::{Real, is_finite};
 
@@ -56,8 +56,7 @@ pub fn render(tool: &mut ToolState, physical: &Wrench, limits: &ForceLimits, tic
     if tool.settling > 0 {
         tool.settling -= 1;
         // Ever faster, so that nothing is left to catch up with in the end.
-        let of = if tool.settling > SETTLING_TICKS { LONG_SETTLING_TICKS } else { SETTLING_TICKS };
-        let faster = 1.0 + Real::from((of - tool.settling.min(of)).min(SETTLING_TICKS)) / 8.0;
+        let faster = 1.0 + Real::from(SETTLING_TICKS - tool.settling.min(SETTLING_TICKS)) / 8.0;
         slew = slew.min(faster * (SETTLING_CHANGE * tool.force.norm()).max(LEAST_SETTLING_CHANGE) / tick);
     }
     for (now, before, rate) in

@@ -143,8 +143,6 @@ pub struct Following {
 
 /// Ticks in which a change of resolution under a tool rings down.
 pub const SETTLING_TICKS: u32 = 32;
-/// And in which the contact rings down with coarse elements that have come in the stead of many.
-pub const LONG_SETTLING_TICKS: u32 = 256;
 
 /// Fastest that an engaged tool turns [rad/s]: two turns a second is more than a wrist does.
 const MOST_TURN: Real = 12.0;
@@ -159,11 +157,6 @@ impl ToolState {
     /// hand need not feel them do it.
     pub fn settle(&mut self) {
         self.settling = self.settling.max(SETTLING_TICKS);
-    }
-
-    /// Much of it has been shed: that takes longer.
-    pub fn settle_long(&mut self) {
-        self.settling = LONG_SETTLING_TICKS;
     }
 
     /// Takes in what happened and moves the tool by one tick of `tick` [s].

@@ -290,7 +290,7 @@ impl<'a> System<'a> {
             })
             .collect();
         let mut force = vec![Vec3::zeros(); at.len()];
-        forces(body, path, mesh, &mut force);
+        forces(path, mesh, &mut force);
         Self { body, path, index, at, fixed, force, diagonal }
     }
 
@@ -306,7 +306,7 @@ impl<'a> System<'a> {
             *x = self.at[i] + u[i] * scale;
             i += 1;
         });
-        forces(self.body, self.path, mesh, out);
+        forces(self.path, mesh, out);
         for ((out, before), fixed) in out.iter_mut().zip(&self.force).zip(&self.fixed) {
             *out = if *fixed { Vec3::zeros() } else { (before - *out) / scale };
         }

@@ -9,22 +9,6 @@ use super::step_class;
 use crate::math::{Real, Vec3, is_finite};
 use serde::{Deserialize, Serialize};
 
-/// How far a body is that stands still to shed load.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Shedding {
-    /// It moves.
-    #[default]
-    No,
-    /// What accelerates it is being taken hold of: elements weighed so far.
-    Holds(u32),
-    /// It is coarsened: ticks in a row that found nothing to merge.
-    Coarsens(u32),
-    /// What has not come out of balance is being let go of: elements weighed so far.
-    LetsGo(u32),
-    /// It moves again: ticks since.
-    Resumes(u32),
-}
-
 /// The active nodes and what they do. Order counts: forces are summed in it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct State {
@@ -36,8 +20,6 @@ pub struct State {
     pub velocity: Vec<Vec3>,
     /// Forces on them that changes of resolution have left to fade [N], by class of step, (n_active, 3).
     pub ease: Vec<Ease<Vec3>>,
-    /// Whether the body stands still until it has shed load, see [`super::active_mesh::ActiveMesh::hold`].
-    pub shedding: Shedding,
     /// Interface nodes; where they are follows from the active ones.
     pub interface: Vec<u32>,
     /// Elements in use by step class.
@@ -88,7 +70,6 @@ impl State {
         Self {
             velocity: vec![Vec3::zeros(); position.len()],
             ease: vec![Ease::default(); position.len()],
-            shedding: Shedding::No,
             strain_limit: Vec::new(),
             history: vec![History::REST; classes.iter().map(Vec::len).sum()],
             fade: vec![[0.0; 4]; body.surface().vertices.len()],
@@ -107,7 +88,6 @@ impl State {
             position: Vec::with_capacity(slots),
             velocity: Vec::with_capacity(slots),
             ease: Vec::with_capacity(slots),
-            shedding: Shedding::No,
             interface: Vec::with_capacity(slots),
             classes: (0..CLASSES).map(|_| Vec::with_capacity(elements)).collect(),
             history: Vec::with_capacity(elements),

@@ -38,6 +38,11 @@ pub fn contact_class(finest: usize) -> usize {
     finest.clamp(LONGEST_CONTACT_CLASS, SHORTEST_CONTACT_CLASS)
 }
 
+/// The class of steps by which supports act on `mesh`.
+pub fn support_class(body: &Body, mesh: &super::ActiveMesh) -> usize {
+    class_in(body, 1.0 / mesh.stiffest_spring().max(1.0).sqrt())
+}
+
 /// Step of class `class` [s].
 pub fn step_of(class: usize) -> Real {
     TICK / Real::from(1u32 << class)

@@ -1,42 +1,61 @@
-//! What of a body a machine can move in real time, from the speed at which it steps elements.
+//! What of a body a machine can move in real time: a touch of it, simulated as it would be served.
 //!
-//! Not a promise: the governor measures again in every tick and sheds resolution where the forecast was too bright.
+//! Not a promise: the governor measures again in every tick. But it is the same planner that decides, with prices that are
+//! measured on the same body.
 
-use crate::math::Real;
-use crate::model::element_kernel::Path;
+use crate::adaptation::Adaptivity;
+use crate::contact::safety::ForceLimits;
+use crate::contact::tool::{Coupling, Following, PoseSample, Shape, Tool, ToolEvent};
+use crate::math::{Pose, Real, Vec3};
+use crate::model::Body;
 use crate::model::step_class::{class_at_rest, step_of};
-use crate::model::{ActiveMesh, Body, State};
-use crate::stepping::step::{self, Workspace};
-use crate::stepping::work;
-use std::time::{Duration, Instant};
+use crate::simulation::{Budget, Inputs, Laps, Part, Prices, Settings, Simulation, Snapshot};
+use crate::stepping::work::{self, Costs};
+use std::sync::Arc;
+use std::time::Instant;
 
-/// The machine is tried on the coarsest level with this many elements: about as many as are in use under a tool, so
-/// that caches hold what they will hold then.
-const TRIED: usize = 4_000;
-/// How long it is tried.
-const TRIAL: Duration = Duration::from_millis(250);
-/// Units of work that a touch takes beside the elements: 32 contact points.
-const TOUCH: Real = 6_000.0;
-/// Part of the budget that refinement fills; the rest is for strains that shorten steps, and for changes of resolution.
-const FILLED: Real = 0.75 * 11.0 / 16.0;
-/// Work of refined elements over that of as many elements of a level that is in use as a whole: rows of interface nodes.
-const ROWS: Real = 1.5;
+/// The ball that touches: a fingertip's radius [m], on a body that is wide enough for it, and how deep it goes over that.
+const RADIUS: Real = 0.01;
+const DEPTH: Real = 0.8;
+/// On a smaller body, its radius over the body's longest side.
+const WIDEST: Real = 0.1;
+/// Ticks in which it comes, and in all.
+const COMES: u32 = 300;
+const TICKS: u32 = 700;
+/// Occurrences that measured prices are means of.
+const MEMORY: f64 = 64.0;
+/// Elements in use at once at most.
+const MOST_ELEMENTS: usize = 100_000;
 
-/// Time of one unit of work ([`work`]) of `body` on this machine [s]: the median of ticks of one of its levels.
-pub fn unit_time(body: &Body) -> Real {
-    let tried = |r: &usize| body.elements_of(*r).len() >= TRIED;
-    let level = (0..body.levels().len()).find(tried).unwrap_or(body.finest());
-    let Ok(mut mesh) = ActiveMesh::new(body, &State::at_rest(body, level), usize::MAX) else { return Real::INFINITY };
-    let units = Real::from(work::of_tick(&mesh, 0).max(1));
-    let mut workspace = Workspace::new(&mesh, 0);
-    let (began, mut times) = (Instant::now(), Vec::new());
-    while times.len() < 3 || began.elapsed() < TRIAL {
-        let tick = Instant::now();
-        step::tick(Path::best(), body, &mut mesh, &mut [], Default::default(), &mut workspace);
-        times.push(tick.elapsed().as_secs_f64());
+/// Times the parts of ticks on the clock of the machine at hand.
+struct Timed {
+    last: Instant,
+    costs: Costs,
+}
+
+impl Laps for Timed {
+    fn lap(&mut self, part: Part, count: u32) {
+        let now = Instant::now();
+        self.costs.lap(part, count, (now - self.last).as_nanos() as u64);
+        self.last = now;
     }
-    times.sort_unstable_by(Real::total_cmp);
-    times[times.len() / 2] / units
+}
+
+/// The parts of a tick on this machine, and what of a body runs under a touch.
+#[derive(Clone, Debug)]
+pub struct Forecast {
+    /// What each part costs.
+    pub prices: Prices,
+    /// Time of a tick of the coarsest body at rest, a frame with it [s].
+    pub floor: Real,
+    /// Elements in use under the touch, and their evaluations in a tick.
+    pub elements: u32,
+    /// See there.
+    pub evaluations: u32,
+    /// Time that such a tick takes [s].
+    pub tick: Real,
+    /// Each level.
+    pub levels: Vec<LevelForecast>,
 }
 
 /// What of one level runs in real time.
@@ -44,40 +63,77 @@ pub fn unit_time(body: &Body) -> Real {
 pub struct LevelForecast {
     /// Time that a tick takes with all of the level in use [s].
     pub tick: Real,
-    /// Elements of it that may be in use at once beside the coarsest level; all of them where all fit.
+    /// Elements of it that are in use at once around a touch; all of them where all fit.
     pub elements: usize,
     /// How far around a touch on the surface those reach, alone [m]; `None` where all fit.
     pub reach: Option<Real>,
 }
 
-/// Each level of `body` on a machine that does a unit of work in `unit_time` [s] and has `work_time` [s] of each tick.
-pub fn forecast(body: &Body, unit_time: Real, work_time: Real) -> Vec<LevelForecast> {
-    let usable = work_time / unit_time * FILLED - TOUCH;
-    // Units of a tick in which all of level `r` is in use.
-    let units = |r: usize| {
-        let mut evaluations = 0.0;
-        let mut shortest = 0;
-        for e in body.elements_of(r) {
-            let class = class_at_rest(body, e);
-            evaluations += 1.0 / (step_of(class) / step_of(0));
-            shortest = shortest.max(class);
-        }
-        evaluations + 0.25 * body.nodes_of(r).len() as Real * (step_of(0) / step_of(shortest))
+/// A ball pressed into the top of `body`, where a tick has `budget`.
+fn touch(body: &Arc<Body>, budget: Budget, prices: Prices) -> Result<(Simulation, Costs), String> {
+    let (low, high) = body.surface().bounds();
+    let radius = RADIUS.min(WIDEST * (high - low).max());
+    let ball = Tool { name: "ball".into(), shape: Shape::ball(radius), friction: 0.0 };
+    let settings = Settings {
+        gravity: Vec3::zeros(),
+        tools: vec![ball],
+        following: Following { speed: 1.0, engage_ticks: 1 },
+        limits: ForceLimits { force: 1e3, torque: 1e2, slew: 1e9 },
+        adaptivity: Some(Adaptivity::default()),
+        most_elements: MOST_ELEMENTS,
     };
-    let coarsest = units(0);
+    let mut simulation = Simulation::new(body.clone(), settings, Snapshot::at_rest(body, 0, 1))?;
+    let top = body.surface().vertices.iter().copied().max_by(|a, b| a.z.total_cmp(&b.z)).unwrap_or_default();
+    let mut timed = Timed { last: Instant::now(), costs: Costs::default() };
+    for tick in 0..TICKS {
+        let down = (1.0 + DEPTH) * radius * Real::from(tick.min(COMES)) / Real::from(COMES);
+        let pose = Pose { position: top + Vec3::z() * (2.0 * radius - down), ..Pose::default() };
+        let (linear_velocity, angular_velocity) = (Vec3::zeros(), Vec3::zeros());
+        let sample = PoseSample { sequence: tick, time_ns: 0, pose, linear_velocity, angular_velocity, buttons: 0 };
+        let event = match tick {
+            0 => ToolEvent::Attach { epoch: 1, period_ticks: 1, coupling: Coupling::RIGID },
+            _ => ToolEvent::Pose(sample),
+        };
+        let mut inputs = Inputs { budget, prices: Some(prices), ..Inputs::default() };
+        inputs.tools[0] = Some(event);
+        timed.last = Instant::now();
+        simulation.advance_with(&inputs, &mut timed);
+        timed.lap(Part::Fixed, 1);
+        timed.costs.end_tick(MEMORY);
+    }
+    Ok((simulation, timed.costs))
+}
+
+/// What of `body` runs on this machine, of which a tick has `limit` [ns].
+///
+/// # Errors
+/// When the body's coarsest level is too large to be simulated at all.
+pub fn forecast(body: &Arc<Body>, limit: u32) -> Result<Forecast, String> {
+    // What it costs, from a touch that takes what it likes in about such a tick on a common machine; then what that buys.
+    let prices = touch(body, Budget::of(limit), Prices::COMMON)?.1.prices();
+    let (mut simulation, _) = touch(body, Budget::of(limit), prices)?;
+    let (plan, evaluations) = (simulation.outputs().plan, simulation.outputs().element_evaluations);
+    let pool = simulation.mesh().pool();
+    let each = Real::from(plan.whole) * 1e-9 / Real::from(evaluations.max(1));
     let level = |r: usize| {
-        let (all, units) = (body.elements_of(r).len(), units(r));
-        let tick = (units + TOUCH) * unit_time;
-        if units <= usable {
+        let all = body.elements_of(r).len();
+        let used = body.elements_of(r).filter(|e| pool.contains(*e)).count();
+        let evaluations: Real = body.elements_of(r).map(|e| step_of(0) / step_of(class_at_rest(body, e))).sum();
+        let tick = evaluations * each;
+        if tick <= Real::from(limit) * 1e-9 {
             return LevelForecast { tick, elements: all, reach: None };
         }
-        let part = if r == 0 { 0.0 } else { ((usable - coarsest) / (ROWS * units)).max(0.0) };
         // Half a ball below the surface.
-        let volume = part * body.level(r).volume();
+        let volume = used as Real / all as Real * body.level(r).volume();
         let reach = (volume * 3.0 / (2.0 * std::f64::consts::PI)).cbrt();
-        LevelForecast { tick, elements: (part * all as Real) as usize, reach: Some(reach) }
+        LevelForecast { tick, elements: used, reach: Some(reach) }
     };
-    (0..body.levels().len()).map(level).collect()
+    let levels = (0..body.levels().len()).map(level).collect();
+    let elements = pool.len() as u32;
+    let start = simulation.reset_state().clone();
+    simulation.mesh_mut().restore(body, &start);
+    let floor = Real::from(work::floor(body, simulation.mesh(), &prices)) * 1e-9;
+    Ok(Forecast { prices, floor, elements, evaluations, tick: Real::from(plan.whole) * 1e-9, levels })
 }
 
 #[cfg(test)]
@@ -97,13 +153,19 @@ mod tests {
             holds: vec![],
             damping_ratio: 0.15,
         };
-        let body = prepare(&recipe, &mut |_, _, _| {}).unwrap();
-        let [fast, slow, slowest] = [1e-9, 40e-9, 1e-6].map(|unit| forecast(&body, unit, 850e-6));
-        assert!(fast.iter().all(|level| level.reach.is_none()));
-        assert_eq!((slow[0].reach, slow[2].elements < body.elements_of(2).len()), (None, true), "{slow:?}");
-        let reach = slow[2].reach.unwrap();
-        assert!((0.003..0.05).contains(&reach), "{reach}");
-        assert!(slowest.iter().all(|level| level.reach == Some(0.0)), "{slowest:?}");
-        assert!(unit_time(&body) > 0.0);
+        let body = Arc::new(prepare(&recipe, &mut |_, _, _| {}).unwrap());
+        let elements = |slowness: u32| {
+            let prices = Prices(Prices::COMMON.0.map(|price| price * slowness));
+            let (simulation, _) = touch(&body, Budget::of(900_000), prices).unwrap();
+            let pool = simulation.mesh().pool();
+            [0, 1, 2].map(|r| body.elements_of(r).filter(|e| pool.contains(*e)).count())
+        };
+        let [fast, slow, slowest] = [1, 3, 12].map(elements);
+        println!("elements by level: {fast:?}, {slow:?}, {slowest:?}");
+        assert!(fast[2] > slow[2] && slow[2] > 0, "{fast:?}, {slow:?}");
+        assert_eq!((slowest[1], slowest[2]), (0, 0));
+        let forecast = forecast(&body, 900_000).unwrap();
+        assert!(forecast.floor > 0.0 && forecast.floor < forecast.tick, "{forecast:?}");
+        assert!(forecast.tick <= 900e-6 && forecast.evaluations >= forecast.elements);
     }
 }

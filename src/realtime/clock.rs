@@ -1,7 +1,8 @@
 //! Monotonic time, real or made up.
 
-use rustix::thread::{ClockId, clock_nanosleep_absolute};
-use rustix::time::{Timespec, clock_gettime};
+use crate::stepping::work::Part;
+use rustix::thread::{ClockId as SleepClock, clock_nanosleep_absolute};
+use rustix::time::{ClockId, Timespec, clock_gettime};
 
 /// A monotonic clock that can be slept on.
 pub trait Clock {
@@ -9,6 +10,14 @@ pub trait Clock {
     fn now(&mut self) -> u64;
     /// Returns at or after `deadline` [ns]; at once when it has passed.
     fn sleep_until(&mut self, deadline: u64);
+    /// Time that the calling thread has computed for [ns]: what it was away for does not count.
+    fn computed(&mut self) -> u64 {
+        self.now()
+    }
+    /// Now [ns], when `part` of a tick has just been done, `count` times: a clock that is made up may make its cost up, too.
+    fn after(&mut self, _part: Part, _count: u32) -> u64 {
+        self.now()
+    }
 }
 
 /// The system's monotonic clock.
@@ -21,10 +30,15 @@ impl Clock for Monotonic {
         t.tv_sec as u64 * 1_000_000_000 + t.tv_nsec as u64
     }
 
+    fn computed(&mut self) -> u64 {
+        let t = clock_gettime(ClockId::ThreadCPUTime);
+        t.tv_sec as u64 * 1_000_000_000 + t.tv_nsec as u64
+    }
+
     fn sleep_until(&mut self, deadline: u64) {
         let request =
             Timespec { tv_sec: (deadline / 1_000_000_000) as i64, tv_nsec: (deadline % 1_000_000_000) as i64 };
         // A signal may wake it early: the deadline is absolute, so asking again loses nothing.
-        while clock_nanosleep_absolute(ClockId::Monotonic, &request) == Err(rustix::io::Errno::INTR) {}
+        while clock_nanosleep_absolute(SleepClock::Monotonic, &request) == Err(rustix::io::Errno::INTR) {}
     }
 }

@@ -2,14 +2,15 @@
 //!
 //! No side ever waits for another. A full ring is an ordinary answer: the entry is dropped and counted.
 
+use super::pacer::TICK_NS;
 use crate::adaptation::Adapted;
 use crate::contact::tool::{Coupling, MOST_TOOLS, PoseSample, ToolState};
 use crate::math::Vec3;
-use crate::simulation::{Inputs, MOST_LEVELS, Plan, Snapshot, TickFlags, ToolOutput};
+use crate::simulation::{Budget, Inputs, MOST_LEVELS, Plan, Prices, Snapshot, TickFlags, ToolOutput};
 use rustix::event::{EventfdFlags, eventfd};
 use rustix::fd::OwnedFd;
 use std::sync::Arc;
-use std::sync::atomic::AtomicU64;
+use std::sync::atomic::{AtomicU32, AtomicU64};
 
 /// A pose on its way to the tick, with the epoch of the client that sent it.
 #[derive(Clone, Copy, Debug)]
@@ -100,12 +101,16 @@ pub struct TickTiming {
     pub missed: bool,
     /// Ticks lost before it.
     pub lapsed: u32,
-    /// Units of work that the step needed and took.
+    /// Time of it in which the thread was away: another thread, or the hypervisor, had its processor [ns].
+    pub away: u64,
+    /// Time that it was planned to take.
     pub plan: Plan,
     /// Element evaluations spent.
     pub element_evaluations: u32,
-    /// Units of work allowed.
-    pub budget: u32,
+    /// What it was allowed.
+    pub budget: Budget,
+    /// What work costs, where that was told anew.
+    pub prices: Option<Prices>,
     /// Active nodes per level.
     pub active: [u32; MOST_LEVELS],
     /// Elements in use.
@@ -114,6 +119,13 @@ pub struct TickTiming {
     pub adapted: Adapted,
     /// A non-finite state was contained.
     pub restored: bool,
+}
+
+impl TickTiming {
+    /// True when the machine, not the tick, is why it ended late: without the time away, and begun on time, it had not.
+    pub fn was_away(&self) -> bool {
+        self.compute.saturating_sub(self.away) <= TICK_NS
+    }
 }
 
 /// A frame of the surface.
@@ -172,6 +184,8 @@ pub struct SimulationEnds {
     pub copies: triple_buffer::Input<Snapshot>,
     /// Dropped entries.
     pub dropped: Arc<Dropped>,
+    /// Time that the process's other real-time threads take of each tick [ns].
+    pub others: Arc<AtomicU32>,
 }
 
 /// Everybody else's ends.
@@ -194,6 +208,8 @@ pub struct ServerEnds {
     pub copies: triple_buffer::Output<Snapshot>,
     /// Dropped entries.
     pub dropped: Arc<Dropped>,
+    /// Time that the process's other real-time threads take of each tick [ns].
+    pub others: Arc<AtomicU32>,
 }
 
 /// Both sides, for `tools` tools, a surface of `vertices` and snapshots that fit into `room`.
@@ -221,6 +237,7 @@ pub fn mailboxes(
     }
     let wake = Arc::new(eventfd(0, EventfdFlags::CLOEXEC)?);
     let dropped = Arc::new(Dropped::default());
+    let others = Arc::new(AtomicU32::new(0));
     let simulation = SimulationEnds {
         poses: pose_out,
         commands: command_out,
@@ -231,6 +248,7 @@ pub fn mailboxes(
         frames: frame_in,
         copies: copy_in,
         dropped: dropped.clone(),
+        others: others.clone(),
     };
     let server = ServerEnds {
         poses: pose_in,
@@ -242,6 +260,7 @@ pub fn mailboxes(
         frames: frame_out,
         copies: copy_out,
         dropped,
+        others,
     };
     Ok((simulation, server))
 }

@@ -38,6 +38,11 @@ impl<C: Clock> Pacer<C> {
         Self { clock, deadline: now + TICK_NS, began: now, mean_compute: TICK_NS / 4 }
     }
 
+    /// What it paces on.
+    pub fn clock(&mut self) -> &mut C {
+        &mut self.clock
+    }
+
     /// Sleeps until the next tick is due.
     pub fn begin(&mut self) -> Begin {
         self.clock.sleep_until(self.deadline);

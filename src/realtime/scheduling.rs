@@ -71,9 +71,65 @@ impl Granted {
     }
 }
 
+/// Name of the simulation thread, by which its time is told from the others'.
+pub const SIMULATION_THREAD: &str = "simulation";
+
+/// Processor time that this process's real-time threads have taken since they began [ns]: the simulation thread, and all
+/// others together. `None` where the system does not tell.
+pub fn real_time_use() -> Option<(u64, u64)> {
+    let (mut simulation, mut others) = (0, 0);
+    for thread in std::fs::read_dir("/proc/self/task").ok()? {
+        let folder = thread.ok()?.path();
+        // A thread may end while it is looked at.
+        let read = |name: &str| std::fs::read_to_string(folder.join(name)).ok();
+        let (Some(stat), Some(times)) = (read("stat"), read("schedstat")) else { continue };
+        // The name stands in brackets, and may have spaces and brackets itself; the policy is the 39th field after it.
+        let (Some(begin), Some(end)) = (stat.find('('), stat.rfind(')')) else { continue };
+        let policy = stat[end + 1..].split_whitespace().nth(38);
+        let time = times.split_whitespace().next().and_then(|ns| ns.parse::<u64>().ok()).unwrap_or(0);
+        match policy {
+            // SCHED_FIFO and SCHED_RR.
+            Some("1" | "2") if &stat[begin + 1..end] == SIMULATION_THREAD => simulation += time,
+            Some("1" | "2") => others += time,
+            _ => {}
+        }
+    }
+    Some((simulation, others))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn time_of_real_time_threads_is_told_by_thread_where_they_are_granted() {
+        let busy = |name: &str| {
+            let thread = std::thread::Builder::new().name(name.into());
+            let (told, tell) = std::sync::mpsc::channel();
+            let (end, ended) = std::sync::mpsc::channel::<()>();
+            let thread = thread
+                .spawn(move || {
+                    let granted = fifo(1).is_ok();
+                    let began = std::time::Instant::now();
+                    while began.elapsed() < std::time::Duration::from_millis(20) {}
+                    let _ = told.send(granted);
+                    let _ = ended.recv();
+                })
+                .unwrap();
+            (tell.recv().unwrap(), end, thread)
+        };
+        let (before, others_before) = real_time_use().unwrap();
+        let (granted, end, thread) = busy(SIMULATION_THREAD);
+        let (after, others) = real_time_use().unwrap();
+        assert!(!granted || after >= before + 10_000_000, "{before}, then {after}");
+        drop(end);
+        thread.join().unwrap();
+        let (granted, end, thread) = busy("another (one)");
+        let (_, others_after) = real_time_use().unwrap();
+        assert!(!granted || others_after >= others.max(others_before) + 10_000_000, "{others}, then {others_after}");
+        drop(end);
+        thread.join().unwrap();
+    }
 
     #[test]
     fn a_refusal_names_what_and_the_remedy() {

@@ -1,11 +1,11 @@
 //! The simulation thread: gather inputs, advance, hand out, sleep.
 
 use super::clock::Clock;
-use super::governor::Governor;
+use super::governor::{Governor, MOST_PLANNED};
 use super::mailbox::{Command, Frame, RecordTap, RecordedTick, SimulationEnds, TickReport, TickTiming};
 use super::pacer::{Begin, Pacer};
 use crate::contact::tool::{MOST_TOOLS, ToolEvent};
-use crate::simulation::{Inputs, Outputs, Simulation, TICKS_PER_FRAME, ToolOutput};
+use crate::simulation::{Inputs, Laps, Outputs, Part, Prices, Simulation, TICKS_PER_FRAME, ToolOutput};
 use crate::stepping::work;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -23,12 +23,38 @@ pub struct SimThread {
 impl SimThread {
     /// `simulation`, ready to run.
     pub fn new(simulation: Simulation, ends: SimulationEnds) -> Self {
-        let floor = work::floor(simulation.body());
         let mut epochs = [0; MOST_TOOLS];
         for (epoch, tool) in epochs.iter_mut().zip(simulation.tools()) {
             *epoch = tool.epoch;
         }
-        Self { simulation, ends, governor: Governor::new(floor), tap: None, awaited: None, epochs }
+        Self { simulation, ends, governor: Governor::new(), tap: None, awaited: None, epochs }
+    }
+
+    /// Measures on `clock` what the parts of a tick cost on this machine, by ticks that lead nowhere: the body is as it was
+    /// afterwards. Time that the coarsest body takes of a tick with a frame [ns], and what a tick may take.
+    pub fn measure(&mut self, clock: &mut impl Clock) -> Measured {
+        let start = self.simulation.snapshot();
+        for i in 0..MEASURED_TICKS {
+            let prices = self.governor.prices();
+            let inputs = Inputs { prices: Some(prices), ..Inputs::default() };
+            let (began, computed) = (clock.now(), clock.computed());
+            let mut watch = Stopwatch { last: began, clock: &mut *clock, governor: &mut self.governor };
+            self.simulation.advance_with(&inputs, &mut watch);
+            self.simulation.save_into(self.ends.copies.input_buffer_mut());
+            watch.lap(Part::Copy, 1);
+            watch.lap(Part::Fixed, 1);
+            let (compute, computed) = (clock.now() - began, clock.computed() - computed);
+            let planned = self.simulation.outputs().plan.whole + prices.of(Part::Copy, 1);
+            self.governor.end_tick(planned, false, computed, compute.saturating_sub(computed));
+            if i < MEASURED_TICKS / 4 {
+                // The first ticks warm up caches.
+                self.governor = Governor::new();
+            }
+        }
+        self.simulation.load(&start);
+        let prices = self.governor.prices();
+        let floor = work::floor(self.simulation.body(), self.simulation.mesh(), &prices);
+        Measured { prices, floor, planned: MOST_PLANNED }
     }
 
     /// Ticks until `stop`. After this call begins, nothing is allocated, locked or logged on this thread.
@@ -36,34 +62,49 @@ impl SimThread {
         let mut pacer = Pacer::start(clock);
         while !stop.load(Ordering::Relaxed) {
             let begin = pacer.begin();
+            let computed = pacer.clock().computed();
+            self.governor.share_with(self.ends.others.load(Ordering::Relaxed));
             let inputs = self.gather(begin);
-            let outputs = self.simulation.advance(&inputs);
+            let clock = pacer.clock();
+            let mut watch = Stopwatch { last: clock.after(Part::Fixed, 0), clock, governor: &mut self.governor };
+            let outputs = self.simulation.advance_with(&inputs, &mut watch);
             hand_out(&mut self.ends, outputs);
             let overflowed = record(&mut self.tap, &self.ends, &inputs, outputs);
-            // A tick in which the body stood still says nothing of what work costs.
-            let stood = outputs.plan.taken < outputs.plan.needed;
-            let spent = if stood { 0 } else { outputs.plan.taken + outputs.adapted.work };
             let mut timing = TickTiming {
                 tick: outputs.tick,
                 lateness: begin.lateness,
                 compute: 0,
                 missed: false,
                 lapsed: begin.lapsed,
+                away: 0,
                 plan: outputs.plan,
                 element_evaluations: outputs.element_evaluations,
                 budget: inputs.budget,
+                prices: inputs.prices,
                 active: outputs.active,
                 elements: outputs.elements,
                 adapted: outputs.adapted,
                 restored: outputs.restored,
             };
+            let mut seldom = outputs.frame || outputs.adapted.looked || outputs.adapted.work > 0;
             let engaged = outputs.tools.iter().any(|t| t.state.touches());
+            let copies = engaged && self.simulation.tick() % TICKS_PER_FRAME == TICKS_PER_FRAME / 2;
+            watch.lap(Part::Fixed, 1);
+            seldom |= copies;
+            if copies {
+                // In the middle of a frame: its end has enough to do.
+                self.simulation.save_into(self.ends.copies.input_buffer_mut());
+                self.ends.copies.publish();
+                watch.lap(Part::Copy, 1);
+                timing.plan.whole += self.governor.prices().of(Part::Copy, 1);
+            }
             if overflowed {
                 self.retire();
             }
-            self.copy_if_due(engaged);
+            let computed = pacer.clock().computed() - computed;
             (timing.compute, timing.missed) = pacer.end();
-            self.governor.measure(spent, timing.compute);
+            let away = timing.compute.saturating_sub(computed);
+            timing.away = self.governor.end_tick(timing.plan.whole, seldom, computed, away);
             if self.ends.timings.push(timing).is_err() {
                 self.ends.dropped.timings.fetch_add(1, Ordering::Relaxed);
             }
@@ -73,7 +114,13 @@ impl SimThread {
 
     /// The inputs of the tick that begins: one event per tool, those of the control side first.
     fn gather(&mut self, begin: Begin) -> Inputs {
-        let mut inputs = Inputs { lapsed: begin.lapsed, budget: self.governor.budget(), ..Inputs::default() };
+        let tells = self.simulation.tick().is_multiple_of(TICKS_PER_PRICES);
+        let mut inputs = Inputs {
+            lapsed: begin.lapsed,
+            budget: self.governor.budget(),
+            prices: tells.then(|| self.governor.prices()),
+            ..Inputs::default()
+        };
         // A command that cannot be taken now (its tool has an event already) waits for the next tick.
         while let Ok(command) = self.ends.commands.peek() {
             let tool = match command {
@@ -118,14 +165,6 @@ impl SimThread {
         }
     }
 
-    /// A copy while a tool may touch, in the middle of each frame: its end has enough to do.
-    fn copy_if_due(&mut self, engaged: bool) {
-        if engaged && self.simulation.tick() % TICKS_PER_FRAME == TICKS_PER_FRAME / 2 {
-            self.simulation.save_into(self.ends.copies.input_buffer_mut());
-            self.ends.copies.publish();
-        }
-    }
-
     /// Recordings begin where a frame ended: there the last good state, which is not recorded, is the state itself.
     fn begin_recording(&mut self) {
         if !self.simulation.tick().is_multiple_of(TICKS_PER_FRAME) {
@@ -155,6 +194,53 @@ impl SimThread {
     /// The simulation, between ticks.
     pub fn simulation(&self) -> &Simulation {
         &self.simulation
+    }
+}
+
+/// Ticks from which costs are first measured: two of them end a frame.
+const MEASURED_TICKS: u32 = 96;
+/// Ticks between two lists of prices that the core is told.
+const TICKS_PER_PRICES: u64 = 8;
+
+/// What a machine can do with a body.
+#[derive(Clone, Copy, Debug)]
+pub struct Measured {
+    /// What the parts of a tick cost.
+    pub prices: Prices,
+    /// Time that a tick takes in which the body is as it starts, untouched [ns].
+    pub floor: u32,
+    /// Time that a tick may be planned to take [ns].
+    pub planned: u32,
+}
+
+impl Measured {
+    /// Whether the machine can serve it at 1 kHz.
+    pub fn fits(&self) -> bool {
+        self.floor <= self.planned
+    }
+
+    /// In words, for a start line.
+    pub fn describe(&self) -> String {
+        format!(
+            "the body takes {} µs of each tick as it starts, of {} µs that are there",
+            self.floor / 1000,
+            self.planned / 1000
+        )
+    }
+}
+
+/// Reads the clock between the parts of a tick, for the governor.
+struct Stopwatch<'a, C> {
+    clock: &'a mut C,
+    governor: &'a mut Governor,
+    last: u64,
+}
+
+impl<C: Clock> Laps for Stopwatch<'_, C> {
+    fn lap(&mut self, part: Part, count: u32) {
+        let now = self.clock.after(part, count);
+        self.governor.lap(part, count, now.saturating_sub(self.last));
+        self.last = now;
     }
 }
 

@@ -15,7 +15,7 @@ use crate::model::{Body, State};
 use crate::realtime::clock::Monotonic;
 use crate::realtime::mailbox::{Command, ServerEnds, mailboxes};
 use crate::realtime::scheduling::{self, Granted};
-use crate::realtime::sim_thread::SimThread;
+use crate::realtime::sim_thread::{Measured, SimThread};
 use crate::scene::Scene;
 use crate::simulation::{Simulation, Snapshot};
 use palpate_proto as proto;
@@ -80,6 +80,20 @@ pub enum ServerError {
     /// The starting state does not fit.
     #[error("{0}")]
     Simulation(String),
+    /// The machine is too slow for it.
+    #[error(
+        "this machine cannot serve it at 1 kHz: as it starts, {nodes} nodes and untouched, the body takes {floor} µs of \
+         each tick, and {limit} µs are there. Remedy: a coarser body (a larger first number in body.spacings, or in \
+         --levels of `palpate prepare`), or no body.active_level"
+    )]
+    TooSlow {
+        /// Active nodes.
+        nodes: usize,
+        /// [µs].
+        floor: u32,
+        /// [µs].
+        limit: u32,
+    },
     /// The recording could not be started.
     #[error("recording: {0}")]
     Recording(String),
@@ -98,6 +112,7 @@ struct Shared {
     recorder: recorder::Recorder,
     counters: status::Counters,
     scheduling: String,
+    measured: Measured,
 }
 
 impl Shared {
@@ -145,20 +160,27 @@ impl Server {
         let (sim_ends, ends) = mailboxes(scene.tool.len(), body.surface().vertices.len(), || {
             Snapshot::with_room(&body, simulation.settings())
         })?;
-        let ServerEnds { poses, commands, retired, reports, wake, timings, frames, copies, dropped } = ends;
+        let ServerEnds { poses, commands, retired, reports, wake, timings, frames, copies, dropped, others } = ends;
 
         // The force session first, and from a real-time thread: zenoh's threads inherit its class.
         let force_session = open_force_session(&options)?;
         let surface_session = open(&options.surface_endpoint)?;
 
         let stop = Arc::new(AtomicBool::new(false));
-        let (simulation, granted) = spawn_simulation(SimThread::new(simulation, sim_ends), options.cpu, stop.clone())?;
+        let nodes = simulation.mesh().active().len();
+        let (simulation, granted, measured) =
+            spawn_simulation(SimThread::new(simulation, sim_ends), options.cpu, stop.clone())?;
+        if !measured.fits() {
+            let _ = simulation.join();
+            return Err(ServerError::TooSlow { nodes, floor: measured.floor / 1000, limit: measured.planned / 1000 });
+        }
         let shared = Arc::new(Shared {
             input: tool_input::ToolInput::new(poses, scene.workspace(&body)),
             holders: control::Holders::new(scene.tool.len()),
             recorder: recorder::Recorder::new(),
             counters: status::Counters::default(),
             scheduling: granted.describe(),
+            measured,
             reset,
             commands: Mutex::new(commands),
             scene,
@@ -179,7 +201,7 @@ impl Server {
             status::publish(
                 &shared,
                 &surface_session,
-                status::Sources { timings, retired, dropped },
+                status::Sources { timings, retired, dropped, others },
                 live_in,
                 flush_requests,
             )
@@ -203,6 +225,11 @@ impl Server {
     /// What the system refused the simulation thread, with the remedy.
     pub fn warning(&self) -> Option<&str> {
         self.warning.as_deref()
+    }
+
+    /// What the machine was found to be able to do with the body.
+    pub fn measured(&self) -> &Measured {
+        &self.shared.measured
     }
 
     /// The status as it changes, about ten times a second.
@@ -245,17 +272,21 @@ fn spawn_simulation(
     mut thread: SimThread,
     cpu: Option<usize>,
     stop: Arc<AtomicBool>,
-) -> std::io::Result<(std::thread::JoinHandle<SimThread>, Granted)> {
+) -> std::io::Result<(std::thread::JoinHandle<SimThread>, Granted, Measured)> {
     let (tell, told) = std::sync::mpsc::sync_channel(1);
-    let handle = std::thread::Builder::new().name("simulation".into()).stack_size(4 << 20).spawn(move || {
+    let name = scheduling::SIMULATION_THREAD.into();
+    let handle = std::thread::Builder::new().name(name).stack_size(4 << 20).spawn(move || {
         let granted = Granted::ask(cpu);
-        let _ = tell.send(granted);
+        let measured = thread.measure(&mut Monotonic);
+        let _ = tell.send((granted, measured));
         drop(tell);
-        thread.run(Monotonic, &stop);
+        if measured.fits() {
+            thread.run(Monotonic, &stop);
+        }
         thread
     })?;
-    let granted = told.recv().map_err(|_| std::io::Error::other("the simulation thread died at start"))?;
-    Ok((handle, granted))
+    let (granted, measured) = told.recv().map_err(|_| std::io::Error::other("the simulation thread died at start"))?;
+    Ok((handle, granted, measured))
 }
 
 fn open_force_session(options: &Options) -> Result<zenoh::Session, ServerError> {

@@ -7,6 +7,7 @@
 //! for.
 
 use super::constraint_solve::{self, Prepared};
+use super::work::{Laps, Part};
 use crate::math::{Real, Vec3};
 use crate::model::active_mesh::{Ease, Motion};
 use crate::model::element_kernel::{Extremes, Path, Rates};
@@ -20,6 +21,8 @@ use crate::model::{ActiveMesh, Body, Constraint};
 struct Concerned {
     active: Vec<u32>,
     interface: Vec<u32>,
+    /// Entries of the interface nodes' rows.
+    entries: u32,
     revision: Option<u32>,
 }
 
@@ -45,7 +48,9 @@ impl Workspace {
         Self {
             time: vec![0.0; slots],
             prepared: vec![Prepared::default(); constraints],
-            concerned: (0..CLASSES).map(|_| Concerned { active: list(), interface: list(), revision: None }).collect(),
+            concerned: (0..CLASSES)
+                .map(|_| Concerned { active: list(), interface: list(), entries: 0, revision: None })
+                .collect(),
             stamp: vec![0; slots],
             turn: 0,
             contact_nodes: list(),
@@ -54,7 +59,7 @@ impl Workspace {
     }
 }
 
-/// Moves `mesh` by one tick in the field `gravity` [m/s²], and leaves the mean
+/// Moves `mesh` by one tick, and tells `laps` what it does, in the field `gravity` [m/s²], and leaves the mean
 /// multiplier of each constraint over the tick.
 pub fn tick(
     path: Path,
@@ -63,11 +68,12 @@ pub fn tick(
     constraints: &mut [Constraint],
     gravity: Vec3,
     work: &mut Workspace,
+    laps: &mut impl Laps,
 ) -> Extremes {
     let mut extremes = Extremes::REST;
     let finest = mesh.finest_class();
     let contact = step_class::contact_class(finest);
-    let holds = step_class::class_in(body, 1.0 / mesh.stiffest_spring().max(1.0).sqrt());
+    let holds = step_class::support_class(body, mesh);
     collect_eased(mesh, work);
     let mut deepest = finest.max(work.eased.iter().rposition(|slots| !slots.is_empty()).unwrap_or(0));
     if !constraints.is_empty() {
@@ -88,7 +94,7 @@ pub fn tick(
         let held = class == holds && !body.holds().is_empty();
         let touched = class == contact && !constraints.is_empty();
         if mesh.pool().count(class) > 0 || held || !of_class(&work.eased, class).is_empty() {
-            let elements = event(path, body, mesh, class, held, gravity, now, work);
+            let elements = event((path, body, gravity), mesh, (class, held), now, work, laps);
             extremes = extremes.join(&elements);
         }
         if touched {
@@ -99,11 +105,14 @@ pub fn tick(
                 c.mean_multiplier += c.multiplier;
                 c.friction.mean_multiplier += c.friction.multiplier;
             }
+            laps.lap(Part::Solve, constraints.len() as u32);
         }
     }
     drift_all(&mut work.time, mesh, gravity, TICK);
-    work.time.fill(0.0);
+    mesh.active().iter().for_each(|s| work.time[*s as usize] = 0.0);
+    laps.lap(Part::Node, mesh.active().len() as u32);
     mesh.place_interface();
+    laps.lap(Part::Row, mesh.row_entries());
     let solves = Real::from(1u32 << contact);
     for c in constraints.iter_mut() {
         c.mean_multiplier /= solves;
@@ -113,16 +122,13 @@ pub fn tick(
 }
 
 /// The elements of `class` are due at `now` [s], and the springs when `held`.
-#[expect(clippy::too_many_arguments, reason = "one place")]
 fn event(
-    path: Path,
-    body: &Body,
+    (path, body, gravity): (Path, &Body, Vec3),
     mesh: &mut ActiveMesh,
-    class: usize,
-    held: bool,
-    gravity: Vec3,
+    (class, held): (usize, bool),
     now: Real,
     work: &mut Workspace,
+    laps: &mut impl Laps,
 ) -> Extremes {
     let step = step_class::step_of(class);
     let (rates, registers) = (rates(body, step), mesh.registers());
@@ -131,34 +137,55 @@ fn event(
     let balanced = mesh.has_free_organs() && !eased.is_empty();
     // Where most elements are due most nodes are concerned: finding out which costs more than moving the others.
     if balanced || 4 * mesh.pool().count(class) > mesh.pool().len() {
+        let (nodes, entries) = (mesh.active().len() as u32, mesh.row_entries());
         drift_all(&mut work.time, mesh, gravity, now);
+        laps.lap(Part::Node, nodes);
         mesh.place_interface();
-        let extremes = mesh.add_forces(path, class, &rates);
-        if held {
-            mesh.add_supports();
-        }
+        laps.lap(Part::Row, entries);
+        let extremes = add_forces(path, mesh, class, held, &rates, laps);
         mesh.hand_back_all();
+        laps.lap(Part::Row, entries);
         if balanced {
             mesh.balance_eases(class);
         }
         let (active, motion) = mesh.active_motion();
         add_eases(if balanced { active } else { eased }, motion, class);
         kick(registers, active, motion, step);
+        laps.lap(Part::Node, nodes);
         return extremes;
     }
     find_concerned(mesh, class, held, work);
     let (concerned, eased) = (&work.concerned[class], of_class(&work.eased, class));
     drift(&concerned.active, &mut work.time, mesh, gravity, now);
     drift(eased, &mut work.time, mesh, gravity, now);
+    laps.lap(Part::Node, (concerned.active.len() + eased.len()) as u32);
     mesh.place_these(&concerned.interface);
-    let extremes = mesh.add_forces(path, class, &rates);
-    if held {
-        mesh.add_supports();
-    }
+    laps.lap(Part::Row, concerned.entries);
+    let extremes = add_forces(path, mesh, class, held, &rates, laps);
     mesh.hand_back(&concerned.interface);
+    laps.lap(Part::Row, concerned.entries);
     kick(registers, &concerned.active, &mut mesh.motion, step);
     add_eases(eased, &mut mesh.motion, class);
     kick(registers, eased, &mut mesh.motion, step);
+    laps.lap(Part::Node, (concerned.active.len() + eased.len()) as u32);
+    extremes
+}
+
+/// Forces of the elements of `class`, and of the supports when `held`.
+fn add_forces(
+    path: Path,
+    mesh: &mut ActiveMesh,
+    class: usize,
+    held: bool,
+    rates: &Rates,
+    laps: &mut impl Laps,
+) -> Extremes {
+    let extremes = mesh.add_forces(path, class, rates);
+    laps.lap(Part::Element(class as u8), mesh.pool().count(class) as u32);
+    if held {
+        mesh.add_supports();
+        laps.lap(Part::Support, mesh.support_count() as u32);
+    }
     extremes
 }
 
@@ -190,10 +217,11 @@ fn find_concerned(mesh: &ActiveMesh, class: usize, held: bool, work: &mut Worksp
         work.turn = 1;
     }
     let turn = work.turn;
-    let Concerned { active, interface, revision } = &mut work.concerned[class];
+    let Concerned { active, interface, entries, revision } = &mut work.concerned[class];
     let stamp = &mut work.stamp;
     active.clear();
     interface.clear();
+    *entries = 0;
     let mut note = |slot: u32| {
         if std::mem::replace(&mut stamp[slot as usize], turn) == turn {
             return;
@@ -204,6 +232,7 @@ fn find_concerned(mesh: &ActiveMesh, class: usize, held: bool, work: &mut Worksp
         }
         interface.push(slot);
         for (master, _) in mesh.row(slot).entries() {
+            *entries += 1;
             if std::mem::replace(&mut stamp[master as usize], turn) != turn {
                 active.push(master);
             }

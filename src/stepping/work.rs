@@ -1,48 +1,341 @@
-//! What a tick costs, counted before it runs.
+//! What a tick is made of, what each part costs, and what a tick will cost: counted before it runs.
 //!
-//! One unit is one element evaluation. The other weights are costs relative to it as the benchmarks measure them; the
-//! governor turns units into time.
+//! The counts are the core's, the prices are an input: whoever owns the clock measures them and hands them in, and a
+//! recording keeps them. So what the core decides depends on nothing but its inputs.
 
 use crate::model::active_mesh::Upkeep;
 use crate::model::element_pool::CLASSES;
 use crate::model::step_class;
 use crate::model::{ActiveMesh, Body};
+use serde::{Deserialize, Serialize};
 
-/// An entry of an interface row, placed and handed back once, in 1/16 units.
-const ROW_ENTRY: u32 = 4;
-/// A node, moved and kicked once, in 1/16 units.
-const NODE: u32 = 4;
-
-/// Units of looking for contacts near the surface, and of holding one point for a tick.
-const CONTACT: u32 = 1_000;
-const POINT: u32 = 150;
-/// Units per element put in or taken out.
-const ELEMENT_UPKEEP: u32 = 40;
-/// Units of weighing the forces of one element, as is done before and after changes under a load.
-const EASE_UPKEEP: u32 = 10;
-/// Elements that are weighed at once at least.
-const LEAST_WEIGHED: u32 = 64;
-/// Units per interface row made.
-const ROW_UPKEEP: u32 = 40;
-/// Units of one change in a batch, for plans.
-pub const CHANGE_UPKEEP: u32 = 3_500;
-/// Units of weighing the forces of one change under a load, for plans.
-pub const EASED_CHANGE: u32 = 3_500;
-
-/// Work of one event in which `elements` of a class are due [units]; all nodes and interface rows may be concerned.
-fn event(mesh: &ActiveMesh, elements: u32) -> u32 {
-    if elements == 0 {
-        return 0;
-    }
-    // A class concerns at most four nodes per element.
-    let part = |all: u32| all.min(4 * elements);
-    elements + (part(mesh.active().len() as u32) * NODE + part(mesh.row_entries()) * ROW_ENTRY) / 16
+/// A part of a tick, and what it is counted in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Part {
+    /// What every tick takes: tools, messages, forces. Ticks.
+    Fixed,
+    /// Looking where resolution is wanted, every few ticks. Elements in use.
+    Look,
+    /// Positions and velocities. Visits of a node.
+    Node,
+    /// Interface rows. Visits of an entry.
+    Row,
+    /// Supports. Visits of an element that carries some.
+    Support,
+    /// Looking for contacts near the surface, where there are none. Tools.
+    Search,
+    /// Contact points of balls and capsules, found and made ready. Points.
+    Point,
+    /// Contact points of cylinders and convex hulls. Points.
+    SolidPoint,
+    /// The contact solve. Points in one solve.
+    Solve,
+    /// Changes of resolution. Units of [`change_units`].
+    Change,
+    /// Surface, levels of detail and hash at the end of a frame. Frames.
+    Frame,
+    /// A copy of the state for questions. Copies.
+    Copy,
+    /// Elements of a step class. Evaluations.
+    Element(u8),
 }
 
-/// Units of work of a tick in which `contacts` points are held.
-pub fn of_tick(mesh: &ActiveMesh, contacts: usize) -> u32 {
-    let elements: u32 = (0..CLASSES).map(|c| event(mesh, mesh.pool().count(c) as u32) << c).sum();
-    elements + if contacts > 0 { CONTACT + POINT * contacts as u32 } else { 0 }
+/// Parts of a tick.
+pub const PARTS: usize = 12 + CLASSES;
+
+impl Part {
+    /// All of them.
+    pub const ALL: [Part; PARTS] = {
+        use Part::{Change, Copy, Element, Fixed, Frame, Look, Node, Point, Row, Search, SolidPoint, Solve, Support};
+        let mut all = [Fixed; PARTS];
+        let others = [Fixed, Look, Node, Row, Support, Search, Point, SolidPoint, Solve, Change, Frame, Copy];
+        let mut i = 0;
+        while i < PARTS {
+            all[i] = if i < others.len() { others[i] } else { Element((i - others.len()) as u8) };
+            i += 1;
+        }
+        all
+    };
+
+    /// Its place in [`Part::ALL`].
+    pub fn index(self) -> usize {
+        match self {
+            Part::Fixed => 0,
+            Part::Look => 1,
+            Part::Node => 2,
+            Part::Row => 3,
+            Part::Support => 4,
+            Part::Search => 5,
+            Part::Point => 6,
+            Part::SolidPoint => 7,
+            Part::Solve => 8,
+            Part::Change => 9,
+            Part::Frame => 10,
+            Part::Copy => 11,
+            Part::Element(class) => 12 + usize::from(class),
+        }
+    }
+
+    /// What it is, and what it is counted in.
+    pub fn describe(self) -> (String, &'static str) {
+        let name = match self {
+            Part::Fixed => "what every tick takes",
+            Part::Look => "looking where resolution is wanted",
+            Part::Node => "nodes",
+            Part::Row => "interface rows",
+            Part::Support => "supports",
+            Part::Search => "looking for contacts",
+            Part::Point => "contact points, balls and capsules",
+            Part::SolidPoint => "contact points, cylinders and hulls",
+            Part::Solve => "contact solve",
+            Part::Change => "changes of resolution",
+            Part::Frame => "surface of a frame",
+            Part::Copy => "copy of the state",
+            Part::Element(class) => return (format!("elements, {} steps a tick", 1u32 << class), "evaluation"),
+        };
+        let of = match self {
+            Part::Fixed => "tick",
+            Part::Look => "element",
+            Part::Node => "visit",
+            Part::Row => "entry",
+            Part::Support => "element",
+            Part::Search => "tool",
+            Part::Point | Part::SolidPoint | Part::Solve => "point",
+            Part::Change => "unit",
+            Part::Frame => "frame",
+            _ => "copy",
+        };
+        (name.into(), of)
+    }
+}
+
+/// Told what a tick is doing, part by part. The core passes counts and keeps nothing.
+pub trait Laps {
+    /// What has been done since the last call was `part`, `count` times.
+    fn lap(&mut self, part: Part, count: u32);
+}
+
+/// Nobody listens.
+impl Laps for () {
+    fn lap(&mut self, _: Part, _: u32) {}
+}
+
+/// What each part costs [ps], by [`Part::index`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Prices(pub [u32; PARTS]);
+
+impl Prices {
+    /// Those of a common machine (one core of a server of 2023): what offline runs, studies and tests count with, and what
+    /// a session begins with before anything is measured.
+    pub const COMMON: Prices = {
+        let mut prices = [20_000; PARTS];
+        let others = [
+            20_000_000, // tick
+            20_000,     // look
+            3_000,      // node
+            1_500,      // row
+            25_000,     // support
+            20_000_000, // search
+            3_000_000,  // point
+            4_000_000,  // solid point
+            250_000,    // solve
+            15_000,     // change
+            80_000_000, // frame
+            80_000_000, // copy
+        ];
+        let mut i = 0;
+        while i < others.len() {
+            prices[i] = others[i];
+            i += 1;
+        }
+        Prices(prices)
+    };
+
+    /// Cost of `part`, `count` times [ns].
+    pub fn of(&self, part: Part, count: u32) -> u32 {
+        let ns = u64::from(self.0[part.index()]) * u64::from(count) / 1000;
+        ns.min(u64::from(u32::MAX / 4)) as u32
+    }
+
+    /// How many times `part` may be done in `time` [ns].
+    pub fn count(&self, part: Part, time: u32) -> u32 {
+        (u64::from(time) * 1000 / u64::from(self.0[part.index()].max(1))).min(u64::from(u32::MAX)) as u32
+    }
+}
+
+/// Time and count of one part, each a running mean.
+#[derive(Clone, Copy, Debug, Default)]
+struct Cost {
+    /// [ns].
+    time: f64,
+    count: f64,
+    occurred: u32,
+}
+
+/// Evaluations of an element at the mean price of all classes that count in the price of each: in a class of a few elements
+/// what the event itself costs would be taken for theirs.
+const SHARED_EVALUATIONS: f64 = 200.0;
+
+/// What parts of ticks have been measured to cost: [`Prices`] follow from it. It reads no clock.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Costs {
+    all: [Cost; PARTS],
+    /// Of the tick that runs: time [ns] and count.
+    now: [(u64, u32); PARTS],
+    /// By part: whether its last lap was far too long.
+    long: [bool; PARTS],
+    /// Time in such laps of the tick that runs [ns].
+    away: u64,
+}
+
+/// A lap that takes this many times what it should, and [`LONG`] more [ns], is not the part's own: an interrupt or the
+/// hypervisor had the processor. Unless the next lap of the part is as long: then its cost has changed. Spreads of costs stay
+/// well below; interruptions of a virtual machine take 0.2 ms and more.
+const TIMES_LONG: f64 = 4.0;
+const LONG: f64 = 50_000.0;
+
+impl Costs {
+    /// `part` has been done `count` times in `time` [ns] of the tick that runs.
+    pub fn lap(&mut self, part: Part, count: u32, time: u64) {
+        let mut time = time;
+        let known = self.all[part.index()].occurred > 0;
+        let expected = self.price(part, 1.0) * f64::from(count.max(1));
+        let long = known && time as f64 > TIMES_LONG * expected + LONG;
+        if long && !std::mem::replace(&mut self.long[part.index()], long) {
+            self.away += time - expected as u64;
+            time = expected as u64;
+        }
+        self.long[part.index()] = long;
+        if count > 0 && matches!(part, Part::Point | Part::SolidPoint) {
+            // Looking for them comes on top of the points.
+            time -= (self.price(Part::Search, self.slowness()) as u64).min(3 * time / 4);
+        }
+        let now = &mut self.now[part.index()];
+        *now = (now.0 + time, now.1 + count);
+    }
+
+    /// Takes the tick's laps in; prices are means over about `memory` occurrences. Time of the tick [ns] in laps that were so
+    /// much longer than the part's others that the machine was away.
+    pub fn end_tick(&mut self, memory: f64) -> u64 {
+        for (cost, (time, count)) in self.all.iter_mut().zip(std::mem::replace(&mut self.now, [(0, 0); PARTS])) {
+            if count > 0 {
+                cost.occurred = cost.occurred.saturating_add(1);
+                let weight = 1.0 / f64::from(cost.occurred).min(memory);
+                cost.time += (time as f64 - cost.time) * weight;
+                cost.count += (f64::from(count) - cost.count) * weight;
+            }
+        }
+        std::mem::take(&mut self.away)
+    }
+
+    /// Leaves the tick's laps out.
+    pub fn drop_tick(&mut self) {
+        (self.now, self.away) = ([(0, 0); PARTS], 0);
+    }
+
+    /// How slow this machine is: what has been measured over what it would cost on a common one.
+    fn slowness(&self) -> f64 {
+        let (mut time, mut common) = (0.0, 0.0);
+        for (cost, price) in self.all.iter().zip(Prices::COMMON.0) {
+            time += cost.time;
+            common += cost.count * f64::from(price) / 1e3;
+        }
+        if common > 0.0 { time / common } else { 1.0 }
+    }
+
+    /// Price of `part` [ns] on a machine of `slowness`.
+    fn price(&self, part: Part, slowness: f64) -> f64 {
+        let (cost, common) = (self.all[part.index()], f64::from(Prices::COMMON.0[part.index()]) / 1e3 * slowness);
+        if let Part::Element(_) = part {
+            let sum = |of: fn(&Cost) -> f64| self.all[PARTS - CLASSES..].iter().map(of).sum::<f64>();
+            let count = sum(|cost| cost.count);
+            let mean = if count > 0.0 { sum(|cost| cost.time) / count } else { common };
+            return (cost.time + SHARED_EVALUATIONS * mean) / (cost.count + SHARED_EVALUATIONS);
+        }
+        if cost.count > 0.0 { cost.time / cost.count } else { common }
+    }
+
+    /// What each part costs; what has not been measured costs what it would on a common machine as slow as this.
+    pub fn prices(&self) -> Prices {
+        let slowness = self.slowness();
+        Prices(Part::ALL.map(|part| (1e3 * self.price(part, slowness)).clamp(1.0, 4e9) as u32))
+    }
+}
+
+/// What a tick may take.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Budget {
+    /// Time of a tick, by the prices [ns]: the body stands still in a tick that would take more.
+    pub limit: u32,
+    /// What ticks are planned to take at most [ns]: less, because some take longer than their prices say.
+    pub planned: u32,
+    /// What ticks that come seldom may be planned to take [ns], those that end a frame or look at the resolution: more, because
+    /// few of the few take so much longer.
+    pub seldom: u32,
+}
+
+impl Budget {
+    /// All work is done.
+    pub const UNLIMITED: Budget = Budget::of(u32::MAX);
+
+    /// `limit` [ns], all of it to be used.
+    pub const fn of(limit: u32) -> Self {
+        Self { limit, planned: limit, seldom: limit }
+    }
+}
+
+/// Change units per element put in or taken out.
+const ELEMENT_UPKEEP: u32 = 40;
+/// Change units of weighing the forces of one element, as is done before and after changes under a load.
+const EASE_UPKEEP: u32 = 10;
+/// Change units per interface row made.
+const ROW_UPKEEP: u32 = 40;
+/// Change units of one change under a load, beside those of a batch with nothing in it: three of four of a palpated liver's
+/// take less.
+/// Refinement leaves room for one; with half of it changes wait for each other, with twice as much fewer elements are used.
+const CHANGE_UPKEEP: u32 = 5_500;
+
+/// Visits of nodes and of row entries by an event in which `elements` of a class are due; all may be concerned. Each is
+/// visited twice: moved and kicked, placed and handed back.
+fn visits(mesh: &ActiveMesh, elements: u32) -> (u32, u32) {
+    // A class concerns at most four nodes per element.
+    let part = |all: u32| 2 * all.min(4 * elements);
+    (part(mesh.active().len() as u32), part(mesh.row_entries()))
+}
+
+/// Time of moving the body by a tick in which `contacts` points are held [ns].
+pub fn of_motion(body: &Body, mesh: &ActiveMesh, prices: &Prices, contacts: u32) -> u32 {
+    // After the last event all nodes drift to the end of the tick.
+    let (mut nodes, mut rows) = (mesh.active().len() as u32, mesh.row_entries());
+    let mut time = 0u32;
+    for class in 0..CLASSES {
+        let elements = mesh.pool().count(class) as u32;
+        let (of_nodes, of_rows) = visits(mesh, elements);
+        (nodes, rows) = (nodes + (of_nodes << class), rows + (of_rows << class));
+        time = time.saturating_add(prices.of(Part::Element(class as u8), elements << class));
+    }
+    let supports = (mesh.support_count() as u32) << step_class::support_class(body, mesh);
+    let solves = contacts << step_class::contact_class(mesh.finest_class());
+    [(Part::Node, nodes), (Part::Row, rows), (Part::Support, supports), (Part::Solve, solves)]
+        .into_iter()
+        .fold(time, |time, (part, count)| time.saturating_add(prices.of(part, count)))
+}
+
+/// Time of what a tick takes beside motion, contacts and resolution [ns]; at the end of a `frame` more.
+pub fn of_rest(prices: &Prices, frame: bool) -> u32 {
+    let frame = if frame { of_frame(prices) } else { 0 };
+    prices.of(Part::Fixed, 1).saturating_add(frame)
+}
+
+/// Time that the end of a frame takes, or the copy that is made in its middle [ns].
+pub fn of_frame(prices: &Prices) -> u32 {
+    prices.of(Part::Frame, 1).max(prices.of(Part::Copy, 1))
+}
+
+/// Time of finding `points` contact points of a tool [ns], `solid` when one of its parts is a cylinder or a hull.
+pub fn of_contact(prices: &Prices, points: u32, solid: bool) -> u32 {
+    let part = if solid { Part::SolidPoint } else { Part::Point };
+    prices.of(Part::Search, 1).saturating_add(prices.of(part, points))
 }
 
 /// Element evaluations of a tick.
@@ -50,39 +343,30 @@ pub fn evaluations(mesh: &ActiveMesh) -> u32 {
     (0..CLASSES).map(|c| (mesh.pool().count(c) as u32) << c).sum()
 }
 
-/// Units that the body's motion may take of the `budget` of a tick: the rest of it is there for changes of resolution.
-pub fn for_motion(budget: u32) -> u32 {
-    budget - budget / 4
-}
-
-/// Elements that `units` are enough to weigh the forces of, some in any case, and the units that it takes to weigh so many.
-pub fn of_weighing(units: u32) -> (u32, u32) {
-    let elements = (units / EASE_UPKEEP).max(LEAST_WEIGHED);
-    (elements, elements * EASE_UPKEEP)
-}
-
-/// Units of a batch of changes of resolution of a body with `nodes` nodes in use, whatever is in it: momenta, masses and the
-/// surface before and after.
-fn of_any_batch(nodes: u32) -> u32 {
+/// Change units of a batch of changes of resolution of a body with `nodes` nodes in use, whatever is in it: momenta,
+/// masses and the surface before and after.
+fn empty_batch(nodes: u32) -> u32 {
     1_000 + nodes
 }
 
-/// As [`of_batch`], of a batch with nothing in it.
-pub fn of_empty_batch(mesh: &ActiveMesh) -> u32 {
-    of_any_batch((mesh.active().len() + mesh.interface().len()) as u32)
+/// As [`change_units`], of a batch with nothing in it.
+pub fn empty_batch_units(mesh: &ActiveMesh) -> u32 {
+    empty_batch((mesh.active().len() + mesh.interface().len()) as u32)
 }
 
-/// Units of work of a batch of changes of resolution of `mesh`.
-pub fn of_batch(mesh: &ActiveMesh, upkeep: &Upkeep) -> u32 {
+/// Change units of a batch of changes of resolution of `mesh`: one is the 40th part of putting in an element.
+pub fn change_units(mesh: &ActiveMesh, upkeep: &Upkeep) -> u32 {
     let each = upkeep.elements * ELEMENT_UPKEEP + upkeep.rows * ROW_UPKEEP + upkeep.eased * EASE_UPKEEP;
-    of_empty_batch(mesh) + each
+    empty_batch_units(mesh) + each
 }
 
-/// Units of work of a tick, at rest, in which only the coarsest level is used, with room for strains and for one change of
-/// resolution: the budget that a body cannot do with less than.
-pub fn floor(body: &Body) -> u32 {
-    let elements: u32 = body.elements_of(0).map(|e| 1 << step_class::class_at_rest(body, e)).sum();
-    let nodes = body.nodes_of(0).len() as u32;
-    let motion = 2 * elements + nodes + CONTACT + 32 * POINT + of_any_batch(2 * nodes) + CHANGE_UPKEEP;
-    motion + motion.div_ceil(3)
+/// Time that undoing a refinement takes [ns]: room that no refinement may fill.
+pub fn of_undoing(mesh: &ActiveMesh, prices: &Prices) -> u32 {
+    prices.of(Part::Change, empty_batch_units(mesh) + CHANGE_UPKEEP)
+}
+
+/// Time of a tick at rest in which only the coarsest level of `body` is used [ns], a frame with it: what the body really
+/// takes, and cannot do with less.
+pub fn floor(body: &Body, mesh: &ActiveMesh, prices: &Prices) -> u32 {
+    of_motion(body, mesh, prices, 0).saturating_add(of_rest(prices, true))
 }

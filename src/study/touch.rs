@@ -13,7 +13,7 @@ use crate::math::{Pose, Real, Vec3};
 use crate::model::step_class::TICK;
 use crate::model::{Body, Material};
 use crate::prepare::{self, Recipe, Region, prepare};
-use crate::simulation::{Inputs, Settings, Simulation, Snapshot};
+use crate::simulation::{Budget, Inputs, Settings, Simulation, Snapshot};
 use std::io::{Error, Result};
 use std::path::Path;
 use std::sync::Arc;
@@ -274,8 +274,8 @@ fn speed_of(file: &str, cases: &[(&str, Stroke)], out: &Path, progress: Progress
     table(out, &format!("{file}-table"), &header, &rows)
 }
 
-/// Units of work per tick before, during and after the cut.
-const BUDGET: [u32; 3] = [160_000, 16_000, 160_000];
+/// Time of a tick before, during and after the cut [ns], by the prices of a common machine.
+const BUDGET: [u32; 3] = [3_200_000, 320_000, 3_200_000];
 
 /// The budget cut tenfold in the middle of a press.
 pub fn overload(out: &Path, progress: Progress) -> Result<String> {
@@ -287,7 +287,7 @@ pub fn overload(out: &Path, progress: Progress) -> Result<String> {
     let (mut needed, mut budget) = (Vec::new(), Vec::new());
     let (mut stood, mut overspent, mut longest, mut now) = (0u32, 0u32, 0u32, 0u32);
     for tick in 0..3000u32 {
-        let mut inputs = Inputs { budget: BUDGET[(tick / 1000) as usize], ..Inputs::default() };
+        let mut inputs = Inputs { budget: Budget::of(BUDGET[(tick / 1000) as usize]), ..Inputs::default() };
         inputs.tools[0] = pose(tick + 1, on.place(tick.min(400)));
         let outputs = simulation.advance(&inputs);
         let time = Real::from(tick) * TICK;
@@ -295,12 +295,12 @@ pub fn overload(out: &Path, progress: Progress) -> Result<String> {
         rendered.push((time, outputs.tools[0].state.force.norm()));
         nodes.push((time, Real::from(outputs.active.iter().sum::<u32>())));
         needed.push((time, Real::from(outputs.plan.needed) / 1e3));
-        budget.push((time, Real::from(inputs.budget) / 1e3));
+        budget.push((time, Real::from(inputs.budget.limit) / 1e3));
         let still = outputs.plan.taken < outputs.plan.needed;
         stood += u32::from(still);
         now = if still { now + 1 } else { 0 };
         longest = longest.max(now);
-        overspent += u32::from(outputs.plan.taken + outputs.adapted.work > inputs.budget);
+        overspent += u32::from(outputs.plan.whole > inputs.budget.limit);
     }
     let chart = |title: &str, y_label: &str, curves: Vec<Curve>| Chart {
         title: title.into(),
@@ -320,7 +320,7 @@ pub fn overload(out: &Path, progress: Progress) -> Result<String> {
     );
     let panels = [
         chart("active nodes", "nodes", vec![curve("active nodes", nodes)]),
-        chart("work", "1000 units a tick", vec![curve("needed", needed), curve("budget", budget)]),
+        chart("work", "µs a tick", vec![curve("needed", needed), curve("budget", budget)]),
         chart("force on the tool", "force [N]", vec![curve("of the contact", force), curve("rendered", rendered)]),
     ];
     charts(out, "overload", "The budget cut tenfold in the middle of a press", &panels)?;
@@ -342,7 +342,7 @@ pub fn stiffnesses(out: &Path, progress: Progress) -> Result<String> {
         let mut pressed_force: Real = 0.0;
         let mut restored = 0;
         for tick in 0..700u32 {
-            let mut inputs = Inputs { budget: 80_000, ..Inputs::default() };
+            let mut inputs = Inputs { budget: Budget::of(1_600_000), ..Inputs::default() };
             // Down and held, then up again in half a second.
             let up = (Real::from(tick) * TICK - 0.3).max(0.0);
             inputs.tools[0] = pose(tick + 1, on.place(tick.min(200)) + Vec3::z() * (0.1 * up));

@@ -7,7 +7,7 @@ use crate::contact::safety::Limited;
 use crate::contact::tool::{Coupling, MOST_TOOLS, Phase, PoseSample, ToolEvent, ToolState};
 use crate::feedback::LocalModel;
 use crate::math::{Pose, Real, Vec3, normalized_quaternion};
-use crate::simulation::{Inputs, TickFlags, ToolOutput};
+use crate::simulation::{Budget, Inputs, Prices, TickFlags, ToolOutput};
 use palpate_proto as proto;
 use palpate_proto::Message;
 
@@ -219,7 +219,10 @@ pub fn inputs_to_message(tick: u64, inputs: &Inputs) -> proto::TickInputs {
     proto::TickInputs {
         tick,
         lapsed: inputs.lapsed,
-        budget: inputs.budget,
+        budget: inputs.budget.limit,
+        planned: inputs.budget.planned,
+        seldom: inputs.budget.seldom,
+        prices: inputs.prices.map_or(vec![], |prices| prices.0.to_vec()),
         commands: u32::from(inputs.reset),
         tools: tools
             .filter_map(|(i, e)| e.as_ref().map(|e| proto::ToolInput { tool: i as u32, event: Some(event(e)) }))
@@ -233,7 +236,11 @@ pub fn inputs_from_message(message: &proto::TickInputs) -> Option<Inputs> {
     let list = |v: &[Real]| <[Real; 3]>::try_from(v).ok().map(Vec3::from);
     let mut inputs = Inputs {
         lapsed: message.lapsed,
-        budget: message.budget,
+        budget: Budget { limit: message.budget, planned: message.planned, seldom: message.seldom },
+        prices: match message.prices.as_slice() {
+            [] => None,
+            prices => Some(Prices(prices.try_into().ok()?)),
+        },
         reset: message.commands & 1 == 1,
         tools: [None; MOST_TOOLS],
     };
@@ -317,8 +324,9 @@ mod tests {
 
         #[test]
         fn inputs_survive_the_way_into_a_recording_bit_for_bit(
-            numbers in prop::array::uniform7(-1e3..1e3f64), epoch in 1u32.., lapsed in 0u32.., budget in 0u32..,
+            numbers in prop::array::uniform7(-1e3..1e3f64), epoch in 1u32.., lapsed in 0u32.., limit in 0u32.., planned in 0u32.., seldom in 0u32..,
         ) {
+            let budget = Budget { limit, planned, seldom };
             let sample = PoseSample {
                 sequence: 9,
                 time_ns: 77,
@@ -330,7 +338,7 @@ mod tests {
                 angular_velocity: Vec3::zeros(),
                 buttons: 3,
             };
-            let mut inputs = Inputs { lapsed, budget, reset: true, ..Inputs::default() };
+            let mut inputs = Inputs { lapsed, budget, prices: Some(Prices::COMMON), reset: true, ..Inputs::default() };
             inputs.tools[0] = Some(ToolEvent::Pose(sample));
             inputs.tools[3] = Some(ToolEvent::Attach { epoch, period_ticks: 14, coupling: Coupling { compliance: 2.5e-3, angular_compliance: 3.0 } });
             inputs.tools[7] = Some(ToolEvent::Detach);

@@ -2,7 +2,7 @@
 
 use super::*;
 use palpate::model::body::{BodyParts, LabelParts};
-use palpate::stepping::work;
+use palpate::stepping::work::{self, Prices};
 
 /// `body` without its finest level.
 fn without_finest(body: &Body) -> Arc<Body> {
@@ -39,10 +39,15 @@ fn a_level_ten_times_as_large_costs_nothing_until_it_is_used() {
         let nodes = random_set(&small, &mut Random(seed));
         let count = |body: &Body| {
             let mesh = mesh_on(body, nodes.clone());
-            (work::evaluations(&mesh), work::of_tick(&mesh, 0), mesh.pool().len(), mesh.row_entries())
+            (
+                work::evaluations(&mesh),
+                work::of_motion(body, &mesh, &Prices::COMMON, 0),
+                mesh.pool().len(),
+                mesh.row_entries(),
+            )
         };
         let (a, b) = (count(&small), count(&large));
-        println!("set {seed}, {} active: {} evaluations, {} units, {} elements", nodes.len(), a.0, a.1, a.2);
+        println!("set {seed}, {} active: {} evaluations, {} ns, {} elements", nodes.len(), a.0, a.1, a.2);
         assert_eq!(a, b);
     }
 

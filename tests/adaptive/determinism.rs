@@ -26,7 +26,10 @@ fn stroke_to_the_hold(i: u64) -> Inputs {
 
 /// As [`press_and_stroke`], with a budget that is cut to a fraction while the ball presses and comes back.
 fn press_on_a_cut_budget(i: u64) -> Inputs {
-    Inputs { budget: if (CUT..CUT + 300).contains(&i) { 12_000 } else { 80_000 }, ..press_and_stroke(i) }
+    Inputs {
+        budget: Budget::of(if (CUT..CUT + 300).contains(&i) { 200_000 } else { 1_600_000 }),
+        ..press_and_stroke(i)
+    }
 }
 
 /// Ticks before the cut.
@@ -57,7 +60,7 @@ fn restored_at_any_moment_near_a_hold_it_goes_on_bit_for_bit() {
     restored_at_any_moment(stroke_to_the_hold, 3e4);
 }
 
-/// While a body stands still to shed many nodes under a tool, what is held is all that says how it will go on.
+/// While a body stands still now and then to shed many nodes under a tool, its state is all that says how it will go on.
 #[test]
 fn restored_while_it_sheds_it_goes_on_bit_for_bit() {
     let body = Cube { spacings: vec![0.060, 0.034, 0.020, 0.0115], ..elastic_cube(1e4, true) }.body();
@@ -68,14 +71,14 @@ fn restored_while_it_sheds_it_goes_on_bit_for_bit() {
     let (mut all, mut held) = (Vec::new(), Vec::new());
     for i in 0..CUT + 800 {
         all.extend(advance(&mut whole, press_on_a_cut_budget, i, 1));
-        if whole.mesh().is_held() {
+        if whole.outputs().plan.taken == 0 {
             held.push(i);
         }
     }
     let [before, shed] = [CUT, CUT + 200].map(|i| all[i as usize].3[0]);
     println!("held in ticks {held:?}; {before} elements, then {shed}");
-    assert!(held.len() > 5 && shed * 3 < before * 2, "there is nothing to get wrong");
-    for moment in CUT..=held[held.len() - 1] + 2 {
+    assert!(!held.is_empty() && shed * 3 < before * 2, "there is nothing to get wrong");
+    for moment in (CUT..=held[held.len() - 1] + 2).take(40) {
         restored_at(moment, &body, start, press_on_a_cut_budget, &all);
     }
 }

@@ -10,7 +10,7 @@ use palpate::math::{Pose, Real, Vec3};
 use palpate::model::active_set::{ActiveSet, Change, Status};
 use palpate::model::{ActiveMesh, Body, Material, State};
 use palpate::prepare::{Recipe, Region, Shape, prepare};
-use palpate::simulation::{Inputs, Settings, Simulation, Snapshot, TICK, TICKS_PER_FRAME};
+use palpate::simulation::{Budget, Inputs, Settings, Simulation, Snapshot, TICK, TICKS_PER_FRAME};
 use std::sync::Arc;
 
 #[path = "../common/random.rs"]

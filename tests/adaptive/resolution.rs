@@ -336,8 +336,8 @@ fn a_mesh_that_was_changed_and_one_made_from_its_state_step_alike() {
                         let arm = (*x - centre).dot(&along);
                         *v = along * (arm * 8.0);
                     });
-                    step::tick(Path::best(), &body, mesh, &mut [], Vec3::zeros(), work);
-                    mesh.reclass_alarmed(&body);
+                    step::tick(Path::best(), &body, mesh, &mut [], Vec3::zeros(), work, &mut ());
+                    mesh.reclass_over_limit(&body);
                 }
                 let same = saved(&body, &mesh) == saved(&body, &again);
                 assert!(

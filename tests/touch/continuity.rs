@@ -105,7 +105,7 @@ fn a_tick_in_which_the_body_stands_still_is_not_felt() {
             // Down at 80 mm/s.
             let mut now = inputs(&[Some(at(TOP + Vec3::z() * (0.022 - 0.08 * Real::from(i) * TICK)))]);
             if i > 180 && i.is_multiple_of(every) {
-                now.budget = 0;
+                now.budget = Budget::of(0);
             }
             let outputs = press.advance(&now);
             still += u32::from(outputs.plan.taken < outputs.plan.needed);
@@ -134,7 +134,9 @@ fn largest_step(setup: &Setup, budget: u32, ticks: std::ops::Range<u32>, at: imp
     let (mut last, mut over, mut step) = (Vec3::zeros(), 0.0 as Real, 0.0 as Real);
     for i in 0..ticks.end {
         let event = at(Real::from(i) * TICK);
-        let force = press.advance(&Inputs { budget, ..inputs(&[Some(event)]) }).tools[0].state.physical_force;
+        let force = press.advance(&Inputs { budget: Budget::of(budget), ..inputs(&[Some(event)]) }).tools[0]
+            .state
+            .physical_force;
         if i > ticks.start {
             over = over.max((force - last).norm() / (0.05 * last.norm()).max(0.01));
             step = step.max((force - last).norm());
@@ -179,26 +181,24 @@ fn an_edge_and_a_corner_pressed_in_make_no_step_on_any_mesh() {
 }
 
 /// A tip much thinner than elements and triangles feels more here than there. It does so by its way alone: as slow again by
-/// four, with a quarter of the way in a tick, it feels steps of a third or so, also where the budget leaves only the coarsest
-/// elements; a step of the force in place would be felt whole.
+/// four, with a quarter of the way in a tick, it feels steps of a third or so, also where only coarse elements are
+/// used; a step of the force in place would be felt whole.
 #[test]
 fn the_force_of_a_thin_tip_is_continuous_along_its_way() {
-    for (radius, depth, budget) in
-        [(0.0005, 0.002, u32::MAX), (0.0005, 0.002, 20_000), (0.00125, 0.003, 20_000), (0.002, 0.006, 20_000)]
-    {
-        let mut cube = scene(&["material.damping_time=0.01", "body.cells=[[5,5,5],[9,9,9],[17,17,17]]"]);
+    for (radius, depth, finest) in [(0.0005, 0.002, 2), (0.0005, 0.002, 0), (0.00125, 0.003, 0), (0.002, 0.006, 2)] {
+        let finest = format!("resolution.finest_level={finest}");
+        let cells = "body.cells=[[5,5,5],[9,9,9],[17,17,17]]";
+        let mut cube = scene(&["material.damping_time=0.01", cells, &finest]);
         cube.settings.tools[0].shape = ToolShape::ball(radius);
         // 40 mm, at 0.1 m/s and at a quarter of that.
         let steps = [0.4, 1.6].map(|time| {
-            largest_step(&cube, budget, 601..600 + (time / TICK) as u32, |t| {
+            largest_step(&cube, u32::MAX, 601..600 + (time / TICK) as u32, |t| {
                 let x = -0.02 + 0.04 * ((t - 0.6) / time).clamp(0.0, 1.0);
                 at(TOP + Vec3::new(x, 0.003, radius + 0.002 - (depth + 0.002) * ease(t, 0.0, 0.5)))
             })[1]
         });
         let [fast, slow] = steps.map(|s| 1e3 * s);
-        println!(
-            "ball of {radius} m, {depth} m deep, {budget} units: {fast:.1} mN at 0.1 m/s, {slow:.1} mN at a quarter"
-        );
+        println!("ball of {radius} m, {depth} m deep, {finest}: {fast:.1} mN at 0.1 m/s, {slow:.1} mN at a quarter");
         assert!(slow < 0.5 * fast, "{radius}: {slow} of {fast} mN");
     }
 }

@@ -11,8 +11,9 @@ use palpate::model::energy::energy;
 use palpate::model::{Body, Material};
 use palpate::prepare::{Recipe, Shape, prepare};
 use palpate::scene::LoadedScene;
-use palpate::simulation::{Inputs, Outputs, Settings, Simulation, Snapshot, TICK, TICKS_PER_FRAME};
-use palpate::stepping::work;
+use palpate::simulation::{
+    Budget, Inputs, MOST_FROZEN, Outputs, Settings, Simulation, Snapshot, TICK, TICKS_PER_FRAME,
+};
 use std::path::Path;
 use std::sync::Arc;
 

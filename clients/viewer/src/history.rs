@@ -23,7 +23,7 @@ pub struct Health {
     pub nodes: Vec<u64>,
     /// Wake-up after the deadline since the start [µs]: median and 99th percentile.
     pub lateness: [f64; 2],
-    /// Part of the work budget that the last tick used.
+    /// What the last tick was planned to take, over what it might.
     pub load: f64,
 }
 
@@ -62,7 +62,7 @@ impl History {
             time,
             nodes: status.active_nodes.clone(),
             lateness: [lateness.p50, lateness.p99],
-            load: status.work as f64 / status.budget.max(1) as f64,
+            load: status.work as f64 / status.planned.max(1) as f64,
         });
         while self.health.front().is_some_and(|first| first.time < time - SPAN) {
             self.health.pop_front();
@@ -137,7 +137,7 @@ mod tests {
     #[test]
     fn every_status_is_one_point() {
         let mut history = History::default();
-        let status = Status { tick: 1000, work: 30, budget: 120, active_nodes: vec![5, 7], ..Default::default() };
+        let status = Status { tick: 1000, work: 30, planned: 120, active_nodes: vec![5, 7], ..Default::default() };
         history.add_status(&status);
         history.add_status(&status);
         history.add_status(&Status::default());

@@ -125,8 +125,11 @@ impl ActiveMesh {
                 self.fading.push(v);
             }
         }
+        if self.holds_any(&shifted) {
+            self.fold_supports(body);
+        }
         self.work.shifted = shifted;
-        self.fold_supports(body);
+        self.weigh_supports();
     }
 
     /// Returns how many of them, the first ones, may hang elsewhere; the others are on what has moved.

@@ -3,9 +3,7 @@
 //! New nodes lie where the old ones say, strained otherwise than by themselves. Let loose at once, light nodes under a tool
 //! would ring for some milliseconds, and the hand would feel it. So every node gets forces that leave its acceleration as it
 //! was, and that fade. They act within a tick when what they stand for does, or a node would be off its place when its
-//! elements are due. They add up to nothing, as those between the elements do, and so do their moments. A body that has to
-//! shed many nodes before it can move again is weighed whole, once before the first of them and once after the last, in
-//! slices.
+//! elements are due. They add up to nothing, as those between the elements do, and so do their moments.
 
 use super::foresight::sides;
 use super::{ActiveMesh, Upkeep, constants, padded, vec3};
@@ -14,10 +12,9 @@ use crate::model::active_set::Change;
 use crate::model::body::Body;
 use crate::model::constraint::PointMemory;
 use crate::model::element_kernel::Padded;
-use crate::model::element_pool::{CLASSES, ElementConstants, History};
+use crate::model::element_pool::{ElementConstants, History};
 use crate::model::material::{COLLAPSE_ONSET, COLLAPSE_STIFFNESS};
 use crate::model::skin;
-use crate::model::state::Shedding;
 use crate::model::step_class::{self, SHORTEST_CONTACT_CLASS};
 
 /// What acts on a body from outside.
@@ -41,8 +38,6 @@ pub(super) const NO_EASE: Ease<Padded> = [[0.0; 4]; EASE_CLASSES];
 /// Part of what is held that is let go of in a tick: a time constant of 25 ms. What is held is dead weight, and does not give
 /// way with the body: for longer, and it crushes what is under a tool.
 const EASED: Real = 0.04;
-/// Ticks until that much is let go of after a body has stood still: all of it at once would set it in motion with a jerk.
-const RESUMES_WITHIN: u32 = 10;
 /// Less than this [N] is let go at once: so little that the sum of all stays nothing.
 const LEAST_EASE: Real = 1e-15;
 
@@ -50,9 +45,9 @@ impl ActiveMesh {
     /// Makes `changes` as [`ActiveMesh::apply`] does, under `loads`.
     pub fn apply_under(&mut self, body: &Body, changes: &[Change], loads: &Loads) -> Upkeep {
         let Upkeep { eased, .. } = self.foresee(body, changes, true);
-        self.add_balance(body, Some(loads), 1.0);
+        self.add_balance(body, loads, 1.0);
         let upkeep = self.apply(body, changes);
-        self.add_balance(body, Some(loads), -1.0);
+        self.add_balance(body, loads, -1.0);
         Upkeep { eased, ..upkeep }
     }
 
@@ -66,51 +61,9 @@ impl ActiveMesh {
         self.motion.ease[slot as usize].iter().map(vec3).sum()
     }
 
-    /// How far the body is with shedding load.
-    pub fn shedding(&self) -> Shedding {
-        self.shedding
-    }
-
-    /// True from the first [`ActiveMesh::hold`] to the last [`ActiveMesh::let_go`]: the body must not move.
-    pub fn is_held(&self) -> bool {
-        !matches!(self.shedding, Shedding::No | Shedding::Resumes(_))
-    }
-
-    /// Takes hold of what accelerates the body under `loads`, of at most `most` elements at once, before many batches of
-    /// changes in which it stands still: what they put out of balance is weighed but once, at the end.
-    pub fn hold(&mut self, body: &Body, loads: &Loads, most: u32) {
-        let done = if let Shedding::Holds(done) = self.shedding { done } else { 0 };
-        let done = self.weigh_slice(body, loads, done, most, 1.0);
-        self.shedding = done.map_or(Shedding::Coarsens(0), Shedding::Holds);
-    }
-
-    /// Makes `changes` of a body that is held; none where nothing was found that can be.
-    pub fn coarsen(&mut self, body: &Body, changes: &[Change]) -> Upkeep {
-        let idle = if let Shedding::Coarsens(idle) = self.shedding { idle } else { 0 };
-        self.shedding = Shedding::Coarsens(if changes.is_empty() { idle + 1 } else { 0 });
-        self.apply(body, changes)
-    }
-
-    /// Leaves of what is held what has come out of balance, of at most `most` elements at once.
-    pub fn let_go(&mut self, body: &Body, loads: &Loads, most: u32) {
-        let done = if let Shedding::LetsGo(done) = self.shedding { done } else { 0 };
-        let done = self.weigh_slice(body, loads, done, most, -1.0);
-        self.shedding = done.map_or(Shedding::Resumes(0), Shedding::LetsGo);
-    }
-
-    /// Weighs at most `most` elements from `done` on, with the first of them the loads. How many are done then, unless all are.
-    fn weigh_slice(&mut self, body: &Body, loads: &Loads, done: u32, most: u32, sign: Real) -> Option<u32> {
-        self.work.concerned.clear();
-        let all = (0..CLASSES).flat_map(|class| self.pool.ids(class));
-        self.work.concerned.extend(all.skip(done as usize).take(most as usize));
-        let weighed = done + self.work.concerned.len() as u32;
-        self.add_balance(body, Some(loads).filter(|_| done == 0), sign);
-        Some(weighed).filter(|weighed| (*weighed as usize) < self.pool.len())
-    }
-
     /// Adds to what is held `sign` times what accelerates each active node, as far as the concerned elements and `loads` go:
     /// by class of step, so that it acts when what it stands for does.
-    fn add_balance(&mut self, body: &Body, loads: Option<&Loads>, sign: Real) {
+    fn add_balance(&mut self, body: &Body, loads: &Loads, sign: Real) {
         self.eases = true;
         for i in 0..self.work.concerned.len() {
             let e = self.work.concerned[i];
@@ -118,16 +71,14 @@ impl ActiveMesh {
                 (0..4).for_each(|i| self.hold_on(slots[i], class, forces[i] * sign));
             }
         }
-        if let Some(loads) = loads {
-            let class = step_class::contact_class(self.finest_class());
-            self.hold_points(body, loads, class, sign);
-            for &slot in &self.active {
-                let s = slot as usize;
-                if self.motion.inverse_mass[s] > 0.0 {
-                    let weight = loads.gravity * (self.motion.mass[s] * sign);
-                    let ease = &mut self.motion.ease[s][class];
-                    *ease = padded(vec3(ease) + weight);
-                }
+        let class = step_class::contact_class(self.finest_class());
+        self.hold_points(body, loads, class, sign);
+        for &slot in &self.active {
+            let s = slot as usize;
+            if self.motion.inverse_mass[s] > 0.0 {
+                let weight = loads.gravity * (self.motion.mass[s] * sign);
+                let ease = &mut self.motion.ease[s][class];
+                *ease = padded(vec3(ease) + weight);
             }
         }
     }
@@ -218,18 +169,13 @@ impl ActiveMesh {
 
     /// Lets go a little of what is held, by one tick in which the body moved.
     pub fn ease_off(&mut self) {
-        let mut let_go = EASED;
-        if let Shedding::Resumes(ticks) = self.shedding {
-            let_go *= Real::from(ticks + 1) / Real::from(RESUMES_WITHIN);
-            self.shedding = if ticks + 1 < RESUMES_WITHIN { Shedding::Resumes(ticks + 1) } else { Shedding::No };
-        }
         if !self.eases {
             return;
         }
         self.eases = false;
         for &slot in &self.active {
             for e in self.motion.ease[slot as usize].as_flattened_mut() {
-                *e = if e.abs() > LEAST_EASE { *e * (1.0 - let_go) } else { 0.0 };
+                *e = if e.abs() > LEAST_EASE { *e * (1.0 - EASED) } else { 0.0 };
                 self.eases |= *e != 0.0;
             }
         }

@@ -28,7 +28,7 @@ use super::element_kernel::{Padded, StrainLimit};
 use super::element_pool::{CLASSES, ElementConstants, ElementPool, History};
 use super::interface::{InterfaceRow, Search};
 use super::organ::MOST_ORGANS;
-use super::state::{Shedding, State};
+use super::state::State;
 use super::step_class::{self, Strained};
 use super::sweeps::{self, Registers};
 use crate::math::{Mat3, Real, Vec3};
@@ -91,7 +91,6 @@ pub struct ActiveMesh {
     fading: Vec<u32>,
     astray: Vec<u32>,
     lever: Real,
-    shedding: Shedding,
     /// Whether a node has a residual force.
     eases: bool,
     /// Whether nothing holds an organ: neither supports nor fixed nodes.
@@ -189,7 +188,6 @@ impl ActiveMesh {
             fading: Vec::with_capacity(vertices),
             astray: Vec::with_capacity(vertices),
             lever: 1.0,
-            shedding: Shedding::No,
             eases: false,
             free_organs: std::array::from_fn(|organ| {
                 let fixed = |n: u32| body.organ_of(n) == organ && body.is_fixed(n);
@@ -291,12 +289,12 @@ impl ActiveMesh {
         self.fading.extend((0..self.fade.len() as u32).filter(|v| self.fade[*v as usize] != [0.0; 4]));
         self.astray.clear();
         self.lever = 1.0;
-        self.shedding = state.shedding;
         self.eases = state.ease.iter().flatten().any(|e| *e != Vec3::zeros());
         for v in 0..self.attachment.len() as u32 {
             self.attach(body, v);
         }
         self.fold_supports(body);
+        self.weigh_supports();
         let mut limits = state.strain_limit.iter();
         for (class, ids) in state.classes.iter().enumerate() {
             for &e in ids {
@@ -356,7 +354,6 @@ impl ActiveMesh {
         state.position.clear();
         state.velocity.clear();
         state.ease.clear();
-        state.shedding = self.shedding;
         for &slot in &self.active {
             state.nodes.push(self.node[slot as usize]);
             state.position.push(vec3(&self.motion.position[slot as usize]));
@@ -515,7 +512,10 @@ impl ActiveMesh {
         for class in 0..CLASSES {
             hash.update(&(self.pool.count(class) as u32).to_le_bytes());
         }
-        hash.update(bytemuck::cast_slice(&self.fade));
+        for (v, fade) in self.fade.iter().enumerate().filter(|(_, fade)| **fade != [0.0; 4]) {
+            hash.update(&(v as u32).to_le_bytes());
+            hash.update(bytemuck::cast_slice(fade));
+        }
     }
 
     /// Gives the active nodes other positions and velocities: `change(node, position, velocity)`. For tests, studies

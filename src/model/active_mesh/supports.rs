@@ -21,11 +21,8 @@ pub(super) struct Support {
     rest: [Padded; 4],
     /// `c` [N].
     pull: [Padded; 4],
-    /// Part of `ω²` times mass that each node gets at most: `Σ_h k_h |w_hi| Σ_j |w_hj| a_j`, `a_j` the amplification of
-    /// the node's row [N/m].
-    bound: [Real; 4],
-    /// `a_j`.
-    amplification: [Real; 4],
+    /// `Σ_h k_h |w_hi| |w_hj|` [N/m].
+    bound: [[Real; 4]; 4],
 }
 
 /// All supports of a body as it moves.
@@ -36,6 +33,8 @@ pub(super) struct Supports {
     of_element: Vec<u32>,
     /// Springs whose displayed point has a geomorph offset, and their places in the list.
     offset: Vec<(u32, u32)>,
+    /// By display vertex: whether a spring holds it.
+    held: Vec<bool>,
 }
 
 impl Supports {
@@ -43,60 +42,66 @@ impl Supports {
     pub(super) fn new(body: &Body) -> Self {
         let springs = body.holds().len();
         let elements = if springs > 0 { body.element_count() } else { 0 };
+        let mut held = vec![false; body.surface().vertices.len()];
+        body.holds().iter().for_each(|hold| held[hold.vertex as usize] = true);
         Self {
             list: Vec::with_capacity(springs),
             of_element: vec![NONE; elements],
             offset: Vec::with_capacity(springs),
+            held,
         }
     }
 }
 
 impl ActiveMesh {
-    /// Folds all springs into the elements that carry them now, and bounds what they add to `ω²`:
-    /// `Σ_h k |b_j| Σ_i|b_i| / m_j` by row sums.
+    /// Folds all springs into the elements that carry them now.
     pub(super) fn fold_supports(&mut self, body: &Body) {
-        if body.holds().is_empty() {
-            return;
-        }
-        let mut supports = std::mem::replace(
-            &mut self.supports,
-            Supports { list: Vec::new(), of_element: Vec::new(), offset: Vec::new() },
-        );
-        supports.list.clear();
-        supports.offset.clear();
+        let Self { supports: Supports { list, of_element, offset, .. }, attachment, fade, .. } = self;
+        list.clear();
+        offset.clear();
         for (h, hold) in body.holds().iter().enumerate() {
-            let a = &self.attachment[hold.vertex as usize];
-            let place = &mut supports.of_element[a.element as usize];
-            if supports.list.get(*place as usize).is_none_or(|s| s.slots != a.slots) {
-                *place = supports.list.len() as u32;
-                let amplifies =
-                    |s: u32| if self.is_master(s) { 1.0 } else { self.row[s as usize].amplification() };
-                supports.list.push(Support {
-                    slots: a.slots,
-                    stiffness: [[0.0; 4]; 4],
-                    rest: [[0.0; 4]; 4],
-                    pull: [[0.0; 4]; 4],
-                    bound: [0.0; 4],
-                    amplification: a.slots.map(amplifies),
-                });
+            let a = &attachment[hold.vertex as usize];
+            let place = &mut of_element[a.element as usize];
+            if list.get(*place as usize).is_none_or(|s| s.slots != a.slots) {
+                *place = list.len() as u32;
+                let (none, rest) = ([[0.0; 4]; 4], [[0.0; 4]; 4]);
+                list.push(Support { slots: a.slots, stiffness: none, rest, pull: rest, bound: none });
             }
-            let support = &mut supports.list[*place as usize];
+            let support = &mut list[*place as usize];
             let rest = body.surface().vertices[hold.vertex as usize];
-            let reach: Real = (0..4).map(|j| a.weights[j].abs() * support.amplification[j]).sum();
             for i in 0..4 {
                 let k = hold.stiffness * a.weights[i];
-                (0..4).for_each(|j| support.stiffness[i][j] += k * a.weights[j]);
+                for j in 0..4 {
+                    support.stiffness[i][j] += k * a.weights[j];
+                    support.bound[i][j] += (k * a.weights[j]).abs();
+                }
                 (0..3).for_each(|c| support.rest[i][c] += k * rest[c]);
-                support.bound[i] += k.abs() * reach;
             }
-            if self.fade[hold.vertex as usize] != [0.0; 4] {
-                supports.offset.push((h as u32, *place));
+            if fade[hold.vertex as usize] != [0.0; 4] {
+                offset.push((h as u32, *place));
             }
         }
-        supports.list.iter_mut().for_each(|s| s.pull = s.rest);
+        list.iter_mut().for_each(|s| s.pull = s.rest);
+        self.follow_offsets(body);
+    }
+
+    /// Whether one of the display vertices is held by a spring.
+    pub(super) fn holds_any(&self, vertices: &[u32]) -> bool {
+        vertices.iter().any(|v| self.supports.held[*v as usize])
+    }
+
+    /// Bounds what the supports add to `ω²`: `Σ_h k |b_j| Σ_i |b_i| / m_j` by row sums, the rows of interface nodes with
+    /// their amplification.
+    pub(super) fn weigh_supports(&mut self) {
+        if self.supports.list.is_empty() {
+            return;
+        }
         self.active.iter().for_each(|s| self.springs[*s as usize] = 0.0);
-        for support in &supports.list {
-            for (slot, stiffness) in support.slots.iter().zip(support.bound) {
+        for support in &self.supports.list {
+            let amplifies = |s: u32| if self.is_master(s) { 1.0 } else { self.row[s as usize].amplification() };
+            let amplification = support.slots.map(amplifies);
+            for (slot, bound) in support.slots.iter().zip(&support.bound) {
+                let stiffness: Real = bound.iter().zip(&amplification).map(|(b, a)| b * a).sum();
                 if self.is_master(*slot) {
                     self.springs[*slot as usize] += stiffness * self.motion.inverse_mass[*slot as usize];
                 } else {
@@ -108,8 +113,6 @@ impl ActiveMesh {
             }
         }
         self.stiffest_spring = self.active.iter().map(|s| self.springs[*s as usize]).fold(0.0, Real::max);
-        self.supports = supports;
-        self.follow_offsets(body);
     }
 
     /// Supports follow the geomorph offsets of this tick.

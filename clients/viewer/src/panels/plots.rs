@@ -63,10 +63,10 @@ pub fn lateness(ui: &mut egui::Ui, app: &App) {
     show(ui, "tick lateness since the start [µs]", &curves.collect::<Vec<_>>(), span(app), 20.0, None, HEIGHT);
 }
 
-/// How much of the work budget ticks use.
+/// How much of their time ticks are planned to take.
 pub fn load(ui: &mut egui::Ui, app: &App) {
     let curve = points(app.history().health(), |health| 100.0 * health.load);
-    show(ui, "work of a tick [% of budget]", &[(String::new(), INK, curve)], span(app), 100.0, None, HEIGHT);
+    show(ui, "a tick takes [% of what it may]", &[(String::new(), INK, curve)], span(app), 100.0, None, HEIGHT);
 }
 
 fn points<'a>(health: impl IntoIterator<Item = &'a Health>, value: impl Fn(&Health) -> f64) -> Vec<[f64; 2]> {

@@ -89,10 +89,17 @@ fn status(ui: &mut egui::Ui, app: &App) {
     };
     line(ui, format!("{:.1} Hz, {:.1} frames/s, {}", status.tick_rate_hz, status.surface_frames_hz, status.scheduling));
     let trouble = format!(
-        "{} missed deadlines, {} stalls, stood still in {} ticks",
-        status.missed_deadlines, status.stalls, status.unmoved_ticks
+        "{:.1} missed deadlines a minute, {} stalls, stood still in {} ticks",
+        status.missed_per_minute, status.stalls, status.unmoved_ticks
     );
     line(ui, trouble);
+    let share = format!(
+        "a tick is planned to take {:.0} µs, at most {:.0}; real-time threads take {:.0} % of a processor",
+        status.work as f64 / 1e3,
+        status.planned as f64 / 1e3,
+        100.0 * status.real_time_share
+    );
+    line(ui, share);
     if let Some(recording) = status.recording.as_ref().filter(|recording| !recording.path.is_empty()) {
         line(ui, format!("recording, {} s, {:.1} MB", recording.ticks / 1000, recording.bytes as f64 / 1e6));
     }
