@@ -342,7 +342,7 @@ pub fn summary(s: &proto::Status) -> String {
         ),
         format!(
             "{} of the missed deadlines while the machine was away, {:.1} of the others a minute; the real-time threads take \
-             {:.0} % of a processor; as it starts the body takes {:.0} µs of a tick",
+             {:.0} % of a processor; the coarsest body takes {:.0} µs of a tick",
             s.missed_away,
             s.missed_per_minute,
             100.0 * s.real_time_share,

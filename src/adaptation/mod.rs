@@ -57,7 +57,7 @@ impl Focus {
 /// Most changes of one tick.
 const MOST_CHANGES: usize = 64;
 /// Ticks between two looks at where resolution is wanted, and the first of them: none ends a frame, or lies in the middle of
-/// one. A tool that follows its pose at its fastest comes 8 mm farther in between, less than it is refined ahead of it.
+/// one. Splits come at every other look: a tool at 1 m/s comes 16 mm farther in between, less than it is refined ahead of it.
 const LOOK_TICKS: u64 = 8;
 const FIRST_LOOK: u64 = 4;
 /// Looks for splits, and looks for merges, that a full look at the indicator takes: 32 ms. They take turns, or a body that is
@@ -151,12 +151,11 @@ pub struct Means<'a> {
     pub budget: Budget,
     /// What work costs.
     pub prices: &'a Prices,
-    /// Time that the contacts that are held take, found and made ready [ns], their number, and that time if as many were
-    /// held as are expected of a tool that is near.
+    /// Time that finding the contact points takes [ns], as many as in the last tick.
     pub contact: u32,
-    /// See there.
+    /// Contact points of the last tick.
     pub points: u32,
-    /// See there.
+    /// Time that finding [`EXPECTED_CONTACTS`] takes [ns] where a tool is near; else 0.
     pub expected: u32,
     /// The tick ends a frame.
     pub frame: bool,

@@ -48,9 +48,9 @@ pub struct Forecast {
     pub prices: Prices,
     /// Time of a tick of the coarsest body at rest, a frame with it [s].
     pub floor: Real,
-    /// Elements in use under the touch, and their evaluations in a tick.
+    /// Elements in use under the touch.
     pub elements: u32,
-    /// See there.
+    /// Evaluations of elements in such a tick.
     pub evaluations: u32,
     /// Time that such a tick takes [s].
     pub tick: Real,

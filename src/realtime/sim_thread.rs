@@ -5,6 +5,7 @@ use super::governor::{Governor, MOST_PLANNED};
 use super::mailbox::{Command, Frame, RecordTap, RecordedTick, SimulationEnds, TickReport, TickTiming};
 use super::pacer::{Begin, Pacer};
 use crate::contact::tool::{MOST_TOOLS, ToolEvent};
+use crate::model::{ActiveMesh, State};
 use crate::simulation::{Inputs, Laps, Outputs, Part, Prices, Simulation, TICKS_PER_FRAME, ToolOutput};
 use crate::stepping::work;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -52,8 +53,11 @@ impl SimThread {
             }
         }
         self.simulation.load(&start);
-        let prices = self.governor.prices();
-        let floor = work::floor(self.simulation.body(), self.simulation.mesh(), &prices);
+        let (body, prices) = (self.simulation.body().clone(), self.governor.prices());
+        // A body that adapts can do with its coarsest level, however fine it starts.
+        let adapts = self.simulation.settings().adaptivity.is_some();
+        let coarsest = adapts.then(|| ActiveMesh::new(&body, &State::at_rest(&body, 0), 0).ok()).flatten();
+        let floor = work::floor(&body, coarsest.as_ref().unwrap_or(self.simulation.mesh()), &prices);
         Measured { prices, floor, planned: MOST_PLANNED }
     }
 
@@ -207,7 +211,7 @@ const TICKS_PER_PRICES: u64 = 8;
 pub struct Measured {
     /// What the parts of a tick cost.
     pub prices: Prices,
-    /// Time that a tick takes in which the body is as it starts, untouched [ns].
+    /// Time that a tick takes in which the body is as coarse as it can be, untouched [ns].
     pub floor: u32,
     /// Time that a tick may be planned to take [ns].
     pub planned: u32,
@@ -222,7 +226,7 @@ impl Measured {
     /// In words, for a start line.
     pub fn describe(&self) -> String {
         format!(
-            "the body takes {} µs of each tick as it starts, of {} µs that are there",
+            "the coarsest body takes {} µs of each tick, of {} µs that are there",
             self.floor / 1000,
             self.planned / 1000
         )

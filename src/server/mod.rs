@@ -82,13 +82,11 @@ pub enum ServerError {
     Simulation(String),
     /// The machine is too slow for it.
     #[error(
-        "this machine cannot serve it at 1 kHz: as it starts, {nodes} nodes and untouched, the body takes {floor} µs of \
+        "this machine cannot serve it at 1 kHz: as coarse as it can be and untouched, the body takes {floor} µs of \
          each tick, and {limit} µs are there. Remedy: a coarser body (a larger first number in body.spacings, or in \
          --levels of `palpate prepare`), or no body.active_level"
     )]
     TooSlow {
-        /// Active nodes.
-        nodes: usize,
         /// [µs].
         floor: u32,
         /// [µs].
@@ -167,12 +165,11 @@ impl Server {
         let surface_session = open(&options.surface_endpoint)?;
 
         let stop = Arc::new(AtomicBool::new(false));
-        let nodes = simulation.mesh().active().len();
         let (simulation, granted, measured) =
             spawn_simulation(SimThread::new(simulation, sim_ends), options.cpu, stop.clone())?;
         if !measured.fits() {
             let _ = simulation.join();
-            return Err(ServerError::TooSlow { nodes, floor: measured.floor / 1000, limit: measured.planned / 1000 });
+            return Err(ServerError::TooSlow { floor: measured.floor / 1000, limit: measured.planned / 1000 });
         }
         let shared = Arc::new(Shared {
             input: tool_input::ToolInput::new(poses, scene.workspace(&body)),
