@@ -165,7 +165,7 @@ mod tests {
         assert!(fast[2] > slow[2] && slow[2] > 0, "{fast:?}, {slow:?}");
         assert_eq!((slowest[1], slowest[2]), (0, 0));
         let forecast = forecast(&body, 900_000).unwrap();
-        assert!(forecast.floor > 0.0 && forecast.floor < forecast.tick, "{forecast:?}");
+        assert!(forecast.floor > 0.0, "{forecast:?}");
         assert!(forecast.tick <= 900e-6 && forecast.evaluations >= forecast.elements);
     }
 }
