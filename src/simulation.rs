@@ -470,7 +470,7 @@ impl Simulation {
                 contact,
                 points,
                 expected: if near { self.contact_time(adaptation::EXPECTED_CONTACTS).0 } else { 0 },
-                frame: ticks.is_multiple_of(TICKS_PER_FRAME),
+                frame: ticks.is_multiple_of(TICKS_PER_FRAME / 2),
             };
             let (body, mesh) = (&self.body, &mut self.mesh);
             let loads = Loads { points: &self.points, gravity: self.settings.gravity };
@@ -489,6 +489,7 @@ impl Simulation {
             if adapted.splits + adapted.merges > 0 {
                 self.detection.follow_change(&self.body, &self.mesh);
                 self.settle_tools();
+                laps.lap(Part::Change, 0);
             }
         }
         laps.lap(Part::Fixed, 0);
@@ -571,8 +572,10 @@ impl Simulation {
         let motion = work::of_motion(&self.body, &self.mesh, &self.prices, self.constraints.len() as u32);
         let needed = motion.saturating_add(self.contact_time(0).0);
         let whole = needed.saturating_add(rest).saturating_add(self.outputs.adapted.work);
+        // What a change of resolution takes is less well known than the rest.
+        let most = if self.outputs.adapted.work > 0 { budget.seldom } else { budget.limit };
         // A body that never fits moves all the same, now and then.
-        let moves = whole <= budget.limit || self.frozen >= MOST_FROZEN;
+        let moves = whole <= most || self.frozen >= MOST_FROZEN;
         self.frozen = if moves { 0 } else { self.frozen + 1 };
         let taken = if moves { needed } else { 0 };
         self.outputs.plan = Plan { needed, taken, whole: whole - needed + taken };

@@ -57,12 +57,12 @@ impl Focus {
 /// Most changes of one tick.
 const MOST_CHANGES: usize = 64;
 /// Ticks between two looks at where resolution is wanted, and the first of them: none ends a frame, or lies in the middle of
-/// one. Splits come at every other look: a tool at 1 m/s comes 16 mm farther in between, less than it is refined ahead of it.
-const LOOK_TICKS: u64 = 8;
-const FIRST_LOOK: u64 = 4;
+/// one. Splits come at every other look: a tool at 1 m/s comes 4 mm farther in between, less than it is refined ahead of it.
+const LOOK_TICKS: u64 = 2;
+const FIRST_LOOK: u64 = 1;
 /// Looks for splits, and looks for merges, that a full look at the indicator takes: 32 ms. They take turns, or a body that is
 /// always refined somewhere would never be coarsened. What is near tools is all looked at in each.
-const INDICATOR_LOOKS: u64 = 2;
+const INDICATOR_LOOKS: u64 = 8;
 /// A family near a tool stays refined up to this much farther away than it was refined at.
 const STAY: Real = 1.3;
 /// Where the material is uneven, nodes are split from this much farther away: large elements show too little of what is
@@ -82,11 +82,18 @@ const SEVERAL: u32 = 2;
 const UNSETTLED: Real = 0.02;
 /// Changes that take more than a tick has left, after which no others are looked at.
 const MOST_REFUSED: u32 = 2;
-/// Contact points that room is kept for once a tool is there.
-pub const EXPECTED_CONTACTS: u32 = 20;
-/// Part of a full tick, in 1/16, up to which strain alone fills it: what a tool makes room for must not fill up again with
+/// Contact points that room is kept for once a tool is there: a ball pressed in by half of its radius holds some thirty
+/// vertices of a display that is four times as fine as it is wide.
+pub const EXPECTED_CONTACTS: u32 = 32;
+/// Part, in 1/16, of what a tick may take up to which refinement fills it. What is admitted must not be shed again as soon as
+/// it is strained and takes shorter steps, or prices rise: they follow the machine within 50 ms, and spread by a quarter.
+const ADMITTED: u32 = 12;
+/// Part of that, in 1/16, up to which strain alone fills it: what a tool makes room for must not fill up again with
 /// what it was taken from.
 const STRAIN_FILLED: u32 = 13;
+/// Part, in 1/16, of what a tick may take from which on what there is time for beside the motion is merged again. From the
+/// whole of it on there has to be time.
+const SHED: u32 = 14;
 
 /// What was done in one tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -157,7 +164,7 @@ pub struct Means<'a> {
     pub points: u32,
     /// Time that finding [`EXPECTED_CONTACTS`] takes [ns] where a tool is near; else 0.
     pub expected: u32,
-    /// The tick ends a frame.
+    /// The tick ends a frame, or lies in the middle of one, where the state may be copied.
     pub frame: bool,
 }
 
@@ -200,33 +207,39 @@ pub fn adapt(
     let eases = pressed > 0.0;
     // Ticks that end a frame have to fit, too; there nothing is changed.
     let frame = work::of_frame(means.prices);
-    let sheds = held > planned || held.saturating_add(frame) > seldom;
+    let sheds = held > sixteenths(planned, SHED) || held.saturating_add(frame) > sixteenths(seldom, SHED);
     if !sheds && ticks % LOOK_TICKS != FIRST_LOOK {
         return Adapted::default();
     }
     let settled = if eases && !sheds { UNSETTLED * pressed } else { Real::INFINITY };
     let look = Look { body, adaptivity, focus, settled };
-    // No refinement that a tick could not undo, nor one that a little strain would make a load to be shed.
+    // No refinement that a little strain, or a little more to pay for it, would make a load to be shed.
     let looking = means.prices.of(Part::Look, mesh.pool().len() as u32);
-    let undoing = work::of_undoing(mesh, means.prices).saturating_add(looking).max(frame);
-    let full = seldom.saturating_sub(undoing).min(planned - planned / 16);
-    let now = held.saturating_add(if sheds { 0 } else { looking }).saturating_add(if means.frame { frame } else { 0 });
+    let full = sixteenths(seldom.saturating_sub(frame).min(planned.saturating_sub(looking)), ADMITTED);
+    let now = held.saturating_add(looking).saturating_add(if means.frame { frame } else { 0 });
     let short = if sheds {
         let fits = now <= limit;
         // A tick that does not fit is of use for changes alone.
-        let spent = if fits { now } else { now - work::of_motion(body, mesh, means.prices, means.points) };
-        let left = means.prices.count(Part::Change, limit.saturating_sub(spent));
+        let (most, spent) = match fits {
+            true => (seldom, now),
+            false => (limit, now - work::of_motion(body, mesh, means.prices, means.points)),
+        };
+        let left = means.prices.count(Part::Change, most.saturating_sub(spent));
         let excess = load.saturating_sub(full);
-        shedding::plan(&look, mesh, (left, eases, fits), (excess, means.prices), ticks, work);
+        // Between what is planned for the end of a frame and what there is, few frames are late.
+        let must = (held > planned || held.saturating_add(frame) > limit) && !(fits && means.frame);
+        shedding::plan(&look, mesh, (left, eases, must), (excess, means.prices), ticks, work);
         None
     } else {
         let left = means.prices.count(Part::Change, seldom.saturating_sub(now));
         let mut pay = Pay::new([left, left / SEVERAL], eases, MOST_REFUSED);
+        if left <= work::empty_batch_units(mesh) {
+            return Adapted::default();
+        }
         if (ticks / LOOK_TICKS).is_multiple_of(2) {
             look.wanted_nodes(mesh, ticks, work.finest, &mut work.wanted);
         }
-        let part = |of: u32| (u64::from(full) * u64::from(of) / 16) as u32;
-        let room = [full, part(STRAIN_FILLED)].map(|filled| filled.saturating_sub(load));
+        let room = [full, sixteenths(full, STRAIN_FILLED)].map(|filled| filled.saturating_sub(load));
         let short = plan_splits(&look, mesh, &mut pay, (room, means.prices), work);
         Some((short, pay)).filter(|_| work.changes.is_empty())
     };
@@ -241,20 +254,15 @@ pub fn adapt(
         look.spare_families(mesh, some.iter(), limit, &mut work.spare);
         plan_merges(&look, mesh, &mut pay, (short, adaptivity.merge, means.prices), work);
     }
-    // Shedding looks at a part of the body alone.
-    if sheds {
-        laps.lap(Part::Fixed, 0)
-    } else {
-        laps.lap(Part::Look, mesh.pool().len() as u32)
-    }
+    laps.lap(Part::Look, mesh.pool().len() as u32);
     let upkeep = match work.changes.as_slice() {
-        [] => return Adapted { looked: !sheds, ..Adapted::default() },
+        [] => return Adapted { looked: true, ..Adapted::default() },
         changes if eases => mesh.apply_under(body, changes, loads),
         changes => mesh.apply(body, changes),
     };
     let units = work::change_units(mesh, &upkeep);
     laps.lap(Part::Change, units);
-    Adapted { looked: !sheds, ..Adapted::of(&work.changes, units, means.prices) }
+    Adapted { looked: true, ..Adapted::of(&work.changes, units, means.prices) }
 }
 
 /// What pays for changes, and for several of them only where they take little.
@@ -336,12 +344,16 @@ fn plan_splits(
         if !settled || work.changes.contains(&Change::Split(n)) {
             continue;
         }
-        let added = mesh.added_by_split(look.body, n);
-        let mut cost = cost_of_split(look.body, mesh, n, added, prices);
         if value < least {
             break;
         }
         let room = room[usize::from(value < TOUCHED)];
+        // How much more one takes is of no interest where nothing is left and it is known what is short.
+        if short > 0 && taken >= room {
+            continue;
+        }
+        let added = mesh.added_by_split(look.body, n);
+        let mut cost = cost_of_split(look.body, mesh, n, added, prices);
         if n != wanted {
             // Without room for what it is for, it would be merged again.
             let added = mesh.added_by_split(look.body, wanted);
@@ -365,9 +377,12 @@ fn plan_splits(
 }
 
 /// Time a tick that a split of `n` costs which adds `elements` [ns]: theirs, and that of as many nodes and row entries as
-/// come with each element that is in use now.
+/// come with each element that is in use now. They take shorter steps than at rest where those around `n` do.
 fn cost_of_split(body: &Body, mesh: &ActiveMesh, n: u32, elements: u32, prices: &Prices) -> u32 {
-    let class = class_of_level(body, n);
+    let around = body.elements_around(n).iter();
+    let shorter = |e: &u32| Some(mesh.pool().class_of(*e)?.saturating_sub(step_class::class_at_rest(body, *e)));
+    let shorter = around.filter_map(shorter).max().unwrap_or_default();
+    let class = (class_of_level(body, n) + shorter).min(CLASSES - 1);
     let evaluations = elements << class;
     let with_each =
         |count: u32| (2 * u64::from(evaluations) * u64::from(count) / mesh.pool().len().max(1) as u64) as u32;
@@ -423,6 +438,16 @@ impl Look<'_> {
         self.focus.iter().map(|f| f.distance(p)).fold(Real::INFINITY, Real::min)
     }
 
+    /// Box around all places closer to a tool than `distance` [m].
+    fn near_tools(&self, distance: Real) -> (Vec3, Vec3) {
+        let ends = self.focus.iter().flat_map(|f| [(f.from, f.radius), (f.to, f.radius)]);
+        let none = (Vec3::repeat(Real::INFINITY), Vec3::repeat(Real::NEG_INFINITY));
+        ends.fold(none, |(low, high), (end, radius)| {
+            let around = Vec3::repeat(radius + distance);
+            (low.inf(&(end - around)), high.sup(&(end + around)))
+        })
+    }
+
     /// How much a place `distance` away from a tool is worth on a level of `spacing`: nothing out of reach, else
     /// [`TOUCHED`] and more the closer it is.
     fn worth(&self, distance: Real, spacing: Real, farther: Real) -> Real {
@@ -465,14 +490,18 @@ impl Look<'_> {
         if self.focus.is_empty() {
             return;
         }
-        let farthest = self.adaptivity.reach * UNEVEN * self.widest();
+        let (low, high) = self.near_tools(self.adaptivity.reach * UNEVEN * self.widest());
         for slot in mesh.active() {
-            let distance = self.distance(mesh.position(*slot));
-            // Most are far away, and where a node lies is at hand while the body's tables are not.
-            if distance >= farthest {
+            // Most nodes around a tool are as fine as may be, and most others are far away.
+            let n = mesh.node(*slot);
+            if self.body.level_of(n) >= finest {
                 continue;
             }
-            let n = mesh.node(*slot);
+            let p = mesh.position(*slot);
+            if (0..3).any(|c| p[c] < low[c] || p[c] > high[c]) {
+                continue;
+            }
+            let distance = self.distance(p);
             if self.may_split(n, finest) && self.is_settled(mesh, *slot) {
                 let value = self.worth(distance, self.body.spacing_at(n), self.farther(n));
                 if value > 0.0 {
@@ -525,6 +554,11 @@ impl Look<'_> {
         }
         spare.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     }
+}
+
+/// `part`/16 of `time`.
+fn sixteenths(time: u32, part: u32) -> u32 {
+    (u64::from(time) * u64::from(part) / 16) as u32
 }
 
 /// Slice `part` of `parts` of `all`.

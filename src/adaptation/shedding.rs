@@ -1,6 +1,6 @@
 //! What a body does whose motion takes more than ticks are planned to take: it merges its least valuable regions, as many in
-//! a tick as that has time for beside the motion. Where the motion alone does not fit, the body stands still for that tick,
-//! and all of its time is for merging.
+//! a tick as that has time for beside the motion. Where there is no time for any, the cheapest is merged all the same, and the
+//! body stands still for that tick; where the motion alone does not fit, all of the tick's time is for merging.
 
 use super::{Look, Pay, Workspace, plan_merges};
 use crate::math::Real;
@@ -13,12 +13,12 @@ const LOOKED_AT: usize = 96;
 /// Merges that take more than the tick has left, after which no others are looked at.
 const MOST_REFUSED: u32 = 8;
 
-/// Plans merges that take at most `left` change units and save about `excess` [ns] a tick; at least one where the body's motion
-/// does not fit.
+/// Plans merges that take at most `left` change units and save about `excess` [ns] a tick; at least one where there `must` be
+/// one: a body that takes too much is coarsened whatever that takes.
 pub(super) fn plan(
     look: &Look,
     mesh: &mut ActiveMesh,
-    (left, eases, fits): (u32, bool, bool),
+    (left, eases, must): (u32, bool, bool),
     (excess, prices): (u32, &Prices),
     ticks: u64,
     work: &mut Workspace,
@@ -28,8 +28,7 @@ pub(super) fn plan(
     look.spare_families(mesh, some, Real::INFINITY, &mut work.spare);
     let mut pay = Pay::new([left, left], eases, MOST_REFUSED);
     plan_merges(look, mesh, &mut pay, (excess, 0.0, prices), work);
-    // A body that does not move must become coarser, whatever that takes.
-    if let Some((_, change)) = pay.cheapest.filter(|_| !fits && work.changes.is_empty()) {
+    if let Some((_, change)) = pay.cheapest.filter(|_| must && work.changes.is_empty()) {
         work.changes.push(change);
     }
 }

@@ -115,6 +115,7 @@ pub struct Body {
     elements: Vec<[u32; 4]>,
     volume: Vec<Real>,
     around: Csr,
+    neighbours: Csr,
     children: Csr,
     hosted: Csr,
     fixed: Vec<bool>,
@@ -194,6 +195,17 @@ impl Body {
             .collect();
         let corners = elements.iter().enumerate().flat_map(|(e, nodes)| nodes.map(|n| (n, e as u32)));
         let around = Csr::new(nodes, corners);
+        // Each node once, in the order in which the elements around bring them.
+        let mut seen = vec![u32::MAX; nodes];
+        let mut pairs = Vec::with_capacity(16 * nodes);
+        for n in 0..nodes as u32 {
+            for m in around.of(n).iter().flat_map(|e| elements[*e as usize]) {
+                if std::mem::replace(&mut seen[m as usize], n) != n {
+                    pairs.push((n, m));
+                }
+            }
+        }
+        let neighbours = Csr::new(nodes, pairs.iter().copied());
         let shear = |e: &u32| {
             let level = first_element.partition_point(|first| first <= e) - 1;
             material_in(&parts.materials, &parts.material_of[level], (e - first_element[level]) as usize).mu
@@ -217,6 +229,7 @@ impl Body {
             organ_of_node,
             rest: levels().flat_map(|(_, l)| l.mesh.nodes.iter().copied()).collect(),
             around,
+            neighbours,
             children: Csr::new(nodes, parents.iter().copied()),
             hosted: Csr::new(elements.len(), hosts.iter().copied()),
             fixed,
@@ -460,6 +473,11 @@ impl Body {
     /// True for nodes that are never active, on the rim of a level that covers only a region.
     pub fn is_on_rim(&self, n: u32) -> bool {
         self.rim[n as usize]
+    }
+
+    /// The nodes of the elements around node `n`, itself among them.
+    pub fn neighbours(&self, n: u32) -> &[u32] {
+        self.neighbours.of(n)
     }
 
     /// True for nodes around which one element is much stiffer than another.

@@ -19,14 +19,21 @@ pub struct InterfaceRow {
     node: [u32; MOST_MASTERS],
     weight: [Real; MOST_MASTERS],
     len: u8,
+    /// It hangs in one element, and does so while all of that is active.
+    hosted: bool,
     /// Squared distance [m²] beyond which a change of active nodes does not change the row.
     pub reach_squared: Real,
 }
 
 impl InterfaceRow {
     /// No masters.
-    pub const EMPTY: InterfaceRow =
-        InterfaceRow { node: [0; MOST_MASTERS], weight: [0.0; MOST_MASTERS], len: 0, reach_squared: 0.0 };
+    pub const EMPTY: InterfaceRow = InterfaceRow {
+        node: [0; MOST_MASTERS],
+        weight: [0.0; MOST_MASTERS],
+        len: 0,
+        hosted: false,
+        reach_squared: 0.0,
+    };
 
     /// Masters and weights.
     pub fn entries(&self) -> impl Iterator<Item = (u32, Real)> + '_ {
@@ -42,6 +49,11 @@ impl InterfaceRow {
     /// `Σ |w|`, at least 1: how much the row amplifies.
     pub fn amplification(&self) -> Real {
         self.weight[..usize::from(self.len)].iter().map(|w| w.abs()).sum()
+    }
+
+    /// True where nothing but the loss of a master changes the row.
+    pub fn is_hosted(&self) -> bool {
+        self.hosted
     }
 
     /// True before the row is made.
@@ -153,7 +165,7 @@ impl Search {
             if nodes.iter().filter(|v| self.look(body, set, **v) == Status::Active).count() == 4 {
                 let mut row = InterfaceRow::EMPTY;
                 nodes.iter().zip(host.weights).for_each(|(v, w)| row.push(*v, w));
-                return InterfaceRow { reach_squared: self.reach_squared, ..row };
+                return InterfaceRow { hosted: true, reach_squared: self.reach_squared, ..row };
             }
             self.host_squared = self.reach_squared;
             nodes.iter().for_each(|v| self.stand_in(body, set, *v));
@@ -179,9 +191,7 @@ impl Search {
             return;
         }
         self.ring.push(n);
-        for &e in body.elements_around(n) {
-            body.element(e).iter().for_each(|v| self.stand_in(body, set, *v));
-        }
+        body.neighbours(n).iter().for_each(|v| self.stand_in(body, set, *v));
     }
 
     fn nearest_only(&self) -> InterfaceRow {

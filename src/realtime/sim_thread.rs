@@ -90,7 +90,7 @@ impl SimThread {
                 adapted: outputs.adapted,
                 restored: outputs.restored,
             };
-            let mut seldom = outputs.frame || outputs.adapted.looked || outputs.adapted.work > 0;
+            let mut seldom = outputs.frame || outputs.adapted.work > 0;
             let engaged = outputs.tools.iter().any(|t| t.state.touches());
             let copies = engaged && self.simulation.tick() % TICKS_PER_FRAME == TICKS_PER_FRAME / 2;
             watch.lap(Part::Fixed, 1);

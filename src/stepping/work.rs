@@ -269,8 +269,8 @@ pub struct Budget {
     pub limit: u32,
     /// What ticks are planned to take at most [ns]: less, because some take longer than their prices say.
     pub planned: u32,
-    /// What ticks that come seldom may be planned to take [ns], those that end a frame or look at the resolution: more, because
-    /// few of the few take so much longer.
+    /// What ticks may be planned to take at most that come seldom [ns], those that end a frame or change the resolution: the
+    /// body stands still in one that would take more for a change.
     pub seldom: u32,
 }
 
@@ -290,11 +290,6 @@ const ELEMENT_UPKEEP: u32 = 40;
 const EASE_UPKEEP: u32 = 10;
 /// Change units per interface row made.
 const ROW_UPKEEP: u32 = 40;
-/// Change units of one change under a load, beside those of a batch with nothing in it: three of four of a palpated liver's
-/// take less.
-/// Refinement leaves room for one; with half of it changes wait for each other, with twice as much fewer elements are used.
-const CHANGE_UPKEEP: u32 = 5_500;
-
 /// Visits of nodes and of row entries by an event in which `elements` of a class are due; all may be concerned. Each is
 /// visited twice: moved and kicked, placed and handed back.
 fn visits(mesh: &ActiveMesh, elements: u32) -> (u32, u32) {
@@ -358,11 +353,6 @@ pub fn empty_batch_units(mesh: &ActiveMesh) -> u32 {
 pub fn change_units(mesh: &ActiveMesh, upkeep: &Upkeep) -> u32 {
     let each = upkeep.elements * ELEMENT_UPKEEP + upkeep.rows * ROW_UPKEEP + upkeep.eased * EASE_UPKEEP;
     empty_batch_units(mesh) + each
-}
-
-/// Time that undoing a refinement takes [ns]: room that no refinement may fill.
-pub fn of_undoing(mesh: &ActiveMesh, prices: &Prices) -> u32 {
-    prices.of(Part::Change, empty_batch_units(mesh) + CHANGE_UPKEEP)
 }
 
 /// Time of a tick at rest in which only the coarsest level of `body` is used [ns], a frame with it: what the body really

@@ -110,6 +110,9 @@ impl ActiveMesh {
                 self.attach(body, v);
             }
             let now = &self.attachment[v as usize];
+            if now.element != before.element || now.slots != before.slots {
+                self.supports.rehang(v, before.element, now.element);
+            }
             let jump = place - vec3(&self.place(now));
             let fade = &mut self.fade[v as usize];
             let faded = *fade == [0.0; 4];
@@ -123,12 +126,11 @@ impl ActiveMesh {
             }
             if faded && *fade != [0.0; 4] {
                 self.fading.push(v);
+                self.supports.displace(v);
             }
         }
-        if self.holds_any(&shifted) {
-            self.fold_supports(body);
-        }
         self.work.shifted = shifted;
+        self.fold_supports(body);
         self.weigh_supports();
     }
 

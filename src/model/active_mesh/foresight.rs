@@ -86,19 +86,24 @@ impl ActiveMesh {
         self.work.boxes.extend(changes.iter().map(|change| bounds(body, concerned(body, change))));
     }
 
-    /// True for an interface node that has no row, whose weight changes, or whose row looked at one of the nodes concerned by
-    /// `changes`, whose bounds are noted.
+    /// True for an interface node that has no row (its reach is infinite), or whose row depends on one of the nodes concerned by `changes`, whose
+    /// bounds are noted.
     pub(super) fn hangs_otherwise(&self, body: &Body, slot: u32, changes: &[Change]) -> bool {
-        let (node, row) = (self.node[slot as usize], &self.row[slot as usize]);
-        let reach = row.reach_squared * (1.0 + 1e-12);
-        let u = self.rest[slot as usize];
-        let looked_at = |(change, (low, high)): (&Change, &(Vec3, Vec3))| {
-            let apart = (low - u).sup(&(u - high)).sup(&Vec3::zeros());
-            apart.norm_squared() <= reach && concerned(body, change).any(|n| (body.rest(n) - u).norm_squared() <= reach)
+        let (u, reach) = (&self.rest[slot as usize], self.reach[slot as usize]);
+        let depends = |(change, (low, high)): (&Change, &(Vec3, Vec3))| {
+            let apart = |c: usize| (low[c] - u[c]).max(u[c] - high[c]).max(0.0);
+            let (x, y, z) = (apart(0), apart(1), apart(2));
+            if x * x + y * y + z * z > reach {
+                return false;
+            }
+            let row = &self.row[slot as usize];
+            if row.is_hosted() {
+                let mut lost = sides(body, change).0.iter().map(|n| self.slot[*n as usize]);
+                return lost.any(|lost| row.entries().any(|(master, _)| master == lost));
+            }
+            concerned(body, change).any(|n| (body.rest(n) - u).norm_squared() <= reach)
         };
-        row.is_empty()
-            || self.work.node_stamp[node as usize] == self.work.turn
-            || changes.iter().zip(&self.work.boxes).any(looked_at)
+        changes.iter().zip(&self.work.boxes).any(depends)
     }
 }
 

@@ -77,6 +77,8 @@ pub struct ActiveMesh {
     handed_mass: Vec<i64>,
     /// Rows of the interface nodes' slots, masters as slots.
     row: Vec<InterfaceRow>,
+    /// By slot: the row's [`InterfaceRow::reach_squared`] [m²], infinite without a row. All are looked at in each change.
+    reach: Vec<Real>,
     /// Springs' share of `ω²` [1/s²] by slot.
     springs: Vec<Real>,
     /// Place of each slot in `active` or `interface`.
@@ -178,6 +180,7 @@ impl ActiveMesh {
             gathered_mass: vec![0; slots],
             handed_mass: vec![0; slots],
             row: vec![InterfaceRow::EMPTY; slots],
+            reach: vec![Real::INFINITY; slots],
             springs: vec![0.0; slots],
             place: vec![0; slots],
             active: list(),
@@ -293,7 +296,7 @@ impl ActiveMesh {
         for v in 0..self.attachment.len() as u32 {
             self.attach(body, v);
         }
-        self.fold_supports(body);
+        self.fold_all_supports(body);
         self.weigh_supports();
         let mut limits = state.strain_limit.iter();
         for (class, ids) in state.classes.iter().enumerate() {
@@ -604,7 +607,7 @@ impl ActiveMesh {
         self.own_mass[s] = 0;
         self.gathered_mass[s] = 0;
         self.handed_mass[s] = 0;
-        self.row[s] = InterfaceRow::EMPTY;
+        self.set_row(slot, InterfaceRow::EMPTY);
         self.motion.position[s] = [0.0; 4];
         self.motion.velocity[s] = [0.0; 4];
         self.motion.ease[s] = NO_EASE;
@@ -651,8 +654,8 @@ impl ActiveMesh {
     /// elements holds for the coupled system.
     fn make_row(&mut self, body: &Body, slot: u32) {
         let row = self.work.search.row(body, &self.set, self.node[slot as usize]);
-        let numbers = &self.slot;
-        self.row[slot as usize] = row.renumbered(|n| numbers[n as usize]);
+        let row = row.renumbered(|n| self.slot[n as usize]);
+        self.set_row(slot, row);
         self.handed_mass[slot as usize] = self.own_mass[slot as usize];
         self.hand_mass(slot, 1);
         self.row_entries += self.row[slot as usize].entries().count() as u32;
@@ -662,7 +665,12 @@ impl ActiveMesh {
         self.row_entries -= self.row[slot as usize].entries().count() as u32;
         self.hand_mass(slot, -1);
         self.handed_mass[slot as usize] = 0;
-        self.row[slot as usize] = InterfaceRow::EMPTY;
+        self.set_row(slot, InterfaceRow::EMPTY);
+    }
+
+    fn set_row(&mut self, slot: u32, row: InterfaceRow) {
+        self.reach[slot as usize] = if row.is_empty() { Real::INFINITY } else { row.reach_squared * (1.0 + 1e-12) };
+        self.row[slot as usize] = row;
     }
 
     fn hand_mass(&mut self, slot: u32, sign: i64) {

@@ -168,7 +168,7 @@ impl ActiveMesh {
         for &n in &off {
             let slot = self.slot[n as usize];
             self.delist(slot, true);
-            self.row[slot as usize] = InterfaceRow::EMPTY;
+            self.set_row(slot, InterfaceRow::EMPTY);
             self.motion.velocity[slot as usize] = [0.0; 4];
             self.enlist(slot, false);
         }
@@ -235,13 +235,21 @@ impl ActiveMesh {
         }
     }
 
-    /// Rows that looked at a changed node, new ones, and those whose node's mass has changed.
+    /// Rows that looked at a changed node, and new ones; those whose node's mass alone has changed hand that on.
     fn remake_rows(&mut self, body: &Body, changes: &[Change]) {
         self.work.dirty.clear();
         self.bound(body, changes);
         let mut dirty = std::mem::take(&mut self.work.dirty);
-        let otherwise = |slot: &&u32| self.hangs_otherwise(body, **slot, changes);
-        dirty.extend(self.interface.iter().filter(otherwise));
+        for i in 0..self.interface.len() {
+            let slot = self.interface[i];
+            if self.hangs_otherwise(body, slot, changes) {
+                dirty.push(slot);
+            } else if self.work.node_stamp[self.node[slot as usize] as usize] == self.work.turn {
+                self.hand_mass(slot, -1);
+                self.handed_mass[slot as usize] = self.own_mass[slot as usize];
+                self.hand_mass(slot, 1);
+            }
+        }
         self.work.dirty = dirty;
         for i in 0..self.work.dirty.len() {
             self.drop_row(self.work.dirty[i]);

@@ -7,12 +7,13 @@
 
 use super::ActiveMesh;
 use crate::math::Real;
-use crate::model::body::{Body, NONE};
+use crate::model::body::Body;
+use crate::model::csr::Csr;
 use crate::model::element_kernel::Padded;
 
 /// The springs of one element.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Support {
+struct Support {
     /// Slots of the element's nodes.
     slots: [u32; 4],
     /// `K` [N/m].
@@ -28,76 +29,139 @@ pub(super) struct Support {
 /// All supports of a body as it moves.
 #[derive(Debug)]
 pub(super) struct Supports {
-    list: Vec<Support>,
-    /// By element: its place in the list, or [`NONE`].
-    of_element: Vec<u32>,
-    /// Springs whose displayed point has a geomorph offset, and their places in the list.
+    /// Elements that carry springs, ascending, and their places in `room`: sums do not depend on which came first.
+    order: Vec<(u32, u32)>,
+    room: Vec<Support>,
+    /// Places in `room` that are not in use.
+    free: Vec<u32>,
+    /// Springs whose displayed point has a geomorph offset, ascending, and the places in `room` they are folded into.
     offset: Vec<(u32, u32)>,
-    /// By display vertex: whether a spring holds it.
-    held: Vec<bool>,
+    /// Springs by display vertex.
+    springs: Csr,
+    /// Elements that carry other springs than before.
+    changed: Vec<u32>,
+    /// Springs of one element.
+    carried: Vec<u32>,
 }
 
 impl Supports {
     /// Room for the springs of `body`.
     pub(super) fn new(body: &Body) -> Self {
         let springs = body.holds().len();
-        let elements = if springs > 0 { body.element_count() } else { 0 };
-        let mut held = vec![false; body.surface().vertices.len()];
-        body.holds().iter().for_each(|hold| held[hold.vertex as usize] = true);
+        let by_vertex = body.holds().iter().zip(0..).map(|(hold, h)| (hold.vertex, h));
         Self {
-            list: Vec::with_capacity(springs),
-            of_element: vec![NONE; elements],
-            offset: Vec::with_capacity(springs),
-            held,
+            order: Vec::with_capacity(springs),
+            room: Vec::with_capacity(springs),
+            free: Vec::with_capacity(springs),
+            offset: Vec::with_capacity(2 * springs),
+            springs: Csr::new(body.surface().vertices.len(), by_vertex),
+            changed: Vec::with_capacity(2 * springs),
+            carried: Vec::with_capacity(2 * springs),
         }
+    }
+
+    fn iter(&self) -> impl Iterator<Item = &Support> {
+        self.order.iter().map(|(_, place)| &self.room[*place as usize])
+    }
+
+    /// Where the support of `element`, which has one, is in `room`.
+    fn place_of(order: &[(u32, u32)], element: u32) -> u32 {
+        order.binary_search_by_key(&element, |(e, _)| *e).map_or(0, |at| order[at].1)
+    }
+
+    /// Display vertex `v` hangs on `now` and hung on `before`.
+    pub(super) fn rehang(&mut self, v: u32, before: u32, now: u32) {
+        if !self.springs.of(v).is_empty() {
+            self.changed.extend([before, now]);
+        }
+    }
+
+    /// Display vertex `v` has a geomorph offset now.
+    pub(super) fn displace(&mut self, v: u32) {
+        self.offset.extend(self.springs.of(v).iter().map(|h| (*h, 0)));
     }
 }
 
 impl ActiveMesh {
     /// Folds all springs into the elements that carry them now.
-    pub(super) fn fold_supports(&mut self, body: &Body) {
-        let Self { supports: Supports { list, of_element, offset, .. }, attachment, fade, .. } = self;
-        list.clear();
-        offset.clear();
-        for (h, hold) in body.holds().iter().enumerate() {
-            let a = &attachment[hold.vertex as usize];
-            let place = &mut of_element[a.element as usize];
-            if list.get(*place as usize).is_none_or(|s| s.slots != a.slots) {
-                *place = list.len() as u32;
-                let (none, rest) = ([[0.0; 4]; 4], [[0.0; 4]; 4]);
-                list.push(Support { slots: a.slots, stiffness: none, rest, pull: rest, bound: none });
-            }
-            let support = &mut list[*place as usize];
-            let rest = body.surface().vertices[hold.vertex as usize];
-            for i in 0..4 {
-                let k = hold.stiffness * a.weights[i];
-                for j in 0..4 {
-                    support.stiffness[i][j] += k * a.weights[j];
-                    support.bound[i][j] += (k * a.weights[j]).abs();
-                }
-                (0..3).for_each(|c| support.rest[i][c] += k * rest[c]);
-            }
-            if fade[hold.vertex as usize] != [0.0; 4] {
-                offset.push((h as u32, *place));
+    pub(super) fn fold_all_supports(&mut self, body: &Body) {
+        let Self { supports, attachment, fade, .. } = self;
+        supports.order.clear();
+        supports.room.clear();
+        supports.free.clear();
+        supports.offset.clear();
+        for v in body.holds().iter().map(|hold| hold.vertex) {
+            let element = attachment[v as usize].element;
+            if supports.changed.last() != Some(&element) {
+                supports.changed.push(element);
             }
         }
-        list.iter_mut().for_each(|s| s.pull = s.rest);
-        self.follow_offsets(body);
+        let faded = (0..).zip(body.holds()).filter(|(_, hold)| fade[hold.vertex as usize] != [0.0; 4]);
+        supports.offset.extend(faded.map(|(h, _)| (h, 0)));
+        self.fold_supports(body);
     }
 
-    /// Whether one of the display vertices is held by a spring.
-    pub(super) fn holds_any(&self, vertices: &[u32]) -> bool {
-        vertices.iter().any(|v| self.supports.held[*v as usize])
+    /// Folds springs into elements that carry others than before.
+    pub(super) fn fold_supports(&mut self, body: &Body) {
+        let Self { supports, attachment, astray, .. } = self;
+        supports.changed.sort_unstable();
+        supports.changed.dedup();
+        let Supports { order, room, free, offset, springs, changed, carried } = supports;
+        order.retain(|(element, place)| {
+            let stays = changed.binary_search(element).is_err();
+            if !stays {
+                free.push(*place);
+            }
+            stays
+        });
+        for &e in changed.iter() {
+            carried.clear();
+            let hangs = body.hosted(e).iter().chain(astray.iter()).filter(|v| attachment[**v as usize].element == e);
+            carried.extend(hangs.flat_map(|v| springs.of(*v)));
+            carried.sort_unstable();
+            carried.dedup();
+            let Some(first) = carried.first() else { continue };
+            let slots = attachment[body.holds()[*first as usize].vertex as usize].slots;
+            let (none, rest) = ([[0.0; 4]; 4], [[0.0; 4]; 4]);
+            let mut support = Support { slots, stiffness: none, rest, pull: rest, bound: none };
+            for &h in carried.iter() {
+                let hold = body.holds()[h as usize];
+                let weights = &attachment[hold.vertex as usize].weights;
+                let rest = body.surface().vertices[hold.vertex as usize];
+                for i in 0..4 {
+                    let k = hold.stiffness * weights[i];
+                    for j in 0..4 {
+                        support.stiffness[i][j] += k * weights[j];
+                        support.bound[i][j] += (k * weights[j]).abs();
+                    }
+                    (0..3).for_each(|c| support.rest[i][c] += k * rest[c]);
+                }
+            }
+            support.pull = support.rest;
+            let place = free.pop().unwrap_or(room.len() as u32);
+            match room.get_mut(place as usize) {
+                Some(old) => *old = support,
+                None => room.push(support),
+            }
+            let at = order.partition_point(|(element, _)| *element < e);
+            order.insert(at, (e, place));
+        }
+        changed.clear();
+        offset.sort_unstable();
+        offset.dedup_by_key(|(h, _)| *h);
+        let element = |h: u32| attachment[body.holds()[h as usize].vertex as usize].element;
+        offset.iter_mut().for_each(|(h, place)| *place = Supports::place_of(order, element(*h)));
+        self.follow_offsets(body);
     }
 
     /// Bounds what the supports add to `ω²`: `Σ_h k |b_j| Σ_i |b_i| / m_j` by row sums, the rows of interface nodes with
     /// their amplification.
     pub(super) fn weigh_supports(&mut self) {
-        if self.supports.list.is_empty() {
+        if self.supports.order.is_empty() {
             return;
         }
         self.active.iter().for_each(|s| self.springs[*s as usize] = 0.0);
-        for support in &self.supports.list {
+        for support in self.supports.iter() {
             let amplifies = |s: u32| if self.is_master(s) { 1.0 } else { self.row[s as usize].amplification() };
             let amplification = support.slots.map(amplifies);
             for (slot, bound) in support.slots.iter().zip(&support.bound) {
@@ -117,15 +181,15 @@ impl ActiveMesh {
 
     /// Supports follow the geomorph offsets of this tick.
     pub fn follow_offsets(&mut self, body: &Body) {
-        let Self { supports: Supports { list, offset, .. }, attachment, fade, .. } = self;
+        let Self { supports: Supports { room, offset, .. }, attachment, fade, .. } = self;
         for &(_, place) in offset.iter() {
-            let support = &mut list[place as usize];
+            let support = &mut room[place as usize];
             support.pull = support.rest;
         }
         offset.retain(|&(h, place)| {
             let hold = body.holds()[h as usize];
             let (away, weights) = (&fade[hold.vertex as usize], &attachment[hold.vertex as usize].weights);
-            for (pull, w) in list[place as usize].pull.iter_mut().zip(weights) {
+            for (pull, w) in room[place as usize].pull.iter_mut().zip(weights) {
                 (0..3).for_each(|c| pull[c] -= hold.stiffness * w * away[c]);
             }
             *away != [0.0; 4]
@@ -134,20 +198,21 @@ impl ActiveMesh {
 
     /// Elements that carry supports.
     pub fn support_count(&self) -> usize {
-        self.supports.list.len()
+        self.supports.order.len()
     }
 
     /// Slots of the nodes that supports pull at, four for each element.
     pub fn supported(&self) -> impl Iterator<Item = u32> + '_ {
-        self.supports.list.iter().flat_map(|support| support.slots)
+        self.supports.iter().flat_map(|support| support.slots)
     }
 
     /// Adds the forces of the supports to [`super::Motion::force`].
     pub fn add_supports(&mut self) {
-        for support in &self.supports.list {
-            let x = support.slots.map(|s| self.motion.position[s as usize]);
+        let Self { supports, motion, .. } = self;
+        for support in supports.iter() {
+            let x = support.slots.map(|s| motion.position[s as usize]);
             for (i, slot) in support.slots.iter().enumerate() {
-                let force = &mut self.motion.force[*slot as usize];
+                let force = &mut motion.force[*slot as usize];
                 let k = &support.stiffness[i];
                 for c in 0..4 {
                     let held = k[0] * x[0][c] + k[1] * x[1][c] + k[2] * x[2][c] + k[3] * x[3][c];
