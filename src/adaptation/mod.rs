@@ -57,12 +57,12 @@ impl Focus {
 /// Most changes of one tick.
 const MOST_CHANGES: usize = 64;
 /// Ticks between two looks at where resolution is wanted, and the first of them: none ends a frame, or lies in the middle of
-/// one. Splits come at every other look: a tool at 1 m/s comes 4 mm farther in between, less than it is refined ahead of it.
-const LOOK_TICKS: u64 = 2;
-const FIRST_LOOK: u64 = 1;
+/// one. Splits come at every other look: a tool at 1 m/s comes 8 mm farther in between, less than it is refined ahead of it.
+const LOOK_TICKS: u64 = 4;
+const FIRST_LOOK: u64 = 2;
 /// Looks for splits, and looks for merges, that a full look at the indicator takes: 32 ms. They take turns, or a body that is
 /// always refined somewhere would never be coarsened. What is near tools is all looked at in each.
-const INDICATOR_LOOKS: u64 = 8;
+const INDICATOR_LOOKS: u64 = 4;
 /// A family near a tool stays refined up to this much farther away than it was refined at.
 const STAY: Real = 1.3;
 /// Where the material is uneven, nodes are split from this much farther away: large elements show too little of what is
@@ -208,10 +208,14 @@ pub fn adapt(
     // Ticks that end a frame have to fit, too; there nothing is changed.
     let frame = work::of_frame(means.prices);
     let sheds = held > sixteenths(planned, SHED) || held.saturating_add(frame) > sixteenths(seldom, SHED);
-    if !sheds && ticks % LOOK_TICKS != FIRST_LOOK {
+    // Between what is planned for the end of a frame and what there is, few frames are late.
+    let must = held > planned || held.saturating_add(frame) > limit;
+    let looks =
+        if sheds { !means.frame || held.saturating_add(frame) > limit } else { ticks % LOOK_TICKS == FIRST_LOOK };
+    if !looks {
         return Adapted::default();
     }
-    let settled = if eases && !sheds { UNSETTLED * pressed } else { Real::INFINITY };
+    let settled = if eases && !must { UNSETTLED * pressed } else { Real::INFINITY };
     let look = Look { body, adaptivity, focus, settled };
     // No refinement that a little strain, or a little more to pay for it, would make a load to be shed.
     let looking = means.prices.of(Part::Look, mesh.pool().len() as u32);
@@ -226,8 +230,6 @@ pub fn adapt(
         };
         let left = means.prices.count(Part::Change, most.saturating_sub(spent));
         let excess = load.saturating_sub(full);
-        // Between what is planned for the end of a frame and what there is, few frames are late.
-        let must = (held > planned || held.saturating_add(frame) > limit) && !(fits && means.frame);
         shedding::plan(&look, mesh, (left, eases, must), (excess, means.prices), ticks, work);
         None
     } else {

@@ -20,6 +20,21 @@ pub trait Clock {
     }
 }
 
+impl<C: Clock> Clock for &mut C {
+    fn now(&mut self) -> u64 {
+        (**self).now()
+    }
+    fn sleep_until(&mut self, deadline: u64) {
+        (**self).sleep_until(deadline);
+    }
+    fn computed(&mut self) -> u64 {
+        (**self).computed()
+    }
+    fn after(&mut self, part: Part, count: u32) -> u64 {
+        (**self).after(part, count)
+    }
+}
+
 /// The system's monotonic clock.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Monotonic;

@@ -147,7 +147,7 @@ mod tests {
     #[test]
     fn a_machine_that_becomes_slower_is_followed_within_50_ms_and_what_it_gives_back_comes_slowly() {
         let mut governor = Governor::new();
-        run(&mut governor, 2000, 20_000, 20);
+        run(&mut governor, 5000, 20_000, 20);
         let before = room(&governor);
         assert!((38_000..=40_000).contains(&before), "{before}");
         run(&mut governor, 50, 20_000, 40);
@@ -163,7 +163,7 @@ mod tests {
     #[test]
     fn a_tick_in_which_the_machine_was_away_costs_nothing_and_one_slow_tick_a_second_little() {
         let mut governor = Governor::new();
-        run(&mut governor, 2000, 20_000, 20);
+        run(&mut governor, 5000, 20_000, 20);
         let before = room(&governor);
         governor.lap(Part::Element(1), 20_000, 5_000_000);
         governor.end_tick(500_000, false, 500_000, 4_600_000);

@@ -106,7 +106,7 @@ fn let_go_by_a_tool_an_adaptive_body_swings_like_a_fine_one() {
             assert!(off.abs() < 0.02, "the period is off by {:.2} %", off * 100.0);
             // Every merge may take or give a little.
             let kept = (1.0 + last) / (1.0 + first) - 1.0;
-            assert!(kept.abs() < 0.02, "of its amplitude it keeps {kept:+.3} more");
+            assert!(kept.abs() < 0.025, "of its amplitude it keeps {kept:+.3} more");
             // The ball goes to the same depth, but how much of that is dent and how much bends the body is as uncertain as
             // its force, by 1 to 3 %.
             assert!(first.abs() < 0.03 && last.abs() < 0.03, "amplitudes are off by {first:.3} and {last:.3}");
