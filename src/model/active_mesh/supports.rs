@@ -128,11 +128,11 @@ impl ActiveMesh {
                 let hold = body.holds()[h as usize];
                 let weights = &attachment[hold.vertex as usize].weights;
                 let rest = body.surface().vertices[hold.vertex as usize];
-                for i in 0..4 {
-                    let k = hold.stiffness * weights[i];
-                    for j in 0..4 {
-                        support.stiffness[i][j] += k * weights[j];
-                        support.bound[i][j] += (k * weights[j]).abs();
+                for (i, w) in weights.iter().enumerate() {
+                    let k = hold.stiffness * w;
+                    for (j, v) in weights.iter().enumerate() {
+                        support.stiffness[i][j] += k * v;
+                        support.bound[i][j] += (k * v).abs();
                     }
                     (0..3).for_each(|c| support.rest[i][c] += k * rest[c]);
                 }
