@@ -106,6 +106,9 @@ impl Clock for Machine<'_> {
     }
 }
 
+/// Name, most ticks in a thousand that may be late, slowness by tick.
+type Kind<'a> = (&'a str, u64, &'a dyn Fn(u64) -> Real);
+
 /// A cube on a machine of `slowness`: what it measures at its start, and what comes of `ticks` ticks there.
 fn run(slowness: &dyn Fn(u64) -> Real, ticks: u64) -> (Measured, Found) {
     let given = [String::from("body.cells=[[3,3,3],[6,6,6],[12,12,12]]")];
@@ -141,7 +144,7 @@ fn run(slowness: &dyn Fn(u64) -> Real, ticks: u64) -> (Measured, Found) {
 fn on_a_slower_machine_and_on_one_whose_clock_changes_the_rate_holds_and_accuracy_gives_way() {
     // Most ticks in a thousand that may be late. A machine that is half as fast from one tick to the next has some of them
     // late, until prices have followed.
-    let machines: [(&str, u64, &dyn Fn(u64) -> Real); 4] = [
+    let machines: [Kind; 4] = [
         ("common", 1, &|_| 1.0),
         ("half as fast", 1, &|_| 2.0),
         ("clock changes by a third each second", 1, &|tick| if tick % 2000 < 1000 { 1.0 } else { 4.0 / 3.0 }),
