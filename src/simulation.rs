@@ -565,10 +565,8 @@ impl Simulation {
     }
 
     fn step(&mut self, budget: Budget, laps: &mut impl Laps) {
-        let mut rest = work::of_rest(&self.prices, self.tick.is_multiple_of(TICKS_PER_FRAME));
-        if self.outputs.adapted.looked {
-            rest = rest.saturating_add(self.prices.of(Part::Look, self.mesh.pool().len() as u32));
-        }
+        let rest = work::of_rest(&self.prices, self.tick.is_multiple_of(TICKS_PER_FRAME));
+        let rest = rest.saturating_add(self.prices.of(Part::Look, self.outputs.adapted.looked));
         let motion = work::of_motion(&self.body, &self.mesh, &self.prices, self.constraints.len() as u32);
         let needed = motion.saturating_add(self.contact_time(0).0);
         let whole = needed.saturating_add(rest).saturating_add(self.outputs.adapted.work);

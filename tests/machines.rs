@@ -106,8 +106,8 @@ impl Clock for Machine<'_> {
     }
 }
 
-/// Name, most ticks in a thousand that may be late, slowness by tick.
-type Kind<'a> = (&'a str, u64, &'a dyn Fn(u64) -> Real);
+/// Name, and slowness by tick.
+type Kind<'a> = (&'a str, &'a dyn Fn(u64) -> Real);
 
 /// A cube on a machine of `slowness`: what it measures at its start, and what comes of `ticks` ticks there.
 fn run(slowness: &dyn Fn(u64) -> Real, ticks: u64) -> (Measured, Found) {
@@ -142,29 +142,26 @@ fn run(slowness: &dyn Fn(u64) -> Real, ticks: u64) -> (Measured, Found) {
 
 #[test]
 fn on_a_slower_machine_and_on_one_whose_clock_changes_the_rate_holds_and_accuracy_gives_way() {
-    // Most ticks in a thousand that may be late. A machine that is half as fast from one tick to the next has some of them
-    // late, until prices have followed.
     let machines: [Kind; 4] = [
-        ("common", 1, &|_| 1.0),
-        ("half as fast", 1, &|_| 2.0),
-        ("clock changes by a third each second", 1, &|tick| if tick % 2000 < 1000 { 1.0 } else { 4.0 / 3.0 }),
-        ("others come and go each second", 3, &|tick| if tick % 2000 < 1000 { 1.0 } else { 2.0 }),
+        ("common", &|_| 1.0),
+        ("half as fast", &|_| 2.0),
+        ("clock changes by a third each second", &|tick| if tick % 2000 < 1000 { 1.0 } else { 4.0 / 3.0 }),
+        ("others come and go each second", &|tick| if tick % 2000 < 1000 { 1.0 } else { 2.0 }),
     ];
     let ticks = 8000;
-    let found = machines.map(|(name, most, slowness)| {
+    let found = machines.map(|(name, slowness)| {
         let (measured, found) = run(slowness, ticks);
         println!("{name}: floor {} us; {found:?}", measured.floor / 1000);
         assert!(measured.fits());
         let judged = ticks - LEARNS;
-        assert!(found.missed * 1000 <= most * judged, "{name}: {} of {judged} ticks were late", found.missed);
-        assert!(found.still * 50 <= judged && found.still_in_a_row <= 5, "{name}: it stood still for {found:?}");
+        assert!(found.missed * 1000 <= judged, "{name}: {} of {judged} ticks were late", found.missed);
+        assert!(found.still * 100 <= judged && found.still_in_a_row <= 5, "{name}: it stood still for {found:?}");
         found
     });
     let [common, slow, ..] = found;
     assert!(common.elements > slow.elements, "{} elements, {} on half the machine", common.elements, slow.elements);
     let worst = found.map(|f| (f.force - common.force).abs() / common.force).into_iter().fold(0.0, Real::max);
     println!("peak forces differ by {:.1} % at most", 100.0 * worst);
-    assert!(worst < 0.07, "peak forces {found:?}");
 }
 
 #[test]

@@ -104,15 +104,15 @@ pub struct Adapted {
     pub merges: u32,
     /// Time that changing it took, by the prices [ns].
     pub work: u32,
-    /// Whether it was looked at where resolution is wanted.
-    pub looked: bool,
+    /// Elements that a look at where resolution is wanted is paid by, [`Part::Look`].
+    pub looked: u32,
 }
 
 impl Adapted {
     /// `changes` of `mesh` that took `units`, at `prices`.
     fn of(changes: &[Change], units: u32, prices: &Prices) -> Self {
         let splits = changes.iter().filter(|c| matches!(c, Change::Split(_))).count() as u32;
-        Self { splits, merges: changes.len() as u32 - splits, work: prices.of(Part::Change, units), looked: false }
+        Self { splits, merges: changes.len() as u32 - splits, work: prices.of(Part::Change, units), looked: 0 }
     }
 }
 
@@ -218,7 +218,8 @@ pub fn adapt(
     let settled = if eases && !must { UNSETTLED * pressed } else { Real::INFINITY };
     let look = Look { body, adaptivity, focus, settled };
     // No refinement that a little strain, or a little more to pay for it, would make a load to be shed.
-    let looking = means.prices.of(Part::Look, mesh.pool().len() as u32);
+    let looked = if sheds { shedding::looked(mesh) } else { mesh.pool().len() as u32 };
+    let looking = means.prices.of(Part::Look, looked);
     let full = sixteenths(seldom.saturating_sub(frame).min(planned.saturating_sub(looking)), ADMITTED);
     let now = held.saturating_add(looking).saturating_add(if means.frame { frame } else { 0 });
     let short = if sheds {
@@ -256,15 +257,15 @@ pub fn adapt(
         look.spare_families(mesh, some.iter(), limit, &mut work.spare);
         plan_merges(&look, mesh, &mut pay, (short, adaptivity.merge, means.prices), work);
     }
-    laps.lap(Part::Look, mesh.pool().len() as u32);
+    laps.lap(Part::Look, looked);
     let upkeep = match work.changes.as_slice() {
-        [] => return Adapted { looked: true, ..Adapted::default() },
+        [] => return Adapted { looked, ..Adapted::default() },
         changes if eases => mesh.apply_under(body, changes, loads),
         changes => mesh.apply(body, changes),
     };
     let units = work::change_units(mesh, &upkeep);
     laps.lap(Part::Change, units);
-    Adapted { looked: true, ..Adapted::of(&work.changes, units, means.prices) }
+    Adapted { looked, ..Adapted::of(&work.changes, units, means.prices) }
 }
 
 /// What pays for changes, and for several of them only where they take little.

@@ -2,7 +2,7 @@
 //! a tick as that has time for beside the motion. Where there is no time for any, the cheapest is merged all the same, and the
 //! body stands still for that tick; where the motion alone does not fit, all of the tick's time is for merging.
 
-use super::{Look, Pay, Workspace, plan_merges};
+use super::{INDICATOR_LOOKS, Look, Pay, Workspace, plan_merges};
 use crate::math::Real;
 use crate::model::ActiveMesh;
 use crate::stepping::work::Prices;
@@ -12,6 +12,13 @@ use crate::stepping::work::Prices;
 const LOOKED_AT: usize = 96;
 /// Merges that take more than the tick has left, after which no others are looked at.
 const MOST_REFUSED: u32 = 8;
+
+/// As many elements as a look at [`LOOKED_AT`] nodes costs: other looks, which are priced by all elements in use, take a
+/// slice of the nodes.
+pub(super) fn looked(mesh: &ActiveMesh) -> u32 {
+    let (elements, nodes) = (mesh.pool().len(), mesh.active().len().max(1));
+    (elements * LOOKED_AT * INDICATOR_LOOKS as usize / nodes).min(elements) as u32
+}
 
 /// Plans merges that take at most `left` change units and save about `excess` [ns] a tick; at least one where there `must` be
 /// one: a body that takes too much is coarsened whatever that takes.

@@ -87,7 +87,7 @@ fn a_budget_cut_coarsens_and_no_tick_is_lost_or_too_dear() {
     assert!(still < 50 && longest <= MOST_FROZEN, "{still} ticks without a step, {longest} in a row");
     assert!(dearest <= least, "{dearest} ns in one tick");
     // 0.99 N; on the next ticks it goes to what the coarse level feels like.
-    assert!(physical < 0.06 * 0.99, "the force changes by {physical} N in a tick");
+    assert!(physical < 0.05 * 0.99, "the force changes by {physical} N in a tick");
 }
 
 /// On a machine that becomes half as fast no tick takes more than its budget, but one in six while much has to go; and neither
@@ -221,7 +221,7 @@ fn on_a_short_budget_the_fine_levels_follow_a_stroke() {
             assert!(needed > 1_000_000, "{needed} ns: the budget is not short");
         }
         // One change a tick is all that such a budget has: the finest may be late where the tool turns up.
-        assert!(budget < 900_000 || under[body.finest()] > 3400 * 4 / 5, "the fine levels stay behind: {under:?}");
+        assert!(budget < 900_000 || under[body.finest()] > 3400 * 9 / 10, "the fine levels stay behind: {under:?}");
         assert!(budget < 900_000 || under[0] + under[1] < 3400 / 5, "the tool is on coarse levels: {under:?}");
         assert!(still < 34, "{still} ticks without a step");
         assert!(step < 1.0, "the force changes by {step} of 5 % or 10 mN in a tick");
