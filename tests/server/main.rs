@@ -41,6 +41,11 @@ fn serve() -> Running {
     serve_cells("[[3,3,3],[5,5,5]]")
 }
 
+/// A server of a cube of one level: what it answers does not depend on what the machine affords.
+fn serve_one_level() -> Running {
+    serve_cells("[[5,5,5]]")
+}
+
 /// A server of a cube that has levels of these cells.
 fn serve_cells(cells: &str) -> Running {
     let tools = "tool=[{name=\"left\", radius=0.02}, {name=\"right\", radius=0.02}]";
@@ -143,7 +148,7 @@ fn hold(tool: &mut Tool, height: f64, ticks: u64) -> Wrench {
 
 #[test]
 fn a_client_finds_the_session_presses_and_is_answered_every_tick() {
-    let running = serve();
+    let running = serve_one_level();
     let connection = Connection::open(&running.endpoints).unwrap();
     let session = connection.session().unwrap();
     assert_eq!((session.version_major, session.ticks_per_frame), (proto::VERSION_MAJOR, 32));
@@ -172,8 +177,7 @@ fn a_client_finds_the_session_presses_and_is_answered_every_tick() {
     let last = &moments.last().unwrap().positions;
     assert_eq!(last.len(), surface.rest_positions.len());
     let dent = last.iter().zip(&surface.rest_positions).map(|(now, rest)| rest[2] - now[2]).fold(0.0, f32::max);
-    // The coarsest surface shows a quarter of it: a busy machine affords no more.
-    assert!(dent > 0.001, "the surface shows the dent: {dent}");
+    assert!(dent > 0.002, "the surface shows the dent: {dent}");
 
     tool.detach().unwrap();
     wait_for("the tool to be free", || !connection.session().unwrap().tools[0].taken);
@@ -328,7 +332,7 @@ fn a_press_that_is_held_keeps_its_force() {
             (None, endpoints, 20_000)
         }
         Err(_) => {
-            let running = serve();
+            let running = serve_one_level();
             let endpoints = running.endpoints.clone();
             (Some(running), endpoints, 1_000)
         }
@@ -345,8 +349,7 @@ fn a_press_that_is_held_keeps_its_force() {
     assert_eq!((model.position, model.force), (wrench.position, wrench.force));
     assert!(model.normal[2] > 0.9 && model.stiffness[2][2] > 20.0 && model.range > 0.0, "{model:?}");
     println!("{early} N, then {late} N");
-    // The levels of so coarse a cube answer up to 15 % apart, and a busy machine affords now one and now the other.
-    assert!(early > 0.1 && (late / early - 1.0).abs() < 0.2);
+    assert!(early > 0.1 && (late / early - 1.0).abs() < 0.1);
     if let Some(running) = running {
         running.stop();
     }
