@@ -85,14 +85,15 @@ const MOST_REFUSED: u32 = 2;
 /// Contact points that room is kept for once a tool is there: a ball pressed in by half of its radius holds some thirty
 /// vertices of a display that is four times as fine as it is wide.
 pub const EXPECTED_CONTACTS: u32 = 32;
-/// Part, in 1/16, of what a tick may take up to which refinement fills it. What is admitted must not be shed again as soon as
-/// it is strained and takes shorter steps, or prices rise: they follow the machine within 50 ms, and spread by a quarter.
+/// Part, in 1/16, of what a tick may take up to which refinement fills it; tuned. What is admitted must not be shed again as
+/// soon as it is strained and takes shorter steps, or prices rise: with 15 a liver on a busy machine is refined and coarsened
+/// in turns, with less fewer elements are used.
 const ADMITTED: u32 = 12;
 /// Part of that, in 1/16, up to which strain alone fills it: what a tool makes room for must not fill up again with
 /// what it was taken from.
 const STRAIN_FILLED: u32 = 13;
-/// Part, in 1/16, of what a tick may take from which on what there is time for beside the motion is merged again. From the
-/// whole of it on there has to be time.
+/// Part, in 1/16, of what a tick may take from which on what there is time for beside the motion is merged again; tuned, and
+/// between [`ADMITTED`] and the whole, from which on there has to be time: with 16 bodies stand still to be coarsened.
 const SHED: u32 = 14;
 
 /// What was done in one tick.

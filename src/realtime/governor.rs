@@ -65,7 +65,7 @@ impl Governor {
     }
 
     /// Ends a tick that was planned to take `planned` [ns], computed for `computed` [ns], and was away for `away` [ns]; `seldom`
-    /// when it ended a frame, copied the state or looked at the resolution. How long it was away in all, with what only its
+    /// when it ended a frame, copied the state or changed the resolution. How long it was away in all, with what only its
     /// laps show.
     pub fn end_tick(&mut self, planned: u32, seldom: bool, computed: u64, away: u64) -> u64 {
         if away > AWAY {
