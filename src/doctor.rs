@@ -3,10 +3,9 @@
 use crate::SceneArgs;
 use clap::Args;
 use hdrhistogram::Histogram;
+use palpate::model::step_class::TICK_NS;
 use palpate::prepare::forecast::forecast;
 use palpate::realtime::clock::{Clock, Monotonic};
-use palpate::realtime::governor::MOST_PLANNED;
-use palpate::realtime::pacer::TICK_NS;
 use palpate::realtime::scheduling::Granted;
 use palpate::simulation::Part;
 use std::process::ExitCode;
@@ -28,7 +27,7 @@ pub fn run(args: &DoctorArgs) -> anyhow::Result<ExitCode> {
     let touched = body.clone();
     let (granted, lateness, forecast) = std::thread::spawn(move || {
         let granted = Granted::ask(None);
-        (granted, lateness(seconds), forecast(&touched, MOST_PLANNED))
+        (granted, lateness(seconds), forecast(&touched))
     })
     .join()
     .map_err(|_| anyhow::anyhow!("the trial panicked"))?;
@@ -56,15 +55,15 @@ pub fn run(args: &DoctorArgs) -> anyhow::Result<ExitCode> {
         println!("{name:<40}{ns:>12.1}  {of}");
     }
     println!(
-        "\n{}: {:.0} µs of each tick as it starts, of {} that are there; under a touch about {} elements, {} evaluations, \
+        "\n{}: {:.0} µs of each tick as it starts, of {:.0} that are there; under a touch about {} elements, {} evaluations, \
          at 1 kHz",
         loaded.scene.name,
         1e6 * forecast.floor,
-        MOST_PLANNED / 1000,
+        forecast.planned * 1e6,
         forecast.elements,
         forecast.evaluations
     );
-    let fits = forecast.floor * 1e9 <= f64::from(MOST_PLANNED);
+    let fits = forecast.floor <= forecast.planned;
     if !fits {
         println!("this machine cannot serve it at 1 kHz: choose a coarser first level");
     }

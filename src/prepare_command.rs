@@ -17,7 +17,6 @@ use palpate::prepare::report::{LevelReport, report};
 use palpate::prepare::section::Plane;
 use palpate::prepare::thin_walls::{Thin, ThinPlaces, thin_places};
 use palpate::prepare::{self, Shape, prepare};
-use palpate::realtime::governor::MOST_PLANNED;
 use palpate::scene::LoadedScene;
 use palpate::scene::prepared::body_keys;
 use palpate::study::plot::{self, Section};
@@ -146,7 +145,7 @@ pub fn run(args: &PrepareArgs) -> anyhow::Result<ExitCode> {
     };
     progress.show("touching it", 1, 1);
     let shared = Arc::new(body);
-    let forecast = forecast(&shared, MOST_PLANNED).map_err(anyhow::Error::msg)?;
+    let forecast = forecast(&shared).map_err(anyhow::Error::msg)?;
     let body = Arc::into_inner(shared).context("the forecast keeps the body")?;
     let file = BodyFile { provenance, body };
     let body = &file.body;
@@ -201,7 +200,7 @@ pub fn run(args: &PrepareArgs) -> anyhow::Result<ExitCode> {
         forecast.elements,
         1e6 * forecast.tick
     );
-    if forecast.floor > f64::from(MOST_PLANNED) * 1e-9 {
+    if forecast.floor > forecast.planned {
         println!("warning: this machine cannot serve it at 1 kHz; choose a coarser first level");
     }
     if let Some(file) = &args.picture {

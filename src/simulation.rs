@@ -328,11 +328,22 @@ impl Simulation {
 
     /// Saves what [`Simulation::snapshot`] gives without allocating; `snapshot` was made by [`Snapshot::with_room`].
     pub fn save_into(&self, snapshot: &mut Snapshot) {
+        self.mesh.save_into(&mut snapshot.body);
+        self.save_rest_into(snapshot);
+    }
+
+    /// As [`Simulation::save_into`], without what the elements remember of their motion: for questions about a body at rest
+    /// where it is now, in a fraction of the time.
+    pub fn save_shape_into(&self, snapshot: &mut Snapshot) {
+        self.mesh.save_shape_into(&mut snapshot.body);
+        self.save_rest_into(snapshot);
+    }
+
+    fn save_rest_into(&self, snapshot: &mut Snapshot) {
         snapshot.tick = self.tick;
         snapshot.frozen = self.frozen;
         snapshot.prices = self.prices;
         snapshot.knotted = self.knotted;
-        self.mesh.save_into(&mut snapshot.body);
         snapshot.tools.copy_from_slice(&self.tools);
         for (to, from) in snapshot.points.iter_mut().zip(&self.points) {
             to.clear();
@@ -471,6 +482,7 @@ impl Simulation {
                 points,
                 expected: if near { self.contact_time(adaptation::EXPECTED_CONTACTS).0 } else { 0 },
                 frame: ticks.is_multiple_of(TICKS_PER_FRAME / 2),
+                moves: self.frozen >= MOST_FROZEN,
             };
             let (body, mesh) = (&self.body, &mut self.mesh);
             let loads = Loads { points: &self.points, gravity: self.settings.gravity };
@@ -571,12 +583,13 @@ impl Simulation {
         let needed = motion.saturating_add(self.contact_time(0).0);
         let whole = needed.saturating_add(rest).saturating_add(self.outputs.adapted.work);
         // What a change of resolution takes is less well known than the rest.
-        let most = if self.outputs.adapted.work > 0 { budget.seldom } else { budget.limit };
+        let most = if self.outputs.adapted.work > 0 { budget.change } else { budget.limit };
         // A body that never fits moves all the same, now and then.
         let moves = whole <= most || self.frozen >= MOST_FROZEN;
         self.frozen = if moves { 0 } else { self.frozen + 1 };
-        let taken = if moves { needed } else { 0 };
-        self.outputs.plan = Plan { needed, taken, whole: whole - needed + taken };
+        // A tick that stands still has found its contacts all the same.
+        let (taken, left_out) = if moves { (needed, 0) } else { (0, motion) };
+        self.outputs.plan = Plan { needed, taken, whole: whole - left_out };
         laps.lap(Part::Fixed, 0);
         self.outputs.element_evaluations = 0;
         if moves {

@@ -207,7 +207,7 @@ fn shedding_under_a_tool_allocates_nothing() {
             buttons: 0,
         };
         let attach = ToolEvent::Attach { epoch: 1, period_ticks: 1, coupling: Coupling::RIGID };
-        let budget = Budget::of(if (700..1100).contains(&tick) { 240_000 } else { 2_400_000 });
+        let budget = Budget::of(if (700..1200).contains(&tick) { 240_000 } else { 2_400_000 });
         let mut inputs = Inputs { budget, ..Inputs::default() };
         inputs.tools[0] = Some(if tick == 0 { attach } else { ToolEvent::Pose(sample) });
         COUNTED.set(true);

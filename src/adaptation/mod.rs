@@ -167,6 +167,8 @@ pub struct Means<'a> {
     pub expected: u32,
     /// The tick ends a frame, or lies in the middle of one, where the state may be copied.
     pub frame: bool,
+    /// The body has stood still for as long as it may: it moves in this tick, whatever that takes.
+    pub moves: bool,
 }
 
 impl Means<'_> {
@@ -202,40 +204,40 @@ pub fn adapt(
     work.changes.clear();
     let (held, expected) = means.loads(body, mesh);
     let load = held.max(expected);
-    let Budget { limit, planned, seldom } = means.budget;
+    let Budget { limit, planned, .. } = means.budget;
     // Under a tool, what changes put out of balance is eased.
     let pressed: Real = loads.points.iter().flatten().map(|p| p.multiplier).sum();
     let eases = pressed > 0.0;
     // Ticks that end a frame have to fit, too; there nothing is changed.
     let frame = work::of_frame(means.prices);
-    let sheds = held > sixteenths(planned, SHED) || held.saturating_add(frame) > sixteenths(seldom, SHED);
+    let sheds = held > sixteenths(planned, SHED) || held.saturating_add(frame) > sixteenths(means.budget.frame, SHED);
     // Between what is planned for the end of a frame and what there is, few frames are late.
-    let must = held > planned || held.saturating_add(frame) > limit;
+    let lacks = held > planned || held.saturating_add(frame) > limit;
+    // A change that does not fit makes the body stand still.
+    let must = lacks && !means.moves;
     let looks =
         if sheds { !means.frame || held.saturating_add(frame) > limit } else { ticks % LOOK_TICKS == FIRST_LOOK };
     if !looks {
         return Adapted::default();
     }
-    let settled = if eases && !must { UNSETTLED * pressed } else { Real::INFINITY };
+    let settled = if eases && !lacks { UNSETTLED * pressed } else { Real::INFINITY };
     let look = Look { body, adaptivity, focus, settled };
     // No refinement that a little strain, or a little more to pay for it, would make a load to be shed.
     let looked = if sheds { shedding::looked(mesh) } else { mesh.pool().len() as u32 };
     let looking = means.prices.of(Part::Look, looked);
-    let full = sixteenths(seldom.saturating_sub(frame).min(planned.saturating_sub(looking)), ADMITTED);
+    let full = sixteenths(means.budget.frame.saturating_sub(frame).min(planned.saturating_sub(looking)), ADMITTED);
     let now = held.saturating_add(looking).saturating_add(if means.frame { frame } else { 0 });
     let short = if sheds {
-        let fits = now <= limit;
-        // A tick that does not fit is of use for changes alone.
-        let (most, spent) = match fits {
-            true => (seldom, now),
-            false => (limit, now - work::of_motion(body, mesh, means.prices, means.points)),
-        };
-        let left = means.prices.count(Part::Change, most.saturating_sub(spent));
+        let motion = work::of_motion(body, mesh, means.prices, means.points);
+        let left = |spent: u32| means.prices.count(Part::Change, means.budget.change.saturating_sub(spent));
+        let standing = must.then(|| left(now - motion));
         let excess = load.saturating_sub(full);
-        shedding::plan(&look, mesh, (left, eases, must), (excess, means.prices), ticks, work);
+        shedding::plan(&look, mesh, (left(now), standing, eases), (excess, means.prices), ticks, work);
         None
     } else {
-        let left = means.prices.count(Part::Change, seldom.saturating_sub(now));
+        // Nothing is refined that could not be merged again beside the contacts that are expected: that takes as long.
+        let most = means.budget.change.saturating_sub(looking.saturating_add(load));
+        let left = means.prices.count(Part::Change, most);
         let mut pay = Pay::new([left, left / SEVERAL], eases, MOST_REFUSED);
         if left <= work::empty_batch_units(mesh) {
             return Adapted::default();

@@ -1,6 +1,6 @@
 //! What a body does whose motion takes more than ticks are planned to take: it merges its least valuable regions, as many in
-//! a tick as that has time for beside the motion. Where there is no time for any, the cheapest is merged all the same, and the
-//! body stands still for that tick; where the motion alone does not fit, all of the tick's time is for merging.
+//! a tick as that has time for beside the motion. Where there is no time for any it stands still for that tick, and all of the
+//! tick's time is for merging; the cheapest is merged whatever it takes.
 
 use super::{INDICATOR_LOOKS, Look, Pay, Workspace, plan_merges};
 use crate::math::Real;
@@ -20,12 +20,12 @@ pub(super) fn looked(mesh: &ActiveMesh) -> u32 {
     (elements * LOOKED_AT * INDICATOR_LOOKS as usize / nodes).min(elements) as u32
 }
 
-/// Plans merges that take at most `left` change units and save about `excess` [ns] a tick; at least one where there `must` be
-/// one: a body that takes too much is coarsened whatever that takes.
+/// Plans merges that save about `excess` [ns] a tick, and take no more change units than a tick has left in which the body
+/// moves, or else no more than one has left in which it is `standing`, if it may; then at least one.
 pub(super) fn plan(
     look: &Look,
     mesh: &mut ActiveMesh,
-    (left, eases, must): (u32, bool, bool),
+    (left, standing, eases): (u32, Option<u32>, bool),
     (excess, prices): (u32, &Prices),
     ticks: u64,
     work: &mut Workspace,
@@ -33,9 +33,16 @@ pub(super) fn plan(
     let parts = mesh.active().len().div_ceil(LOOKED_AT);
     let some = mesh.active().iter().skip(ticks as usize % parts).step_by(parts);
     look.spare_families(mesh, some, Real::INFINITY, &mut work.spare);
-    let mut pay = Pay::new([left, left], eases, MOST_REFUSED);
-    plan_merges(look, mesh, &mut pay, (excess, 0.0, prices), work);
-    if let Some((_, change)) = pay.cheapest.filter(|_| must && work.changes.is_empty()) {
+    let mut cheapest = None;
+    for left in [Some(left), standing].into_iter().flatten() {
+        let mut pay = Pay::new([left, left], eases, MOST_REFUSED);
+        plan_merges(look, mesh, &mut pay, (excess, 0.0, prices), work);
+        if !work.changes.is_empty() {
+            return;
+        }
+        cheapest = pay.cheapest;
+    }
+    if let Some((_, change)) = cheapest.filter(|_| standing.is_some()) {
         work.changes.push(change);
     }
 }

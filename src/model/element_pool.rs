@@ -210,11 +210,17 @@ impl ElementPool {
         self.find(id).map(|(block, lane)| self.read_history(block, lane))
     }
 
+    /// Has element `id` remember `history`. False when the pool does not have it.
+    pub fn set_history(&mut self, id: u32, history: &History) -> bool {
+        let Some((block, lane)) = self.find(id) else { return false };
+        self.write_history(block, lane, history);
+        true
+    }
+
     /// Strain of element `id` at its last evaluation: xx, yy, zz, yz, xz, xy.
     pub fn strain(&self, id: u32) -> Option<[Real; 6]> {
         // Not by way of the whole history: the branches lie elsewhere, and this is asked for often.
         let (block, lane) = self.find(id)?;
-        // Mapped, the rows of all lanes would be copied first.
         let rows = &self.blocks[block].strain;
         Some(std::array::from_fn(|c| 0.5 * rows[c][lane]))
     }
@@ -426,11 +432,12 @@ impl ElementPool {
     fn read_history(&self, block: usize, lane: usize) -> History {
         let mut branch = [[0.0; 6]; MAX_BRANCHES];
         let memories = &self.memories[block * self.branches..(block + 1) * self.branches];
+        // Mapped, the rows of all lanes would be copied first.
         for (d, memory) in branch.iter_mut().zip(memories) {
-            *d = memory.0.map(|row| 0.5 * row[lane]);
+            *d = std::array::from_fn(|c| 0.5 * memory.0[c][lane]);
         }
         let b = &self.blocks[block];
-        History { strain: b.strain.map(|row| 0.5 * row[lane]), det: b.det[lane], branch }
+        History { strain: std::array::from_fn(|c| 0.5 * b.strain[c][lane]), det: b.det[lane], branch }
     }
 
     fn write_history(&mut self, block: usize, lane: usize, history: &History) {

@@ -24,7 +24,7 @@ pub struct State {
     pub interface: Vec<u32>,
     /// Elements in use by step class.
     pub classes: Vec<Vec<u32>>,
-    /// What each of them remembers, class by class.
+    /// What each of them remembers, class by class; empty for what they would at rest where the nodes are.
     pub history: Vec<History>,
     /// Up to which strain each of them may keep its step; empty to have it found.
     pub strain_limit: Vec<StrainLimit>,

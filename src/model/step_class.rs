@@ -12,6 +12,8 @@ use crate::math::Real;
 
 /// Length of a tick [s].
 pub const TICK: Real = 1e-3;
+/// And [ns].
+pub const TICK_NS: u64 = (TICK * 1e9) as u64;
 
 /// Part of the explicit limit that is used. Meshes of regular elements become unstable at 0.9 altitudes per wave
 /// travel time; the factor below them is the margin for cut elements and for the step in which a strain grows.

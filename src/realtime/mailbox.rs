@@ -2,10 +2,10 @@
 //!
 //! No side ever waits for another. A full ring is an ordinary answer: the entry is dropped and counted.
 
-use super::pacer::TICK_NS;
 use crate::adaptation::Adapted;
 use crate::contact::tool::{Coupling, MOST_TOOLS, PoseSample, ToolState};
 use crate::math::Vec3;
+use crate::model::step_class::TICK_NS;
 use crate::simulation::{Budget, Inputs, MOST_LEVELS, Plan, Prices, Snapshot, TickFlags, ToolOutput};
 use rustix::event::{EventfdFlags, eventfd};
 use rustix::fd::OwnedFd;

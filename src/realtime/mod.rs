@@ -5,7 +5,6 @@
 //! system call but the clock, its sleep and the wake-up of the force output.
 
 pub mod clock;
-pub mod governor;
 pub mod mailbox;
 pub mod pacer;
 pub mod scheduling;

@@ -5,9 +5,8 @@
 //! again 5 ms after the stall, and nothing accumulates.
 
 use super::clock::Clock;
+use crate::model::step_class::TICK_NS;
 
-/// Length of a tick [ns].
-pub const TICK_NS: u64 = 1_000_000;
 /// Time in which missed ticks may be caught up by running them [ns]; what would take longer lapses.
 const CATCH_UP_NS: u64 = 4_000_000;
 

@@ -1,12 +1,12 @@
 //! The simulation thread: gather inputs, advance, hand out, sleep.
 
 use super::clock::Clock;
-use super::governor::{Governor, MOST_PLANNED};
 use super::mailbox::{Command, Frame, RecordTap, RecordedTick, SimulationEnds, TickReport, TickTiming};
 use super::pacer::{Begin, Pacer};
 use crate::contact::tool::{MOST_TOOLS, ToolEvent};
 use crate::model::{ActiveMesh, State};
 use crate::simulation::{Inputs, Laps, Outputs, Part, Prices, Simulation, TICKS_PER_FRAME, ToolOutput};
+use crate::stepping::governor::{Governor, MOST_PLANNED, TickKind};
 use crate::stepping::work;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -41,12 +41,12 @@ impl SimThread {
             let (began, computed) = (clock.now(), clock.computed());
             let mut watch = Stopwatch { last: began, clock: &mut *clock, governor: &mut self.governor };
             self.simulation.advance_with(&inputs, &mut watch);
-            self.simulation.save_into(self.ends.copies.input_buffer_mut());
+            self.simulation.save_shape_into(self.ends.copies.input_buffer_mut());
             watch.lap(Part::Copy, 1);
             watch.lap(Part::Fixed, 1);
             let (compute, computed) = (clock.now() - began, clock.computed() - computed);
             let planned = self.simulation.outputs().plan.whole + prices.of(Part::Copy, 1);
-            self.governor.end_tick(planned, false, computed, compute.saturating_sub(computed));
+            self.governor.end_tick(planned, TickKind::Ordinary, computed, compute.saturating_sub(computed));
             if i < MEASURED_TICKS / 4 {
                 // The first ticks warm up caches.
                 self.governor = Governor::new();
@@ -90,14 +90,13 @@ impl SimThread {
                 adapted: outputs.adapted,
                 restored: outputs.restored,
             };
-            let mut seldom = outputs.frame || outputs.adapted.work > 0;
             let engaged = outputs.tools.iter().any(|t| t.state.touches());
-            let copies = engaged && self.simulation.tick() % TICKS_PER_FRAME == TICKS_PER_FRAME / 2;
+            let copies = engaged && outputs.tick % TICKS_PER_FRAME == TICKS_PER_FRAME / 2;
+            let kind = TickKind::of(outputs.adapted.work > 0, outputs.frame || copies);
             watch.lap(Part::Fixed, 1);
-            seldom |= copies;
             if copies {
                 // In the middle of a frame: its end has enough to do.
-                self.simulation.save_into(self.ends.copies.input_buffer_mut());
+                self.simulation.save_shape_into(self.ends.copies.input_buffer_mut());
                 self.ends.copies.publish();
                 watch.lap(Part::Copy, 1);
                 timing.plan.whole += self.governor.prices().of(Part::Copy, 1);
@@ -108,7 +107,7 @@ impl SimThread {
             let computed = pacer.clock().computed() - computed;
             (timing.compute, timing.missed) = pacer.end();
             let away = timing.compute.saturating_sub(computed);
-            timing.away = self.governor.end_tick(timing.plan.whole, seldom, computed, away);
+            timing.away = self.governor.end_tick(timing.plan.whole, kind, computed, away);
             if self.ends.timings.push(timing).is_err() {
                 self.ends.dropped.timings.fetch_add(1, Ordering::Relaxed);
             }

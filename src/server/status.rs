@@ -1,8 +1,8 @@
 //! How the server fares: measured from the ticks' own reports, published once a second.
 
 use super::{ServerError, Shared, network};
+use crate::model::step_class::TICK_NS;
 use crate::realtime::mailbox::{Dropped, RecordTap, TickTiming};
-use crate::realtime::pacer::TICK_NS;
 use crate::realtime::scheduling;
 use crate::simulation::{Part, Prices};
 use hdrhistogram::Histogram;

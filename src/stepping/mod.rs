@@ -4,5 +4,6 @@
 //! the resolution is what it is.
 
 pub mod constraint_solve;
+pub mod governor;
 pub mod step;
 pub mod work;

@@ -166,7 +166,7 @@ impl Prices {
 /// Time and count of one part, each a running mean.
 #[derive(Clone, Copy, Debug, Default)]
 struct Cost {
-    /// [ns].
+    /// [ns]; of parts that do not come in every tick, what it would be on a common machine.
     time: f64,
     count: f64,
     occurred: u32,
@@ -177,9 +177,14 @@ struct Cost {
 const SHARED_EVALUATIONS: f64 = 200.0;
 
 /// What parts of ticks have been measured to cost: [`Prices`] follow from it. It reads no clock.
-#[derive(Clone, Copy, Debug, Default)]
+///
+/// Parts that come in every tick tell how slow the machine is; of the others it is measured how they compare with those, or
+/// a machine that becomes slower would be followed only after sixteen frames.
+#[derive(Clone, Copy, Debug)]
 pub struct Costs {
     all: [Cost; PARTS],
+    /// How slow this machine is: what has been measured over what it would cost on a common one.
+    slowness: f64,
     /// Of the tick that runs: time [ns] and count.
     now: [(u64, u32); PARTS],
     /// By part: whether its last lap was far too long.
@@ -194,12 +199,24 @@ pub struct Costs {
 const TIMES_LONG: f64 = 4.0;
 const LONG: f64 = 50_000.0;
 
+impl Default for Costs {
+    fn default() -> Self {
+        let idle = [(0, 0); PARTS];
+        Self { all: [Cost::default(); PARTS], slowness: 1.0, now: idle, long: [false; PARTS], away: 0 }
+    }
+}
+
+/// Whether a part comes in every tick in which the body moves.
+fn is_steady(part: Part) -> bool {
+    matches!(part, Part::Fixed | Part::Node | Part::Row | Part::Support | Part::Element(_))
+}
+
 impl Costs {
     /// `part` has been done `count` times in `time` [ns] of the tick that runs.
     pub fn lap(&mut self, part: Part, count: u32, time: u64) {
         let mut time = time;
         let known = self.all[part.index()].occurred > 0;
-        let expected = self.price(part, 1.0) * f64::from(count.max(1));
+        let expected = self.price(part) * f64::from(count.max(1));
         let long = known && time as f64 > TIMES_LONG * expected + LONG;
         if long && !std::mem::replace(&mut self.long[part.index()], long) {
             self.away += time - expected as u64;
@@ -208,7 +225,7 @@ impl Costs {
         self.long[part.index()] = long;
         if count > 0 && matches!(part, Part::Point | Part::SolidPoint) {
             // Looking for them comes on top of the points.
-            time -= (self.price(Part::Search, self.slowness()) as u64).min(3 * time / 4);
+            time -= (self.price(Part::Search) as u64).min(3 * time / 4);
         }
         let now = &mut self.now[part.index()];
         *now = (now.0 + time, now.1 + count);
@@ -217,14 +234,21 @@ impl Costs {
     /// Takes the tick's laps in; prices are means over about `memory` occurrences. Time of the tick [ns] in laps that were so
     /// much longer than the part's others that the machine was away.
     pub fn end_tick(&mut self, memory: f64) -> u64 {
-        for (cost, (time, count)) in self.all.iter_mut().zip(std::mem::replace(&mut self.now, [(0, 0); PARTS])) {
-            if count > 0 {
+        let now = std::mem::replace(&mut self.now, [(0, 0); PARTS]);
+        let mut learn = |steady: bool, slowness: f64| {
+            let parts = Part::ALL.iter().zip(&mut self.all).zip(now);
+            for ((_, cost), (time, count)) in
+                parts.filter(|((part, _), (_, count))| is_steady(**part) == steady && *count > 0)
+            {
                 cost.occurred = cost.occurred.saturating_add(1);
                 let weight = 1.0 / f64::from(cost.occurred).min(memory);
-                cost.time += (time as f64 - cost.time) * weight;
+                cost.time += (time as f64 / slowness - cost.time) * weight;
                 cost.count += (f64::from(count) - cost.count) * weight;
             }
-        }
+        };
+        learn(true, 1.0);
+        learn(false, self.slowness);
+        self.slowness = self.measured_slowness();
         std::mem::take(&mut self.away)
     }
 
@@ -233,32 +257,31 @@ impl Costs {
         (self.now, self.away) = ([(0, 0); PARTS], 0);
     }
 
-    /// How slow this machine is: what has been measured over what it would cost on a common one.
-    fn slowness(&self) -> f64 {
+    fn measured_slowness(&self) -> f64 {
         let (mut time, mut common) = (0.0, 0.0);
-        for (cost, price) in self.all.iter().zip(Prices::COMMON.0) {
+        for (part, cost) in Part::ALL.iter().zip(&self.all).filter(|(part, _)| is_steady(**part)) {
             time += cost.time;
-            common += cost.count * f64::from(price) / 1e3;
+            common += cost.count * f64::from(Prices::COMMON.0[part.index()]) / 1e3;
         }
         if common > 0.0 { time / common } else { 1.0 }
     }
 
-    /// Price of `part` [ns] on a machine of `slowness`.
-    fn price(&self, part: Part, slowness: f64) -> f64 {
-        let (cost, common) = (self.all[part.index()], f64::from(Prices::COMMON.0[part.index()]) / 1e3 * slowness);
+    /// Price of `part` [ns]; what has not been measured costs what it would on a common machine as slow as this.
+    fn price(&self, part: Part) -> f64 {
+        let (cost, common) = (self.all[part.index()], f64::from(Prices::COMMON.0[part.index()]) / 1e3 * self.slowness);
         if let Part::Element(_) = part {
             let sum = |of: fn(&Cost) -> f64| self.all[PARTS - CLASSES..].iter().map(of).sum::<f64>();
             let count = sum(|cost| cost.count);
             let mean = if count > 0.0 { sum(|cost| cost.time) / count } else { common };
             return (cost.time + SHARED_EVALUATIONS * mean) / (cost.count + SHARED_EVALUATIONS);
         }
-        if cost.count > 0.0 { cost.time / cost.count } else { common }
+        let slowness = if is_steady(part) { 1.0 } else { self.slowness };
+        if cost.count > 0.0 { cost.time / cost.count * slowness } else { common }
     }
 
-    /// What each part costs; what has not been measured costs what it would on a common machine as slow as this.
+    /// What each part costs.
     pub fn prices(&self) -> Prices {
-        let slowness = self.slowness();
-        Prices(Part::ALL.map(|part| (1e3 * self.price(part, slowness)).clamp(1.0, 4e9) as u32))
+        Prices(Part::ALL.map(|part| (1e3 * self.price(part)).clamp(1.0, 4e9) as u32))
     }
 }
 
@@ -269,9 +292,10 @@ pub struct Budget {
     pub limit: u32,
     /// What ticks are planned to take at most [ns]: less, because some take longer than their prices say.
     pub planned: u32,
-    /// What ticks may be planned to take at most that come seldom [ns], those that end a frame or change the resolution: the
-    /// body stands still in one that would take more for a change.
-    pub seldom: u32,
+    /// And those that end a frame, or copy the state.
+    pub frame: u32,
+    /// And those that change the resolution: the body stands still in one that would take more.
+    pub change: u32,
 }
 
 impl Budget {
@@ -280,7 +304,7 @@ impl Budget {
 
     /// `limit` [ns], all of it to be used.
     pub const fn of(limit: u32) -> Self {
-        Self { limit, planned: limit, seldom: limit }
+        Self { limit, planned: limit, frame: limit, change: limit }
     }
 }
 

@@ -221,7 +221,8 @@ pub fn inputs_to_message(tick: u64, inputs: &Inputs) -> proto::TickInputs {
         lapsed: inputs.lapsed,
         budget: inputs.budget.limit,
         planned: inputs.budget.planned,
-        seldom: inputs.budget.seldom,
+        frame: inputs.budget.frame,
+        change: inputs.budget.change,
         prices: inputs.prices.map_or(vec![], |prices| prices.0.to_vec()),
         commands: u32::from(inputs.reset),
         tools: tools
@@ -236,7 +237,12 @@ pub fn inputs_from_message(message: &proto::TickInputs) -> Option<Inputs> {
     let list = |v: &[Real]| <[Real; 3]>::try_from(v).ok().map(Vec3::from);
     let mut inputs = Inputs {
         lapsed: message.lapsed,
-        budget: Budget { limit: message.budget, planned: message.planned, seldom: message.seldom },
+        budget: Budget {
+            limit: message.budget,
+            planned: message.planned,
+            frame: message.frame,
+            change: message.change,
+        },
         prices: match message.prices.as_slice() {
             [] => None,
             prices => Some(Prices(prices.try_into().ok()?)),
@@ -324,9 +330,9 @@ mod tests {
 
         #[test]
         fn inputs_survive_the_way_into_a_recording_bit_for_bit(
-            numbers in prop::array::uniform7(-1e3..1e3f64), epoch in 1u32.., lapsed in 0u32.., limit in 0u32.., planned in 0u32.., seldom in 0u32..,
+            numbers in prop::array::uniform7(-1e3..1e3f64), epoch in 1u32.., lapsed in 0u32.., limit in 0u32.., planned in 0u32.., frame in 0u32.., change in 0u32..,
         ) {
-            let budget = Budget { limit, planned, seldom };
+            let budget = Budget { limit, planned, frame, change };
             let sample = PoseSample {
                 sequence: 9,
                 time_ns: 77,

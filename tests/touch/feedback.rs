@@ -38,6 +38,7 @@ fn ask(setup: &Setup, coupling: Coupling, depth: Real, moments: usize) -> (Real,
     let mut press = simulation(setup);
     tick(&mut press, ToolEvent::Attach { epoch: 1, period_ticks: 1, coupling });
     let mut probe = Probe::new(setup.body.clone(), setup.settings.clone()).unwrap();
+    let mut copy = press.snapshot();
     let mut random = Random(7);
     let mut at_ticks: Vec<u32> = (0..moments).map(|_| 350 + random.below(750) as u32).collect();
     at_ticks.sort_unstable();
@@ -51,14 +52,15 @@ fn ask(setup: &Setup, coupling: Coupling, depth: Real, moments: usize) -> (Real,
         if i % 32 != 0 && !at_ticks.contains(&i) {
             continue;
         }
-        let snapshot = press.snapshot();
+        press.save_shape_into(&mut copy);
         let begun = std::time::Instant::now();
-        let told = probe.stiffness(&snapshot)[0];
+        let told = probe.stiffness(&copy)[0];
         let took = begun.elapsed();
         if !at_ticks.contains(&i) {
             continue;
         }
         let told = told.expect("the tool touches");
+        let snapshot = press.snapshot();
         let mut found = Mat3::zeros();
         let place = snapshot.tools[0].handle.position;
         for k in 0..3 {

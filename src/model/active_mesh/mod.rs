@@ -275,7 +275,8 @@ impl ActiveMesh {
                 let k = nodes.iter().filter(|n| self.set.is_active(**n)).count() as u8;
                 self.active_vertices[e as usize] = k;
                 let constants = constants(body, e, k);
-                self.pool.insert(e, class, nodes.map(|n| self.slot[n as usize]), &constants, &state.history[next]);
+                let history = state.history.get(next).unwrap_or(&History::REST);
+                self.pool.insert(e, class, nodes.map(|n| self.slot[n as usize]), &constants, history);
                 self.weigh(body, e, i64::from(k));
                 self.omega_squared[e as usize] = step_class::omega_squared(body, e);
                 next += 1;
@@ -287,6 +288,13 @@ impl ActiveMesh {
         }
         self.normalise(body);
         self.place_interface();
+        if state.history.is_empty() {
+            for &e in state.classes.iter().flatten() {
+                let constants = constants(body, e, self.active_vertices[e as usize]);
+                let (strain, det) = self.strain(&constants, body.element(e).map(|n| self.slot[n as usize]));
+                self.pool.set_history(e, &History { strain, det, ..History::REST });
+            }
+        }
         self.fade.copy_from_slice(&state.fade);
         self.fading.clear();
         self.fading.extend((0..self.fade.len() as u32).filter(|v| self.fade[*v as usize] != [0.0; 4]));
@@ -316,14 +324,11 @@ impl ActiveMesh {
         if moving.iter().any(|len| *len != nodes) || state.fade.len() != self.fade.len() {
             return Err(format!("the state's arrays do not fit {nodes} active nodes and the body's surface"));
         }
-        let limits = state.strain_limit.len();
-        if state.classes.len() != CLASSES
-            || (limits > 0 && limits != state.history.len())
-            || state.history.len() != state.classes.iter().map(Vec::len).sum::<usize>()
-        {
+        let elements = state.classes.iter().map(Vec::len).sum::<usize>();
+        let fits = |len: usize| len == 0 || len == elements;
+        if state.classes.len() != CLASSES || !fits(state.strain_limit.len()) || !fits(state.history.len()) {
             return Err("the state's elements do not fit its step classes".into());
         }
-        let elements = state.history.len();
         if elements > self.pool.capacity() || nodes + state.interface.len() > self.node.len() {
             return Err(format!("{elements} elements: this session has room for {}", self.pool.capacity()));
         }
@@ -353,6 +358,15 @@ impl ActiveMesh {
 
     /// Writes the state into `state`, which was made for this body; allocates nothing once `state` has the room.
     pub fn save_into(&self, state: &mut State) {
+        self.save_shape_into(state);
+        for e in state.classes.iter().flatten() {
+            state.history.push(self.pool.history(*e).unwrap_or(History::REST));
+            state.strain_limit.push(self.pool.strain_limit(*e).unwrap_or(StrainLimit::NONE));
+        }
+    }
+
+    /// As [`ActiveMesh::save_into`], without what the elements remember, which is most of it.
+    pub fn save_shape_into(&self, state: &mut State) {
         state.nodes.clear();
         state.position.clear();
         state.velocity.clear();
@@ -369,11 +383,7 @@ impl ActiveMesh {
         state.strain_limit.clear();
         for (class, ids) in state.classes.iter_mut().enumerate() {
             ids.clear();
-            for e in self.pool.ids(class) {
-                ids.push(e);
-                state.history.push(self.pool.history(e).unwrap_or(History::REST));
-                state.strain_limit.push(self.pool.strain_limit(e).unwrap_or(StrainLimit::NONE));
-            }
+            ids.extend(self.pool.ids(class));
         }
         state.fade.clear();
         state.fade.extend_from_slice(&self.fade);

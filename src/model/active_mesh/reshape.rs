@@ -305,7 +305,7 @@ impl ActiveMesh {
     }
 
     /// Green strain and determinant of an element where its nodes lie now.
-    fn strain(&self, constants: &ElementConstants, slots: [u32; 4]) -> ([Real; 6], Real) {
+    pub(super) fn strain(&self, constants: &ElementConstants, slots: [u32; 4]) -> ([Real; 6], Real) {
         let x = slots.map(|s| vec3(&self.motion.position[s as usize]));
         let g = constants.gradient.map(Vec3::from);
         let f: Mat3 = (0..3).map(|i| (x[i + 1] - x[0]) * g[i].transpose()).sum();

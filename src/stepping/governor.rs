@@ -6,9 +6,9 @@
 //! - **Prices** are running means of time over count, part by part ([`Part`]), over some sixteen occurrences: they have
 //!   followed a change of the machine's speed within 50 ms.
 //! - **The margin** is a high quantile: of the last 4,096 ticks all but one took no longer than planned and the margin, so that
-//!   one in 2,000 takes longer. It reacts at once and is given back slowly. A mean would not do: a deadline is missed by the
-//!   worst of ticks. Ticks that end a frame, copy the state or change the resolution do what is less well known beforehand,
-//!   and have a margin of their own, as rarely exceeded: together one tick in a thousand.
+//!   one in 4,000 takes longer. It reacts at once and is given back slowly. A mean would not do: a deadline is missed by the
+//!   worst of ticks. Ticks that end a frame, or change the resolution, do what is less well known beforehand, and have a
+//!   margin of their own, as rarely exceeded: all together less than one tick in a thousand.
 //! - **The share**: on the average the process's real-time threads together take at most nine tenths of a processor. They can
 //!   come to share one, and the kernel stops real-time threads that take more than 95 %.
 //!
@@ -16,8 +16,8 @@
 //! tells; an interrupt or the hypervisor shows as one part of one tick that takes several times what it takes before and
 //! after.
 
-use super::pacer::TICK_NS;
-use crate::stepping::work::{Budget, Costs, Part, Prices};
+use super::work::{Budget, Costs, Part, Prices};
+use crate::model::step_class::TICK_NS;
 
 /// What a tick may take [ns]: the rest is for its wake-up, which is late by 30 to 60 µs in one of a hundred ticks where
 /// SCHED_FIFO is granted.
@@ -34,13 +34,37 @@ const BLOCKS: usize = 64;
 /// Away for longer than this [ns] within a tick, its laps say nothing of costs: an interrupt takes less.
 const AWAY: u64 = 20_000;
 
+/// Ticks by how well what they take is known beforehand.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TickKind {
+    /// Moves the body.
+    Ordinary,
+    /// Ends a frame, too, or copies the state.
+    Frame,
+    /// Changes the resolution, too.
+    Change,
+}
+
+impl TickKind {
+    /// Of a tick that `changes` the resolution, or ends a frame or copies the state.
+    pub fn of(changes: bool, frame: bool) -> Self {
+        match (changes, frame) {
+            (true, _) => TickKind::Change,
+            (false, true) => TickKind::Frame,
+            (false, false) => TickKind::Ordinary,
+        }
+    }
+}
+
+/// Kinds of ticks.
+const KINDS: usize = 3;
+
 /// What ticks cost, and what the next one may take.
 #[derive(Clone, Debug)]
 pub struct Governor {
     costs: Costs,
-    /// By block, the newest in `newest`: the greatest two excesses over what was planned [ns], of ordinary ticks and of seldom
-    /// ones.
-    excess: [[[i64; 2]; 2]; BLOCKS],
+    /// By block, the newest in `newest`, and by kind of tick: the greatest two excesses over what was planned [ns].
+    excess: [[[i64; 2]; KINDS]; BLOCKS],
     newest: usize,
     in_block: u32,
     /// What the process's other real-time threads take of a tick [ns].
@@ -56,7 +80,7 @@ impl Default for Governor {
 impl Governor {
     /// Nothing is known yet.
     pub fn new() -> Self {
-        Self { costs: Costs::default(), excess: [[[0; 2]; 2]; BLOCKS], newest: 0, in_block: 0, others: 0 }
+        Self { costs: Costs::default(), excess: [[[0; 2]; KINDS]; BLOCKS], newest: 0, in_block: 0, others: 0 }
     }
 
     /// `part` has been done `count` times in `time` [ns] of the tick that runs.
@@ -64,10 +88,9 @@ impl Governor {
         self.costs.lap(part, count, time);
     }
 
-    /// Ends a tick that was planned to take `planned` [ns], computed for `computed` [ns], and was away for `away` [ns]; `seldom`
-    /// when it ended a frame, copied the state or changed the resolution. How long it was away in all, with what only its
-    /// laps show.
-    pub fn end_tick(&mut self, planned: u32, seldom: bool, computed: u64, away: u64) -> u64 {
+    /// Ends a tick that was planned to take `planned` [ns], computed for `computed` [ns], and was away for `away` [ns]. How long
+    /// it was away in all, with what only its laps show.
+    pub fn end_tick(&mut self, planned: u32, kind: TickKind, computed: u64, away: u64) -> u64 {
         if away > AWAY {
             self.costs.drop_tick();
             return away;
@@ -77,11 +100,11 @@ impl Governor {
         let excess = computed as i64 - i64::from(planned);
         if self.in_block == BLOCK {
             self.newest = (self.newest + 1) % BLOCKS;
-            self.excess[self.newest] = [[0; 2]; 2];
+            self.excess[self.newest] = [[0; 2]; KINDS];
             self.in_block = 0;
         }
         self.in_block += 1;
-        rank(&mut self.excess[self.newest][usize::from(seldom)], excess);
+        rank(&mut self.excess[self.newest][kind as usize], excess);
         away + hidden
     }
 
@@ -95,22 +118,22 @@ impl Governor {
         self.costs.prices()
     }
 
-    /// What some ticks take beyond their plan [ns]: of the ordinary ones of the last 4,096 ticks all but one, and of the seldom
-    /// ones.
-    fn margins(&self) -> [u32; 2] {
-        let second = |class: usize| {
-            let mut greatest = [0; 2];
-            self.excess.iter().flat_map(|block| block[class]).for_each(|excess| rank(&mut greatest, excess));
-            greatest[1].min(i64::from(LIMIT)) as u32
-        };
-        [second(0), second(1)]
+    /// What ticks of a kind take beyond their plan [ns]: those of the last 4,096 ticks, all but one.
+    fn margin(&self, kind: TickKind) -> u32 {
+        let mut greatest = [0; 2];
+        self.excess.iter().flat_map(|block| block[kind as usize]).for_each(|excess| rank(&mut greatest, excess));
+        greatest[1].min(i64::from(LIMIT)) as u32
     }
 
     /// What the next tick may take.
     pub fn budget(&self) -> Budget {
-        let [often, seldom] = self.margins();
         let share = MOST_PLANNED.saturating_sub(self.others);
-        Budget { limit: LIMIT, planned: (LIMIT - often).min(share), seldom: LIMIT - seldom }
+        Budget {
+            limit: LIMIT,
+            planned: (LIMIT - self.margin(TickKind::Ordinary)).min(share),
+            frame: LIMIT - self.margin(TickKind::Frame),
+            change: LIMIT - self.margin(TickKind::Change),
+        }
     }
 }
 
@@ -134,7 +157,7 @@ mod tests {
             let planned = prices.of(Part::Fixed, 1) + prices.of(Part::Element(1), elements);
             governor.lap(Part::Fixed, 1, 100_000 * price / 20);
             governor.lap(Part::Element(1), elements, u64::from(elements) * price);
-            governor.end_tick(planned, false, 100_000 * price / 20 + u64::from(elements) * price, 0);
+            governor.end_tick(planned, TickKind::Ordinary, 100_000 * price / 20 + u64::from(elements) * price, 0);
         }
     }
 
@@ -166,14 +189,14 @@ mod tests {
         run(&mut governor, 5000, 20_000, 20);
         let before = room(&governor);
         governor.lap(Part::Element(1), 20_000, 5_000_000);
-        governor.end_tick(500_000, false, 500_000, 4_600_000);
+        governor.end_tick(500_000, TickKind::Ordinary, 500_000, 4_600_000);
         assert_eq!(room(&governor), before);
-        governor.end_tick(500_000, false, 900_000, 0);
-        assert_eq!(governor.margins()[0], 0);
+        governor.end_tick(500_000, TickKind::Ordinary, 900_000, 0);
+        assert_eq!(governor.margin(TickKind::Ordinary), 0);
         // Two of them in four thousand would be missed deadlines.
         run(&mut governor, 100, 20_000, 20);
-        governor.end_tick(500_000, false, 850_000, 0);
-        assert_eq!(governor.margins()[0], 350_000);
+        governor.end_tick(500_000, TickKind::Ordinary, 850_000, 0);
+        assert_eq!(governor.margin(TickKind::Ordinary), 350_000);
     }
 
     #[test]
@@ -192,6 +215,6 @@ mod tests {
         let mut governor = Governor::new();
         assert_eq!(governor.budget().planned, 900_000);
         governor.share_with(150_000);
-        assert_eq!(governor.budget(), Budget { limit: LIMIT, planned: 750_000, seldom: LIMIT });
+        assert_eq!(governor.budget(), Budget { limit: LIMIT, planned: 750_000, frame: LIMIT, change: LIMIT });
     }
 }
