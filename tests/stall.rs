@@ -7,7 +7,7 @@ use palpate::realtime::pacer::TICK_NS;
 use palpate::realtime::sim_thread::SimThread;
 use palpate::recording::{Recording, RecordingWriter};
 use palpate::scene::LoadedScene;
-use palpate::simulation::{Part, Simulation, Snapshot};
+use palpate_core::simulation::{Part, Simulation, Snapshot};
 use std::cell::RefCell;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
