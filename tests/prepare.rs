@@ -1,7 +1,6 @@
 //! `palpate prepare`: a body in one file is the body that its scene builds, and files that are none are refused.
 
 use palpate::scene::LoadedScene;
-use palpate::scene::keys::ProbeKeys;
 use palpate_body::geometry::mesh_io::{LengthUnit, Solid};
 use palpate_body::geometry::primitives::{liver_surface, toy_surface};
 use palpate_body::prepare::body_check::check;
@@ -227,6 +226,7 @@ fn files_that_are_no_prepared_bodies_are_refused_with_what_to_do() {
 #[cfg(feature = "pictures")]
 #[test]
 fn prepare_refuses_with_a_remedy_and_draws_what_it_makes() {
+    use palpate::scene::keys::ProbeKeys;
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name).display().to_string();
     let (mesh, out, picture) = (path("toy.obj"), path("toy.palpate"), path("toy.png"));

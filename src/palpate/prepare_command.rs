@@ -17,7 +17,6 @@ use palpate_body::prepare::report::{LevelReport, report};
 use palpate_body::prepare::thin_walls::{Thin, ThinPlaces, thin_places};
 use palpate_body::prepare::{self, Shape, prepare};
 use palpate_core::math::Vec3;
-use palpate_core::model::Body;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -219,7 +218,7 @@ pub fn run(args: &PrepareArgs) -> anyhow::Result<ExitCode> {
 
 /// Draws a cut through each level of `body`, which was made of `shape`: elements the paler, the less of them lies inside.
 #[cfg(feature = "pictures")]
-fn picture(file: &std::path::Path, body: &Body, shape: &Shape) -> anyhow::Result<()> {
+fn picture(file: &std::path::Path, body: &palpate_core::model::Body, shape: &Shape) -> anyhow::Result<()> {
     use palpate::picture::{Section, sections as draw};
     use palpate_body::prepare::section::Plane;
     use palpate_core::hierarchy::Level;
