@@ -3,16 +3,16 @@
 //! Absolute times are this machine's; a claim about speed is a ratio of two rows of one run.
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use palpate::contact::tool::{Coupling, PoseSample, ToolEvent};
-use palpate::math::{Pose, Vec3};
-use palpate::model::active_set::Change;
-use palpate::model::element_kernel::{Path as KernelPath, Rates};
-use palpate::model::element_pool::CLASSES;
-use palpate::model::{ActiveMesh, Body, State};
 use palpate::scene::LoadedScene;
-use palpate::simulation::{Budget, Inputs, Simulation, Snapshot};
 use palpate::wire;
 use palpate::wire::surface::SurfaceEncoder;
+use palpate_core::contact::tool::{Coupling, PoseSample, ToolEvent};
+use palpate_core::math::{Pose, Vec3};
+use palpate_core::model::active_set::Change;
+use palpate_core::model::element_kernel::{Path as KernelPath, Rates};
+use palpate_core::model::element_pool::CLASSES;
+use palpate_core::model::{ActiveMesh, Body, State};
+use palpate_core::simulation::{Budget, Inputs, Simulation, Snapshot};
 use palpate_proto::Message;
 use std::hint::black_box;
 use std::path::Path;

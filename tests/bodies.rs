@@ -1,14 +1,15 @@
 //! Bodies from shapes and files: levels that are independent, tied together, and safe to step.
 
-use palpate::geometry::primitives::{box_mesh, liver_surface};
-use palpate::geometry::{Moments, Surface, TetMesh};
-use palpate::math::{Real, Vec3};
-use palpate::model::element_kernel::{Path as KernelPath, Rates};
-use palpate::model::element_pool::CLASSES;
-use palpate::model::step_class::{self, Strained};
-use palpate::model::{ActiveMesh, Body, State};
 use palpate::scene::LoadedScene;
-use palpate::simulation::{Inputs, Simulation};
+use palpate_body::geometry::primitives::liver_surface;
+use palpate_core::geometry::primitives::box_mesh;
+use palpate_core::geometry::{Moments, Surface, TetMesh};
+use palpate_core::math::{Real, Vec3};
+use palpate_core::model::element_kernel::{Path as KernelPath, Rates};
+use palpate_core::model::element_pool::CLASSES;
+use palpate_core::model::step_class::{self, Strained};
+use palpate_core::model::{ActiveMesh, Body, State};
+use palpate_core::simulation::{Inputs, Simulation};
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
 use std::fs;
@@ -159,7 +160,7 @@ fn a_hard_kick_dies_away_at_every_damping_time() {
                 *v = Vec3::new(0.5, -0.4, 0.3) * if damped { 1.0 } else { 0.02 };
             }
         });
-        let energy = |s: &Simulation| palpate::model::energy::energy(&body, s.mesh(), Vec3::zeros()).total();
+        let energy = |s: &Simulation| palpate_core::model::energy::energy(&body, s.mesh(), Vec3::zeros()).total();
         let mut evaluations = 0;
         // Largest energy of each tenth of a second: within a step near the limit the energy of the fastest modes
         // swings between kinetic and elastic, but it must not grow.

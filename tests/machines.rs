@@ -1,13 +1,13 @@
 //! Machines that are made up: what the parts of a tick cost is told, and when the machine is away. On each of them the clock
 //! is kept, whatever it costs in accuracy.
 
-use palpate::contact::tool::{Coupling, PoseSample};
-use palpate::math::{Pose, Real, Vec3};
 use palpate::realtime::clock::Clock;
 use palpate::realtime::mailbox::{Command, PoseSlot, ServerEnds, mailboxes};
 use palpate::realtime::sim_thread::{Measured, SimThread};
 use palpate::scene::LoadedScene;
-use palpate::simulation::{Part, Prices, Simulation, Snapshot};
+use palpate_core::contact::tool::{Coupling, PoseSample};
+use palpate_core::math::{Pose, Real, Vec3};
+use palpate_core::simulation::{Part, Prices, Simulation, Snapshot};
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};

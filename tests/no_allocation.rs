@@ -2,17 +2,17 @@
 //! attaches, presses, is lost, a recording starts and stops, and the body is reset, and while all that refines and
 //! coarsens the body. And what a body and its simulation hold grows no faster than the body has nodes.
 
-use palpate::contact::tool::{Coupling, PoseSample, ToolEvent};
-use palpate::geometry::primitives::box_surface;
-use palpate::math::{Pose, Real, Vec3};
-use palpate::model::body::{BodyParts, LabelParts};
-use palpate::model::{Body, Material};
-use palpate::prepare::{Recipe, Region, Shape, prepare};
 use palpate::realtime::clock::Clock;
 use palpate::realtime::mailbox::{Command, Frame, PoseSlot, RecordTap, mailboxes};
 use palpate::realtime::sim_thread::SimThread;
 use palpate::scene::LoadedScene;
-use palpate::simulation::{Budget, Inputs, Part, Settings, Simulation, Snapshot};
+use palpate_body::prepare::{Recipe, Region, Shape, prepare};
+use palpate_core::contact::tool::{Coupling, PoseSample, ToolEvent};
+use palpate_core::geometry::primitives::box_surface;
+use palpate_core::math::{Pose, Real, Vec3};
+use palpate_core::model::body::{BodyParts, LabelParts};
+use palpate_core::model::{Body, Material};
+use palpate_core::simulation::{Budget, Inputs, Part, Settings, Simulation, Snapshot};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 use std::path::Path;

@@ -1,15 +1,15 @@
 //! Bodies of several organs: each moves as it would alone, and all share the clock, the tools and the work budget.
 
-use palpate::contact::tool::{Coupling, PoseSample, ToolEvent};
-use palpate::math::{Pose, Real, Vec3, is_finite};
-use palpate::model::active_set::Change;
-use palpate::model::element_kernel::Path as KernelPath;
-use palpate::model::{ActiveMesh, Body, State};
-use palpate::prepare::body_file::{BodyFile, Provenance};
-use palpate::prepare::merge::merge;
 use palpate::recording::{Recording, RecordingWriter, replay};
 use palpate::scene::LoadedScene;
-use palpate::simulation::{Budget, Inputs, MOST_FROZEN, Simulation};
+use palpate_body::prepare::body_file::{BodyFile, Provenance};
+use palpate_body::prepare::merge::merge;
+use palpate_core::contact::tool::{Coupling, PoseSample, ToolEvent};
+use palpate_core::math::{Pose, Real, Vec3, is_finite};
+use palpate_core::model::active_set::Change;
+use palpate_core::model::element_kernel::Path as KernelPath;
+use palpate_core::model::{ActiveMesh, Body, State};
+use palpate_core::simulation::{Budget, Inputs, MOST_FROZEN, Simulation};
 use std::f64::consts::PI;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -318,7 +318,7 @@ fn every_organ_swings_damped_as_the_scene_asks_though_one_is_slower() {
         let body = build(&loaded);
         let modes = alone(&loaded).map(|(body, _)| body.slowest_mode());
         let start = loaded.scene.settled(&body, &mut |_, _, _| {});
-        let settings = palpate::simulation::Settings { gravity: Vec3::zeros(), ..loaded.scene.settings() };
+        let settings = palpate_core::simulation::Settings { gravity: Vec3::zeros(), ..loaded.scene.settings() };
         let mut swing = Simulation::new(body.clone(), settings, start).unwrap();
         let mut signals = [vec![], vec![]];
         for _ in 0..1500 {
@@ -349,7 +349,7 @@ fn organs_that_let_go_keep_their_energy_and_rest_stays_rest() {
     let moved = still.iter().zip(&body.surface().vertices).map(|(x, u)| (x - u).norm()).fold(0.0, Real::max);
     assert!(moved < 1e-12, "{moved} m");
     let energy = |s: &Simulation| {
-        let e = palpate::model::energy::energy(&body, s.mesh(), Vec3::zeros());
+        let e = palpate_core::model::energy::energy(&body, s.mesh(), Vec3::zeros());
         e.kinetic + e.elastic
     };
     let mut swing = Simulation::new(body.clone(), loaded.scene.settings(), start).unwrap();

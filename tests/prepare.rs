@@ -1,20 +1,20 @@
 //! `palpate prepare`: a body in one file is the body that its scene builds, and files that are none are refused.
 
-use palpate::geometry::mesh_io::{LengthUnit, Solid};
-use palpate::geometry::primitives::{box_mesh, liver_surface, toy_surface};
-use palpate::geometry::{Moments, Surface};
-use palpate::math::{Mat3, Real, Vec3};
-use palpate::model::{Body, Material};
-use palpate::prepare::body_check::check;
-use palpate::prepare::body_file::{BodyFile, Provenance};
-use palpate::prepare::inclusions::{Inclusion, Place};
-use palpate::prepare::input::{Fineness, Input, shape};
-use palpate::prepare::region::Reach;
-use palpate::prepare::report::report;
-use palpate::prepare::spacings;
-use palpate::prepare::{Recipe, Region, Shape, prepare, refit};
 use palpate::scene::LoadedScene;
-use palpate::scene::keys::ProbeKeys;
+use palpate_body::geometry::mesh_io::{LengthUnit, Solid};
+use palpate_body::geometry::primitives::{liver_surface, toy_surface};
+use palpate_body::prepare::body_check::check;
+use palpate_body::prepare::body_file::{BodyFile, Provenance};
+use palpate_body::prepare::inclusions::{Inclusion, Place};
+use palpate_body::prepare::input::{Fineness, Input, shape};
+use palpate_body::prepare::region::Reach;
+use palpate_body::prepare::report::report;
+use palpate_body::prepare::spacings;
+use palpate_body::prepare::{Recipe, Region, Shape, prepare, refit};
+use palpate_core::geometry::primitives::box_mesh;
+use palpate_core::geometry::{Moments, Surface};
+use palpate_core::math::{Mat3, Real, Vec3};
+use palpate_core::model::{Body, Material};
 use std::fmt::Write as _;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -223,8 +223,10 @@ fn files_that_are_no_prepared_bodies_are_refused_with_what_to_do() {
     assert!(lost.contains("lost.palpate"), "{lost}");
 }
 
+#[cfg(feature = "pictures")]
 #[test]
 fn prepare_refuses_with_a_remedy_and_draws_what_it_makes() {
+    use palpate::scene::keys::ProbeKeys;
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name).display().to_string();
     let (mesh, out, picture) = (path("toy.obj"), path("toy.palpate"), path("toy.png"));

@@ -6,12 +6,12 @@
 //! `PALPATE_WRITE_TRACES=1 cargo test --release --test replay`.
 
 use assert_cmd::Command;
-use palpate::model::Body;
-use palpate::model::element_kernel::Path as KernelPath;
 use palpate::offline::{self, Trajectory};
 use palpate::recording::{Recording, RecordingWriter, replay};
 use palpate::scene::LoadedScene;
-use palpate::simulation::{Simulation, Snapshot};
+use palpate_core::model::Body;
+use palpate_core::model::element_kernel::Path as KernelPath;
+use palpate_core::simulation::{Simulation, Snapshot};
 use std::convert::Infallible;
 use std::fmt::Write as _;
 use std::fs;
@@ -177,7 +177,7 @@ fn a_changed_input_is_found_with_its_tick_and_its_size() {
     cube.record(&trajectory("press"), &file);
     let mut recording = Recording::read(&file).unwrap();
     let (_, inputs) = recording.inputs.iter_mut().find(|(tick, i)| *tick > 1400 && i.tools[0].is_some()).unwrap();
-    let Some(palpate::contact::tool::ToolEvent::Pose(pose)) = &mut inputs.tools[0] else { panic!("a pose") };
+    let Some(palpate_core::contact::tool::ToolEvent::Pose(pose)) = &mut inputs.tools[0] else { panic!("a pose") };
     pose.pose.position.z += 1e-4;
     let changed = pose.sequence;
     let report = replay(&recording, KernelPath::best()).unwrap();

@@ -1,13 +1,13 @@
 //! What a recording shows of a stall: 5 ms after the machine is back, the ticks are within one of the wall clock, caught
 //! up or lapsed.
 
-use palpate::model::step_class::TICK_NS;
 use palpate::realtime::clock::{Clock, Monotonic};
 use palpate::realtime::mailbox::{Command, Frame, RecordTap, mailboxes};
 use palpate::realtime::sim_thread::SimThread;
 use palpate::recording::{Recording, RecordingWriter};
 use palpate::scene::LoadedScene;
-use palpate::simulation::{Part, Simulation, Snapshot};
+use palpate_core::model::step_class::TICK_NS;
+use palpate_core::simulation::{Part, Simulation, Snapshot};
 use std::cell::RefCell;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;

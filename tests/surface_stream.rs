@@ -1,11 +1,11 @@
 //! The coded surface on bodies that move: how far it is off, how many bytes it takes, what is decodable from what.
 
-use palpate::contact::tool::{Coupling, PoseSample, ToolEvent};
-use palpate::math::{Pose, Vec3};
-use palpate::model::Body;
 use palpate::scene::LoadedScene;
-use palpate::simulation::{Inputs, Outputs, Simulation};
 use palpate::wire::surface::{SurfaceEncoder, topology};
+use palpate_core::contact::tool::{Coupling, PoseSample, ToolEvent};
+use palpate_core::math::{Pose, Vec3};
+use palpate_core::model::Body;
+use palpate_core::simulation::{Inputs, Outputs, Simulation};
 use palpate_proto::Message;
 use palpate_proto::surface::MOST_MESSAGE_BYTES;
 use palpate_sdk::{Moment, Surface, SurfaceDecoder};

@@ -3,7 +3,7 @@
 use super::laws::Law;
 use super::levels::Levels;
 use super::rows::{Row, RowKind, rows};
-use crate::math::{Real, Vec3};
+use palpate_core::math::{Real, Vec3};
 
 /// How regions of different levels act on each other.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -258,8 +258,8 @@ impl Motion {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::Material;
-    use crate::study::levels::Random;
+    use crate::levels::Random;
+    use palpate_core::model::Material;
 
     fn levels(clamped: bool) -> Levels {
         let material = Material::from_young(2e5, 0.33, 1000.0);

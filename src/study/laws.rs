@@ -9,10 +9,10 @@
 //! [SGK18] B. Smith, F. de Goes, T. Kim, *Stable neo-Hookean flesh simulation*, ACM Transactions on Graphics 37(2),
 //! 2018.
 
-use crate::geometry::TetMesh;
-use crate::math::{Mat3, Real, Vec3};
-use crate::model::Material;
-use crate::model::material::{COLLAPSE_ONSET, COLLAPSE_STIFFNESS};
+use palpate_core::geometry::TetMesh;
+use palpate_core::math::{Mat3, Real, Vec3};
+use palpate_core::model::Material;
+use palpate_core::model::material::{COLLAPSE_ONSET, COLLAPSE_STIFFNESS};
 
 /// How a solid answers to deformation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -287,7 +287,7 @@ impl Solid {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::study::levels::{Random, independent_box};
+    use crate::levels::{Random, independent_box};
 
     fn solid() -> Solid {
         let mesh = independent_box(Vec3::new(0.1, 0.08, 0.06), [3, 2, 2], 5);

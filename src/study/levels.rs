@@ -3,14 +3,14 @@
 //! The nodes of all levels stand in one array, coarsest level first, so that a node is one number whatever its level.
 
 use super::laws::Element;
-use crate::geometry::TetMesh;
-use crate::geometry::primitives::box_mesh;
-use crate::geometry::tet_mesh::volume;
-use crate::hierarchy::level::mean_edge;
-use crate::hierarchy::{Level, parentage};
-use crate::math::{Real, Vec3};
-use crate::model::Material;
-use crate::prepare::calibration::{CalibrationError, calibrate};
+use palpate_body::prepare::calibration::{CalibrationError, calibrate};
+use palpate_core::geometry::TetMesh;
+use palpate_core::geometry::primitives::box_mesh;
+use palpate_core::geometry::tet_mesh::volume;
+use palpate_core::hierarchy::level::mean_edge;
+use palpate_core::hierarchy::{Level, parentage};
+use palpate_core::math::{Real, Vec3};
+use palpate_core::model::Material;
 
 /// Chance from a seed: SplitMix64, so that every study repeats bit for bit.
 #[derive(Clone, Debug)]

@@ -3,14 +3,14 @@
 //! The real core, the real client library and the virtual Phantom's device and hand; what a server adds to them is
 //! threads and clocks.
 
-use crate::contact::tool::{Coupling, MOST_TOOLS, PoseSample, ToolEvent};
-use crate::feedback::LocalModel;
-use crate::feedback::relaxed::{Probe, Stiffness};
-use crate::math::{Pose, Real, Vec3};
-use crate::model::Body;
-use crate::model::step_class::TICK;
-use crate::simulation::{Inputs, Settings, Simulation, Snapshot, TICKS_PER_FRAME, ToolOutput};
-use crate::wire;
+use palpate::wire;
+use palpate_core::contact::tool::{Coupling, MOST_TOOLS, PoseSample, ToolEvent};
+use palpate_core::feedback::LocalModel;
+use palpate_core::feedback::relaxed::{Probe, Stiffness};
+use palpate_core::math::{Pose, Real, Vec3};
+use palpate_core::model::Body;
+use palpate_core::model::step_class::TICK;
+use palpate_core::simulation::{Inputs, Settings, Simulation, Snapshot, TICKS_PER_FRAME, ToolOutput};
 use palpate_phantom::{Hand, HeldDevice, Target};
 use palpate_sdk::{Device, Link, LinkConditions, RenderMode, Renderer, Wrench};
 use std::io::{Error, Result};
@@ -166,8 +166,8 @@ pub fn pose(sequence: u32, position: Vec3, linear_velocity: Vec3) -> ToolEvent {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::contact::tool::Phase;
-    use crate::study::stability::{cube, network, over, settings};
+    use crate::stability::{cube, network, over, settings};
+    use palpate_core::contact::tool::Phase;
     use palpate_phantom::{Path, Pattern, Site};
     use rayon::prelude::*;
 

@@ -8,8 +8,8 @@ use super::Progress;
 use super::laws::{Law, Solid};
 use super::levels::independent_box;
 use super::plot::{Chart, Curve, Shape, charts, shapes, table};
-use crate::math::{Real, Vec3};
-use crate::model::Material;
+use palpate_core::math::{Real, Vec3};
+use palpate_core::model::Material;
 use std::io::Result;
 use std::path::Path;
 

@@ -6,7 +6,7 @@ use super::laws::green_strain;
 use super::levels::Levels;
 use super::relax::relax;
 use super::rows::Row;
-use crate::math::{Mat3, Real, Vec3};
+use palpate_core::math::{Mat3, Real, Vec3};
 
 /// Which components of a node's position are prescribed: `(node, axis)`.
 pub type Held<'a> = &'a dyn Fn(usize, usize) -> bool;
@@ -268,11 +268,11 @@ pub fn sliding_walls(rest: &[Vec3], size: Vec3) -> impl Fn(usize, usize) -> bool
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::Material;
-    use crate::study::coupling::Coupling;
-    use crate::study::laws::Law;
-    use crate::study::levels::Levels;
-    use crate::study::rows::RowKind;
+    use crate::coupling::Coupling;
+    use crate::laws::Law;
+    use crate::levels::Levels;
+    use crate::rows::RowKind;
+    use palpate_core::model::Material;
 
     #[test]
     fn a_uniform_level_passes_and_better_weights_come_nearer() {

@@ -12,7 +12,7 @@ use super::levels::Levels;
 use super::oscillate::{GRAVITY, damped, material};
 use super::plot::{Chart, Curve, charts, table};
 use super::rows::{RowKind, rows};
-use crate::math::{Mat3, Real, Vec3};
+use palpate_core::math::{Mat3, Real, Vec3};
 use std::io::Result;
 use std::path::Path;
 

@@ -1,6 +1,6 @@
 //! Bodies brought to rest.
 
-use crate::math::{Real, Vec3};
+use palpate_core::math::{Real, Vec3};
 
 /// Dynamic relaxation: undamped steps of `dt` [s] from the positions `x` [m], all motion wiped out whenever the kinetic
 /// energy passes a peak. Nodes without `mass` [kg] stay.

@@ -3,8 +3,8 @@
 //! Masters are the active nodes and the fixed ones, whose place is known in any case.
 
 use super::levels::Levels;
-use crate::math::{Real, Vec3};
 use nalgebra::{Matrix4, Vector4};
+use palpate_core::math::{Real, Vec3};
 
 /// Weights on masters, ascending by node; they sum to one and reproduce affine fields.
 pub type Row = Vec<(usize, Real)>;
@@ -147,7 +147,7 @@ fn least_squares_row(levels: &Levels, masters: &[usize], node: usize) -> Row {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::Material;
+    use palpate_core::model::Material;
 
     #[test]
     fn rows_reproduce_affine_fields() {

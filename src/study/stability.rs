@@ -5,15 +5,15 @@
 use super::Progress;
 use super::lockstep::{Lockstep, Loop};
 use super::plot::{Chart, Curve, charts, table};
-use crate::adaptation::Adaptivity;
-use crate::contact::safety::ForceLimits;
-use crate::contact::tool::{Following, Shape, Tool};
-use crate::geometry::primitives::box_surface;
-use crate::math::{Real, Vec3};
-use crate::model::step_class::TICK;
-use crate::model::{Body, Material};
-use crate::prepare::{self, Recipe, Region, prepare};
-use crate::simulation::Settings;
+use palpate_body::prepare::{self, Recipe, Region, prepare};
+use palpate_core::adaptation::Adaptivity;
+use palpate_core::contact::safety::ForceLimits;
+use palpate_core::contact::tool::{Following, Shape, Tool};
+use palpate_core::geometry::primitives::box_surface;
+use palpate_core::math::{Real, Vec3};
+use palpate_core::model::step_class::TICK;
+use palpate_core::model::{Body, Material};
+use palpate_core::simulation::Settings;
 use palpate_phantom::{Hand, Target};
 use palpate_sdk::{Device, LinkConditions, RenderMode};
 use rayon::prelude::*;
@@ -232,10 +232,10 @@ pub fn apart(a: &Felt, b: &Felt) -> Real {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::contact::tool::{Coupling, ToolEvent};
-    use crate::feedback::relaxed::Probe;
-    use crate::simulation::{Inputs, Simulation, Snapshot};
-    use crate::study::lockstep::pose;
+    use crate::lockstep::pose;
+    use palpate_core::contact::tool::{Coupling, ToolEvent};
+    use palpate_core::feedback::relaxed::Probe;
+    use palpate_core::simulation::{Inputs, Simulation, Snapshot};
 
     fn loop_with(mode: RenderMode, delay: u64) -> Loop {
         let device = Device::by_name("omega").unwrap();

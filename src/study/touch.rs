@@ -3,17 +3,18 @@
 
 use super::Progress;
 use super::plot::{Chart, Curve, Shape as Picture, charts, coloured, table};
-use crate::adaptation::Adaptivity;
-use crate::contact::safety::ForceLimits;
-use crate::contact::tool::{Coupling, Following, PoseSample, Shape, Tool, ToolEvent};
-use crate::geometry::Surface;
-use crate::geometry::decimate::decimate;
-use crate::geometry::primitives::{box_surface, liver_surface};
-use crate::math::{Pose, Real, Vec3};
-use crate::model::step_class::TICK;
-use crate::model::{Body, Material};
-use crate::prepare::{self, Recipe, Region, prepare};
-use crate::simulation::{Budget, Inputs, Settings, Simulation, Snapshot};
+use palpate_body::geometry::decimate::decimate;
+use palpate_body::geometry::primitives::liver_surface;
+use palpate_body::prepare::{self, Recipe, Region, prepare};
+use palpate_core::adaptation::Adaptivity;
+use palpate_core::contact::safety::ForceLimits;
+use palpate_core::contact::tool::{Coupling, Following, PoseSample, Shape, Tool, ToolEvent};
+use palpate_core::geometry::Surface;
+use palpate_core::geometry::primitives::box_surface;
+use palpate_core::math::{Pose, Real, Vec3};
+use palpate_core::model::step_class::TICK;
+use palpate_core::model::{Body, Material};
+use palpate_core::simulation::{Budget, Inputs, Settings, Simulation, Snapshot};
 use std::io::{Error, Result};
 use std::path::Path;
 use std::sync::Arc;
@@ -121,7 +122,7 @@ fn stroke(on: &Stroke, adaptivity: Option<Adaptivity>, level: usize, what: &str,
         run.evaluations += Real::from(outputs.element_evaluations);
         run.elements += Real::from(outputs.elements) / Real::from(on.ticks());
         let pool = simulation.mesh().pool();
-        let finest = (0..crate::model::element_pool::CLASSES).rev().find(|c| pool.count(*c) > 0).unwrap_or(0);
+        let finest = (0..palpate_core::model::element_pool::CLASSES).rev().find(|c| pool.count(*c) > 0).unwrap_or(0);
         run.global += (pool.len() << finest) as Real;
     }
     run.wall = started.elapsed().as_secs_f64();
@@ -337,7 +338,7 @@ pub fn stiffnesses(out: &Path, progress: Progress) -> Result<String> {
         // ν = 0.45, so E = 2.9 μ.
         let on = organ_stroke(liver_surface(0.005), &[0.026, 0.015, 0.0085, 0.005], 2.9 * mu)?;
         let adaptivity = Adaptivity { split: 0.05, ..Adaptivity::default() };
-        let usable = crate::adaptation::finest_steppable(&on.body);
+        let usable = palpate_core::adaptation::finest_steppable(&on.body);
         let mut simulation = begin(&on.body, settings(on.radius, Some(adaptivity)), 0)?;
         let mut pressed_force: Real = 0.0;
         let mut restored = 0;

@@ -1,9 +1,9 @@
 //! The work budget: resolution gives way to it, the rate and the hand's safety never do.
 
 use super::*;
-use palpate::math::is_finite;
-use palpate::simulation::{MOST_FROZEN, Outputs};
-use palpate::stepping::work::{self, Part, Prices};
+use palpate_core::math::is_finite;
+use palpate_core::simulation::{MOST_FROZEN, Outputs};
+use palpate_core::stepping::work::{self, Part, Prices};
 
 fn hold(i: u64) -> Inputs {
     if i == 0 {

@@ -1,7 +1,7 @@
 //! One energy for the whole body: without damping it stays, and a free body keeps its momenta, whatever is active.
 
 use super::*;
-use palpate::model::energy::energy;
+use palpate_core::model::energy::energy;
 
 /// What an undamped run kept.
 pub(super) struct Kept {

@@ -1,8 +1,8 @@
 //! What a level that is not used costs: nothing.
 
 use super::*;
-use palpate::model::body::{BodyParts, LabelParts};
-use palpate::stepping::work::{self, Prices};
+use palpate_core::model::body::{BodyParts, LabelParts};
+use palpate_core::stepping::work::{self, Prices};
 
 /// `body` without its finest level.
 fn without_finest(body: &Body) -> Arc<Body> {

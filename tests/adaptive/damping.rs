@@ -1,8 +1,8 @@
 //! Damping by Maxwell branches: as much as was asked for on every level and across them, and none for rigid motion.
 
 use super::*;
-use palpate::model::energy::energy;
-use palpate::stepping::work;
+use palpate_core::model::energy::energy;
+use palpate_core::stepping::work;
 use std::f64::consts::PI;
 
 const ASKED: Real = 0.15;

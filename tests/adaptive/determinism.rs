@@ -1,7 +1,7 @@
 //! A simulation that was saved and restored while its resolution changes goes on bit for bit.
 
 use super::*;
-use palpate::model::element_kernel::Path;
+use palpate_core::model::element_kernel::Path;
 
 /// Ticks that are compared after a restore.
 const COMPARED: u64 = 500;

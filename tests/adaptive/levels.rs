@@ -1,7 +1,7 @@
 //! The levels answer alike: they sag as far and swing as fast.
 
 use super::*;
-use palpate::geometry::mesh_io::{LengthUnit, read_surface};
+use palpate_body::geometry::mesh_io::{LengthUnit, read_surface};
 use std::path::Path;
 
 /// Levels with fewer nodes are too coarse to be asked.

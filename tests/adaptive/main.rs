@@ -1,16 +1,17 @@
 //! The adaptive body as a whole: what a change of resolution leaves as it was, what the levels have in common, and what
 //! resolution may cost. Every test prints the figures that it judges.
 
-use palpate::adaptation::Adaptivity;
-use palpate::contact::safety::ForceLimits;
-use palpate::contact::tool::{Coupling, Following, PoseSample, Shape as ToolShape, Tool, ToolEvent};
-use palpate::geometry::Surface;
-use palpate::geometry::primitives::{box_surface, liver_surface};
-use palpate::math::{Pose, Real, Vec3};
-use palpate::model::active_set::{ActiveSet, Change, Status};
-use palpate::model::{ActiveMesh, Body, Material, State};
-use palpate::prepare::{Recipe, Region, Shape, prepare};
-use palpate::simulation::{Budget, Inputs, Settings, Simulation, Snapshot, TICK, TICKS_PER_FRAME};
+use palpate_body::geometry::primitives::liver_surface;
+use palpate_body::prepare::{Recipe, Region, Shape, prepare};
+use palpate_core::adaptation::Adaptivity;
+use palpate_core::contact::safety::ForceLimits;
+use palpate_core::contact::tool::{Coupling, Following, PoseSample, Shape as ToolShape, Tool, ToolEvent};
+use palpate_core::geometry::Surface;
+use palpate_core::geometry::primitives::box_surface;
+use palpate_core::math::{Pose, Real, Vec3};
+use palpate_core::model::active_set::{ActiveSet, Change, Status};
+use palpate_core::model::{ActiveMesh, Body, Material, State};
+use palpate_core::simulation::{Budget, Inputs, Settings, Simulation, Snapshot, TICK, TICKS_PER_FRAME};
 use std::sync::Arc;
 
 #[path = "../common/random.rs"]

@@ -1,7 +1,7 @@
 //! The slowest modes do not tell which nodes are active.
 
 use super::*;
-use palpate::model::element_kernel::{Path, Rates};
+use palpate_core::model::element_kernel::{Path, Rates};
 
 /// Displacements small enough for the forces to be linear in them: strains of 1e-5 leave 1e-5 of them, and differences
 /// of forces 1e-10.

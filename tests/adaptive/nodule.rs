@@ -1,8 +1,8 @@
 //! A stiff nodule below a soft surface, and what of it a stroke feels.
 
 use super::*;
-use palpate::prepare::inclusions::Inclusion;
-use palpate::prepare::region::Reach;
+use palpate_body::prepare::inclusions::Inclusion;
+use palpate_body::prepare::region::Reach;
 
 /// A block of soft tissue [m], and its material.
 const BLOCK: Vec3 = Vec3::new(0.08, 0.06, 0.04);

@@ -3,7 +3,7 @@
 //! differ by, and, where sets are arbitrary, what interfaces stiffen it.
 
 use super::*;
-use palpate::geometry::primitives::box_mesh;
+use palpate_core::geometry::primitives::box_mesh;
 
 /// How far calibrated levels may differ in sag and decrement, as a part.
 const LEVELS: Real = 0.02;
@@ -59,7 +59,7 @@ fn levels_in_use(simulation: &Simulation) -> Vec<u32> {
 const SAG: [([Real; 3], Real); 3] =
     [([0.1, 0.0, 0.0], -5.738e-3), ([0.1, 0.0, 0.1], -5.809e-3), ([0.1, 0.05, 0.05], -5.696e-3)];
 const SAG_UNCERTAINTY: Real = 6e-6;
-/// What linear tetrahedra, 16 a side, sag too little by (`tests/convergence.rs`).
+/// What linear tetrahedra, 16 a side, sag too little by (`src/body/tests/convergence.rs`).
 const SAG_DISCRETISATION: Real = 0.0295;
 
 fn sags_as_the_continuum(name: &str, sag: &Simulation, allowed: Real) {

@@ -1,7 +1,7 @@
 //! A finest level that covers only a region of the body.
 
 use super::*;
-use palpate::prepare::region::{Reach, keep_finest_within};
+use palpate_body::prepare::region::{Reach, keep_finest_within};
 
 /// The middle of the top of the cube, and how far the region reaches from it [m].
 const TOP: Vec3 = Vec3::new(0.05, 0.05, SIDE);

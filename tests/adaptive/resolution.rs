@@ -1,10 +1,10 @@
 //! What every change of resolution must leave intact, over random sequences of changes.
 
 use super::*;
-use palpate::geometry::primitives::toy_surface;
-use palpate::model::active_mesh::{Momenta, Upkeep};
-use palpate::model::element_kernel::Path;
-use palpate::stepping::step;
+use palpate_body::geometry::primitives::toy_surface;
+use palpate_core::model::active_mesh::{Momenta, Upkeep};
+use palpate_core::model::element_kernel::Path;
+use palpate_core::stepping::step;
 use std::collections::BTreeSet;
 
 /// Largest `Σ|w|` of a row: fits beyond it are refused, and barycentric rows of the covers here stay below it.

@@ -3,7 +3,7 @@
 //! 200 seeds of wild trajectories; `PALPATE_SEEDS=10000` runs as many.
 
 use super::*;
-use palpate::math::normalized_quaternion;
+use palpate_core::math::normalized_quaternion;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Ticks of wild motion.

@@ -1,6 +1,6 @@
 //! Chance that any seed repeats.
 
-use palpate::math::Real;
+use palpate_core::math::Real;
 
 /// Splitmix64: any seed gives its own sequence.
 pub struct Random(pub u64);

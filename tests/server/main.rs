@@ -5,10 +5,10 @@ mod c_client;
 mod two_hands;
 mod viewers;
 
-use palpate::model::element_kernel::Path as KernelPath;
 use palpate::recording::{Recording, replay};
 use palpate::scene::LoadedScene;
 use palpate::server::{Options, Server};
+use palpate_core::model::element_kernel::Path as KernelPath;
 use palpate_proto::{self as proto, Message, WrenchFlag, control_request::Request, keys};
 use palpate_sdk::{Attachment, Connection, Endpoints, PoseSample, SdkError, Tool, ToolPhase, WatchOptions, Wrench};
 use std::path::Path;

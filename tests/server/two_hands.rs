@@ -1,9 +1,9 @@
 //! Two virtual Phantoms in one body over the real network, and one of them killed in the middle of its press.
 
 use crate::{Running, serve, serve_cells, wait_for};
-use palpate::contact::tool::ToolEvent;
 use palpate::recording::Recording;
-use palpate::simulation::{Inputs, Simulation};
+use palpate_core::contact::tool::ToolEvent;
+use palpate_core::simulation::{Inputs, Simulation};
 use palpate_phantom::{Device, Options, Pattern, Report, Vec3, run};
 use palpate_proto::{self as proto, control_request::Request};
 use palpate_sdk::{Connection, Endpoints, LinkConditions, WatchOptions};

@@ -3,9 +3,9 @@
 
 use super::shapes::{block, quaternion};
 use super::*;
-use palpate::feedback::LocalModel;
-use palpate::feedback::relaxed::Probe;
-use palpate::math::Mat3;
+use palpate_core::feedback::LocalModel;
+use palpate_core::feedback::relaxed::Probe;
+use palpate_core::math::Mat3;
 
 /// Step of the force [N], or its part of the force, that a hand does not feel.
 const UNFELT: (Real, Real) = (0.010, 0.05);

@@ -1,9 +1,9 @@
 //! The local model that remote hands render: is its stiffness what a hand would find?
 
 use super::*;
-use palpate::contact::tool::Part;
-use palpate::feedback::relaxed::Probe;
-use palpate::math::Mat3;
+use palpate_core::contact::tool::Part;
+use palpate_core::feedback::relaxed::Probe;
+use palpate_core::math::Mat3;
 
 /// How far the handle goes to either side [m].
 const NUDGE: Real = 2e-4;

@@ -1,17 +1,17 @@
 //! Contact as the hand and the body feel it: what a press gives and takes, that tools never pull, that nothing a
 //! client may do breaks the body, and that the same inputs give the same bits.
 
-use palpate::contact::safety::ForceLimits;
-use palpate::contact::tool::{Coupling, Following, PoseSample, Shape as ToolShape, Tool, ToolEvent};
-use palpate::contact::tool::{Phase, ToolState};
-use palpate::geometry::primitives::box_mesh;
-use palpate::math::{Pose, Real, Vec3, is_finite, normalized_quaternion};
-use palpate::model::element_kernel;
-use palpate::model::energy::energy;
-use palpate::model::{Body, Material};
-use palpate::prepare::{Recipe, Shape, prepare};
 use palpate::scene::LoadedScene;
-use palpate::simulation::{
+use palpate_body::prepare::{Recipe, Shape, prepare};
+use palpate_core::contact::safety::ForceLimits;
+use palpate_core::contact::tool::{Coupling, Following, PoseSample, Shape as ToolShape, Tool, ToolEvent};
+use palpate_core::contact::tool::{Phase, ToolState};
+use palpate_core::geometry::primitives::box_mesh;
+use palpate_core::math::{Pose, Real, Vec3, is_finite, normalized_quaternion};
+use palpate_core::model::element_kernel;
+use palpate_core::model::energy::energy;
+use palpate_core::model::{Body, Material};
+use palpate_core::simulation::{
     Budget, Inputs, MOST_FROZEN, Outputs, Settings, Simulation, Snapshot, TICK, TICKS_PER_FRAME,
 };
 use std::path::Path;

@@ -2,10 +2,10 @@
 
 use super::feel::momentum_errors;
 use super::*;
-use palpate::adaptation::Adaptivity;
-use palpate::contact::tool::Part;
-use palpate::geometry::primitives::box_surface;
-use palpate::prepare::Region;
+use palpate_body::prepare::Region;
+use palpate_core::adaptation::Adaptivity;
+use palpate_core::contact::tool::Part;
+use palpate_core::geometry::primitives::box_surface;
 
 /// A box with the least corner `low` [m].
 pub(super) fn block(low: Vec3, size: Vec3, rounding: Real) -> Part {
@@ -186,7 +186,7 @@ fn two_jaws_squeeze_a_fold_with_opposite_forces() {
     ];
     let cube = with_shape(forceps(0.024), &fold);
     let top = Vec3::new(0.008, 0.03, 0.05);
-    let per_part = palpate::contact::detection::points_of_a_part(&cube.body);
+    let per_part = palpate_core::contact::detection::points_of_a_part(&cube.body);
     let mut press = simulation(&cube);
     tick(&mut press, attach());
     let mut jaws = [Vec3::zeros(); 3];

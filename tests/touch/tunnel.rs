@@ -26,12 +26,12 @@ fn seen_from(simulation: &Simulation, vertices: &mut [Vec3], p: Vec3) -> (Real, 
         let below = l * m * n + a.dot(&b) * n + a.dot(&c) * m + b.dot(&c) * l;
         angle += 2.0 * a.dot(&b.cross(&c)).atan2(below);
         let flat = parry3d_f64::shape::Triangle::new(
-            palpate::math::to_parry(a),
-            palpate::math::to_parry(b),
-            palpate::math::to_parry(c),
+            palpate_core::math::to_parry(a),
+            palpate_core::math::to_parry(b),
+            palpate_core::math::to_parry(c),
         );
-        let foot = flat.project_local_point(palpate::math::to_parry(Vec3::zeros()), true).point;
-        nearest = nearest.min(palpate::math::from_parry(foot).norm());
+        let foot = flat.project_local_point(palpate_core::math::to_parry(Vec3::zeros()), true).point;
+        nearest = nearest.min(palpate_core::math::from_parry(foot).norm());
     }
     (angle / (4.0 * std::f64::consts::PI), nearest)
 }

@@ -1,0 +1,143 @@
+//! What a mesh file lists, before it is put together.
+
+use super::labels::Labels;
+use super::mesh_error::MeshError;
+use palpate_core::math::{Real, Vec3};
+
+/// Most triangles read; only polygons can make so many from so few bytes.
+const MAX_TRIANGLES: usize = 8_000_000;
+
+/// Most corners of a polygon whose ears are looked for: that takes their cube.
+const MOST_CORNERS: usize = 256;
+
+/// Points and cells as a file lists them, not yet connected or checked.
+#[derive(Debug, Default)]
+pub(super) struct Cells {
+    /// In the file's unit, (n_points).
+    pub points: Vec<[Real; 3]>,
+    /// Valid indices into `points`, (n_triangles).
+    pub triangles: Vec<[u32; 3]>,
+    /// Number in the file and valid indices into `points`, (n_tetrahedra).
+    pub tetrahedra: Vec<(i64, [u32; 4])>,
+    /// What the file calls them, one way or several.
+    pub labels: Vec<Labels>,
+    /// True where points are shared between cells, so that two at one place are more than the format needs.
+    pub indexed: bool,
+}
+
+impl Cells {
+    /// Adds a polygon of the listed points `corners` as a fan of triangles, or one that is not convex as what is left of it
+    /// when its ears are cut off one after the other.
+    ///
+    /// # Errors
+    /// When there are too many triangles; those of fewer than three corners are left out.
+    pub(super) fn polygon(&mut self, corners: &[u32]) -> Result<(), MeshError> {
+        let [first, rest @ ..] = corners else { return Ok(()) };
+        if self.triangles.len() + rest.len() > MAX_TRIANGLES {
+            return Err(MeshError::TooBig { limit: MAX_TRIANGLES, what: "triangles" });
+        }
+        match self.ears(corners) {
+            Some(ears) => self.triangles.extend(ears),
+            None => self.triangles.extend(rest.windows(2).map(|pair| [*first, pair[0], pair[1]])),
+        }
+        Ok(())
+    }
+
+    /// The triangles of a polygon that turns both ways; none for others, nor where points that are to come or a polygon that
+    /// crosses itself leave no ear.
+    fn ears(&self, corners: &[u32]) -> Option<Vec<[u32; 3]>> {
+        if !(4..=MOST_CORNERS).contains(&corners.len()) {
+            return None;
+        }
+        let places: Vec<Vec3> =
+            corners.iter().map(|c| Some(Vec3::from(*self.points.get(*c as usize)?))).collect::<Option<_>>()?;
+        // Twice the area as a vector [Newell].
+        let next = |i: usize| (i + 1) % places.len();
+        let normal: Vec3 =
+            (0..places.len()).map(|i| (places[i] - places[0]).cross(&(places[next(i)] - places[0]))).sum();
+        let turn = |a: usize, b: usize, c: usize| (places[b] - places[a]).cross(&(places[c] - places[b])).dot(&normal);
+        let flat = 1e-9 * normal.norm_squared();
+        let mut left: Vec<usize> = (0..places.len()).collect();
+        let around = |left: &[usize], i: usize| {
+            let n = left.len();
+            [left[(i + n - 1) % n], left[i], left[(i + 1) % n]]
+        };
+        let turns_back = |i: usize| {
+            let [a, b, c] = around(&left, i);
+            turn(a, b, c) < -flat
+        };
+        if !(0..left.len()).any(turns_back) {
+            return None;
+        }
+        let mut ears = Vec::with_capacity(corners.len() - 2);
+        while left.len() > 3 {
+            let is_ear = |i: usize| {
+                let [a, b, c] = around(&left, i);
+                let within = |p: usize| turn(a, b, p) >= 0.0 && turn(b, c, p) >= 0.0 && turn(c, a, p) >= 0.0;
+                turn(a, b, c) > flat && !left.iter().any(|p| ![a, b, c].contains(p) && within(*p))
+            };
+            let ear = (0..left.len()).find(|i| is_ear(*i))?;
+            ears.push(around(&left, ear).map(|i| corners[i]));
+            left.remove(ear);
+        }
+        ears.push([left[0], left[1], left[2]].map(|i| corners[i]));
+        Some(ears)
+    }
+
+    /// Labels the tetrahedra from number `first` on by the array `name` of `numbers`, one for each cell of the file or of
+    /// the piece of it that they are the last of; an array that does not label all of them is none.
+    pub(super) fn label_by_cell(&mut self, name: &str, numbers: &[Real], first: usize) {
+        let of = |(number, _): &(i64, [u32; 4])| numbers.get(usize::try_from(number - 1).ok()?).copied();
+        let Some(new) = self.tetrahedra[first..].iter().map(of).collect::<Option<Vec<Real>>>() else { return };
+        let Some(mut new) = Labels::from_numbers(name, new.into_iter()) else { return };
+        match self.labels.iter_mut().find(|labels| labels.name == name) {
+            Some(labels) if labels.of.len() == first => labels.of.append(&mut new.of),
+            None if first == 0 => self.labels.push(new),
+            _ => {}
+        }
+    }
+
+    /// The point that bears `index`, counted from `first`, in `cell` number `number`.
+    ///
+    /// # Errors
+    /// When there is none.
+    pub(super) fn index(&self, cell: &'static str, number: i64, index: i64, first: i64) -> Result<u32, MeshError> {
+        let place = index.checked_sub(first).and_then(|i| usize::try_from(i).ok()).filter(|i| *i < self.points.len());
+        place.map(|i| i as u32).ok_or(MeshError::BadIndex { cell, number, index })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Twice the areas of the triangles of a polygon in the plane, less than zero for those that are turned over.
+    fn areas(corners: &[[Real; 2]]) -> Vec<Real> {
+        let points: Vec<[Real; 3]> = corners.iter().map(|[x, y]| [*x, *y, 0.0]).collect();
+        let mut cells = Cells { points, ..Cells::default() };
+        let all: Vec<u32> = (0..corners.len() as u32).collect();
+        cells.polygon(&all).unwrap();
+        let area = |t: &[u32; 3]| {
+            let [a, b, c] = t.map(|v| Vec3::from(cells.points[v as usize]));
+            (b - a).cross(&(c - a)).z
+        };
+        cells.triangles.iter().map(area).collect()
+    }
+
+    #[test]
+    fn a_polygon_that_is_not_convex_is_cut_into_triangles_within_it() {
+        let l = [[0.0, 0.0], [60.0, 0.0], [60.0, 20.0], [20.0, 20.0], [20.0, 60.0], [0.0, 60.0]];
+        let dart = [[0.0, 0.0], [40.0, 10.0], [0.0, 20.0], [10.0, 10.0]];
+        let u = [[0.0, 0.0], [9.0, 0.0], [9.0, 9.0], [6.0, 9.0], [6.0, 3.0], [3.0, 3.0], [3.0, 9.0], [0.0, 9.0]];
+        for (polygon, area) in [(&l[..], 2_000.0), (&dart[..], 300.0), (&u[..], 63.0)] {
+            for first in 0..polygon.len() {
+                let mut turned = polygon.to_vec();
+                turned.rotate_left(first);
+                let areas = areas(&turned);
+                assert_eq!(areas.len(), polygon.len() - 2);
+                assert!(areas.iter().all(|a| *a > 0.0), "{first}: {areas:?}");
+                assert!((areas.iter().sum::<Real>() / 2.0 - area).abs() < 1e-9, "{first}: {areas:?}");
+            }
+        }
+    }
+}

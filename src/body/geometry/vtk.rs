@@ -1,0 +1,353 @@
+//! VTK's legacy files, text and binary: unstructured grids of tetrahedra or of polygons, and poly data.
+
+use super::cells::Cells;
+use super::mesh_error::{MeshError, shown};
+use super::reader::{Encoding, Number, Reader};
+use palpate_core::math::Real;
+
+/// What is to be done about solids that are no tetrahedra.
+const FIRST_ORDER: &str = "mesh the body with tetrahedra of 4 nodes (first order)";
+
+/// Points and cells of a legacy VTK file, and what labels its cells bear; other data on them are left out.
+pub(super) fn parse_vtk(bytes: &[u8]) -> Result<Cells, MeshError> {
+    let mut file = Reader::text("VTK", bytes, None);
+    if !file.line().starts_with(b"# vtk DataFile") {
+        file.at = 0;
+        return Err(file.wrong("it does not begin with '# vtk DataFile'"));
+    }
+    file.line();
+    match file.line() {
+        b"ASCII" => {}
+        b"BINARY" => file.encoding = Encoding::BigEndian,
+        other => return Err(file.wrong(format!("expected ASCII or BINARY, found '{}'", shown(other)))),
+    }
+    let mut cells = Cells { indexed: true, ..Cells::default() };
+    let (mut lists, mut polygons, mut types) = (Lists::default(), Lists::default(), Vec::new());
+    loop {
+        let name = file.name();
+        match name {
+            b"" => break,
+            b"CELL_DATA" | b"POINT_DATA" => {
+                file.at -= name.len();
+                break;
+            }
+            b"DATASET" => match file.line() {
+                b"UNSTRUCTURED_GRID" | b"POLYDATA" => {}
+                other => {
+                    let what = format!("a data set of type {}", shown(other));
+                    return Err(MeshError::Unsupported {
+                        what,
+                        remedy: "save it as an unstructured grid or as poly data",
+                    });
+                }
+            },
+            b"POINTS" => {
+                let (count, number) = (file.word::<i64>()?, number(&mut file)?);
+                let coordinates = file.numbers(number, count.saturating_mul(3))?;
+                cells.points = coordinates.as_chunks().0.to_vec();
+            }
+            b"CELLS" => lists = Lists::read(&mut file)?,
+            b"POLYGONS" => polygons = Lists::read(&mut file)?,
+            b"VERTICES" | b"LINES" => drop(Lists::read(&mut file)?),
+            b"CELL_TYPES" => {
+                let count = file.word()?;
+                file.line();
+                types = file.numbers(Number::Signed(4), count)?;
+            }
+            b"FIELD" => skip_field(&mut file)?,
+            // Up to an empty line.
+            b"METADATA" => {
+                file.line();
+                while !file.line().is_empty() {}
+            }
+            _ => return Err(file.wrong(format!("'{}' is no section of a mesh", shown(name)))),
+        }
+    }
+    lists.put(&mut cells, Some(&types[..]))?;
+    polygons.put(&mut cells, None)?;
+    let mut arrays = Vec::new();
+    // The mesh is whole by now: data that make no sense end the list of arrays, and no more.
+    let _ = cell_arrays(&mut file, &mut arrays);
+    for (name, numbers) in arrays {
+        cells.label_by_cell(&name, &numbers, 0);
+    }
+    Ok(cells)
+}
+
+/// Adds the arrays of one number a cell to `arrays`, with their names.
+fn cell_arrays(file: &mut Reader, arrays: &mut Vec<(String, Vec<Real>)>) -> Result<(), MeshError> {
+    let (mut of_cells, mut count) = (false, 0);
+    loop {
+        let mut array = |file: &mut Reader, name: String, number: Number, components: i64| {
+            let numbers = file.numbers(number, components.saturating_mul(count))?;
+            if of_cells && components == 1 {
+                arrays.push((name, numbers));
+            }
+            Ok(())
+        };
+        match file.name() {
+            b"" => return Ok(()),
+            data @ (b"CELL_DATA" | b"POINT_DATA") => (of_cells, count) = (data == b"CELL_DATA", file.word()?),
+            b"SCALARS" => {
+                let name: String = file.word()?;
+                let mut line = file.line().split(|b| *b == b' ');
+                let mut words = Reader::text("VTK", line.next().unwrap_or_default(), None);
+                let number = number(&mut words)?;
+                let components = line.next().and_then(|word| std::str::from_utf8(word).ok()?.parse().ok()).unwrap_or(1);
+                if file.peek() == b"LOOKUP_TABLE" {
+                    file.line();
+                }
+                array(file, name, number, components)?;
+            }
+            b"FIELD" => {
+                file.name();
+                for _ in 0..file.word::<i64>()? {
+                    let (name, components, tuples): (String, i64, i64) = (file.word()?, file.word()?, file.word()?);
+                    let number = number(file)?;
+                    if tuples != count {
+                        return Err(file.wrong(format!("{tuples} numbers for {count} cells")));
+                    }
+                    array(file, name, number, components)?;
+                    skip_metadata(file);
+                }
+            }
+            kind @ (b"VECTORS" | b"NORMALS" | b"TENSORS" | b"GLOBAL_IDS" | b"PEDIGREE_IDS") => {
+                let name = file.word()?;
+                let number = number(file)?;
+                let components = match kind {
+                    b"VECTORS" | b"NORMALS" => 3,
+                    b"TENSORS" => 9,
+                    _ => 1,
+                };
+                array(file, name, number, components)?;
+            }
+            b"METADATA" => {
+                file.at -= "METADATA".len();
+                skip_metadata(file);
+            }
+            other => return Err(file.wrong(format!("'{}' is no array", shown(other)))),
+        }
+    }
+}
+
+/// Steps over what files of version 5 say about an array, up to an empty line.
+fn skip_metadata(file: &mut Reader) {
+    if file.peek() == b"METADATA" {
+        file.line();
+        while !file.line().is_empty() {}
+    }
+}
+
+/// The type of number that comes next, and the end of its line.
+fn number(file: &mut Reader) -> Result<Number, MeshError> {
+    let at = file.at;
+    let name = file.line();
+    Ok(match name.to_ascii_lowercase().as_slice() {
+        b"char" => Number::Signed(1),
+        b"unsigned_char" => Number::Unsigned(1),
+        b"short" => Number::Signed(2),
+        b"unsigned_short" => Number::Unsigned(2),
+        b"int" | b"vtkidtype" => Number::Signed(4),
+        b"unsigned_int" => Number::Unsigned(4),
+        b"long" | b"vtktypeint64" => Number::Signed(8),
+        b"unsigned_long" | b"vtktypeuint64" => Number::Unsigned(8),
+        b"float" => Number::Float(4),
+        b"double" => Number::Float(8),
+        _ => {
+            file.at = at;
+            return Err(file.wrong(format!("'{}' is no type of number", shown(name))));
+        }
+    })
+}
+
+/// Steps over arrays that have nothing to do with the shape.
+fn skip_field(file: &mut Reader) -> Result<(), MeshError> {
+    file.name();
+    for _ in 0..file.word::<i64>()? {
+        file.name();
+        let (components, tuples, number) = (file.word::<i64>()?, file.word::<i64>()?, number(file)?);
+        for _ in 0..components.saturating_mul(tuples) {
+            file.number(number)?;
+        }
+    }
+    Ok(())
+}
+
+/// Lists of point numbers, one after the other, and where each ends.
+#[derive(Default)]
+pub(super) struct Lists {
+    pub numbers: Vec<Real>,
+    pub ends: Vec<Real>,
+}
+
+impl Lists {
+    /// As they stand in a legacy file: each with its length before it, or, since version 5, where they begin and end.
+    fn read(file: &mut Reader) -> Result<Self, MeshError> {
+        let [first, second] = [file.word::<i64>()?, file.word::<i64>()?];
+        file.line();
+        let mut lists = Self::default();
+        if file.rest().trim_ascii_start().starts_with(b"OFFSETS") {
+            for (name, count) in [("OFFSETS", first), ("CONNECTIVITY", second)] {
+                let found = file.name();
+                if found != name.as_bytes() {
+                    return Err(file.wrong(format!("expected {name}, found '{}'", shown(found))));
+                }
+                let number = number(file)?;
+                lists.ends = std::mem::replace(&mut lists.numbers, file.numbers(number, count)?);
+            }
+            // The first one says where the first begins.
+            lists.ends.drain(..1.min(lists.ends.len()));
+            return Ok(lists);
+        }
+        for _ in 0..first {
+            let length = file.number(Number::Signed(4))?;
+            lists.numbers.extend(file.numbers(Number::Signed(4), length as i64)?);
+            lists.ends.push(lists.numbers.len() as Real);
+        }
+        Ok(lists)
+    }
+
+    /// Adds them to `cells`: each of its type of `types`, or all polygons.
+    pub(super) fn put(&self, cells: &mut Cells, types: Option<&[Real]>) -> Result<(), MeshError> {
+        let wrong = |what: String| MeshError::Syntax { format: "VTK", line: None, what };
+        if let Some(types) = types.filter(|types| types.len() != self.ends.len()) {
+            return Err(wrong(format!("{} cells and {} types of cells", self.ends.len(), types.len())));
+        }
+        let mut start = 0;
+        for (i, end) in self.ends.iter().enumerate() {
+            let number = i as i64 + 1;
+            let end = *end as usize;
+            let list = self.numbers.get(start..end);
+            let list =
+                list.ok_or_else(|| wrong(format!("the points of cell {number} are not there: it was cut off")))?;
+            start = end;
+            let corners: Result<Vec<u32>, MeshError> =
+                list.iter().map(|index| cells.index("cell", number, whole(*index), 0)).collect();
+            let corners = corners?;
+            match (types.map_or(POLYGON, |types| types[i] as i64), corners.as_slice()) {
+                (0..=4, _) => {}
+                (TRIANGLE | POLYGON | QUADRANGLE, [_, _, _, ..]) => cells.polygon(&corners)?,
+                (TETRAHEDRON, &[a, b, c, d]) => cells.tetrahedra.push((number, [a, b, c, d])),
+                (TRIANGLE | POLYGON | QUADRANGLE | TETRAHEDRON, _) => {
+                    return Err(wrong(format!("cell {number} has {} points", corners.len())));
+                }
+                (kind, _) => {
+                    let what = format!("cell {number}, of VTK's type {kind},");
+                    return Err(MeshError::Unsupported { what, remedy: FIRST_ORDER });
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// VTK's types of cells.
+const TRIANGLE: i64 = 5;
+const POLYGON: i64 = 7;
+const QUADRANGLE: i64 = 9;
+const TETRAHEDRON: i64 = 10;
+
+/// `number` as an index: one that is none for what is no whole number.
+fn whole(number: Real) -> i64 {
+    if number.fract() == 0.0 { number as i64 } else { -1 }
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+    use crate::geometry::mesh_io::{LengthUnit, parse_surface, parse_tet_mesh};
+    use palpate_core::geometry::primitives::{box_mesh, box_surface};
+    use palpate_core::geometry::{Surface, TetMesh};
+    use palpate_core::math::Vec3;
+    use std::path::Path;
+
+    fn vtk(bytes: &[u8]) -> Result<TetMesh, MeshError> {
+        parse_tet_mesh(Path::new("a.vtk"), bytes, LengthUnit::Metre)
+    }
+
+    /// A file of `points` and cells of one type; version 5 says where cells begin instead of how long they are.
+    fn file<const N: usize>(points: &[Vec3], cells: &[[u32; N]], kind: i32, binary: bool, version: u8) -> Vec<u8> {
+        let mut bytes = format!(
+            "# vtk DataFile Version {version}.1\nbox\n{}\nDATASET {}\nFIELD FieldData 1\nTIME 1 1 double\n",
+            if binary { "BINARY" } else { "ASCII" },
+            if N == 4 { "UNSTRUCTURED_GRID" } else { "POLYDATA" }
+        )
+        .into_bytes();
+        let put = |bytes: &mut Vec<u8>, text: String, raw: &[u8]| match binary {
+            true => bytes.extend(raw),
+            false => bytes.extend((text + " ").bytes()),
+        };
+        let real = |bytes: &mut Vec<u8>, x: f64| put(bytes, format!("{x:?}"), &x.to_be_bytes());
+        let int = |bytes: &mut Vec<u8>, n: i32| put(bytes, n.to_string(), &n.to_be_bytes());
+        let long = |bytes: &mut Vec<u8>, n: i64| put(bytes, n.to_string(), &n.to_be_bytes());
+        let line = |bytes: &mut Vec<u8>, text: String| bytes.extend((text + "\n").bytes());
+        real(&mut bytes, 0.5);
+        line(&mut bytes, format!("\nPOINTS {} double", points.len()));
+        points.iter().flatten().for_each(|c| real(&mut bytes, *c));
+        line(&mut bytes, "\nMETADATA\nINFORMATION 0\n".into());
+        let name = if N == 4 { "CELLS" } else { "POLYGONS" };
+        if version < 5 {
+            line(&mut bytes, format!("{name} {} {}", cells.len(), (N + 1) * cells.len()));
+            for cell in cells {
+                int(&mut bytes, N as i32);
+                cell.iter().for_each(|n| int(&mut bytes, *n as i32));
+            }
+        } else {
+            line(&mut bytes, format!("{name} {} {}\nOFFSETS vtktypeint64", cells.len() + 1, N * cells.len()));
+            (0..=cells.len()).for_each(|i| long(&mut bytes, (N * i) as i64));
+            line(&mut bytes, "\nCONNECTIVITY vtktypeint64".into());
+            cells.iter().flatten().for_each(|n| long(&mut bytes, i64::from(*n)));
+        }
+        if N == 4 {
+            line(&mut bytes, format!("\nCELL_TYPES {}", cells.len()));
+            cells.iter().for_each(|_| int(&mut bytes, kind));
+        }
+        line(&mut bytes, format!("\nCELL_DATA {}\nSCALARS region int", cells.len()));
+        bytes
+    }
+
+    pub(in crate::geometry) fn every_vtk(mesh: &TetMesh, surface: &Surface) -> Vec<Vec<u8>> {
+        let forms = [(false, 3), (false, 5), (true, 3), (true, 5)];
+        let volume = forms.iter().map(|(binary, version)| file(&mesh.nodes, &mesh.elements, 10, *binary, *version));
+        let shell =
+            forms.iter().map(|(binary, version)| file(&surface.vertices, &surface.triangles, 5, *binary, *version));
+        volume.chain(shell).collect()
+    }
+
+    #[test]
+    fn boxes_come_back_from_every_form_of_vtk() {
+        let mesh = box_mesh(Vec3::new(0.1, 0.2, 0.3), [2, 1, 2]);
+        let surface = box_surface(Vec3::new(0.1, 0.2, 0.3), [2, 1, 2]);
+        let files = every_vtk(&mesh, &surface);
+        for file in &files[..4] {
+            assert_eq!(vtk(file).unwrap(), mesh, "{}", shown(file));
+        }
+        for file in &files[4..] {
+            assert_eq!(parse_surface(Path::new("a.VTK"), file, LengthUnit::Metre).unwrap(), surface, "{}", shown(file));
+        }
+    }
+
+    #[test]
+    fn a_vtk_file_that_cannot_be_used_says_where_and_why() {
+        let mesh = box_mesh(Vec3::repeat(1.0), [1; 3]);
+        let says = |bytes: &[u8], expected: &str| {
+            let message = vtk(bytes).unwrap_err().to_string();
+            assert!(message.contains(expected), "{message}");
+        };
+        let text = String::from_utf8(file(&mesh.nodes, &mesh.elements, 10, false, 3)).unwrap();
+        let changed = |from: &str, to: &str| {
+            assert!(text.contains(from), "{from}");
+            text.replacen(from, to, 1).into_bytes()
+        };
+        says(b"solid a", "does not begin with '# vtk DataFile'");
+        says(&changed("UNSTRUCTURED_GRID", "STRUCTURED_POINTS"), "type STRUCTURED_POINTS cannot be read: save it as");
+        says(&changed("POINTS 8 double", "POINTS 8 complex"), "line 8: 'complex' is no type of number");
+        says(&changed("POINTS 8", "POINTS 9"), "line 10: 'METADATA' is no number");
+        says(&changed("CELL_TYPES 6", "CELL_TYPES 5"), "line 16: '10' is no section");
+        says(&file(&mesh.nodes, &mesh.elements, 24, false, 3), "cell 1, of VTK's type 24, cannot be read");
+        says(&file(&mesh.nodes[1..], &mesh.elements, 10, true, 5), "refers to vertex 7");
+        let binary = file(&mesh.nodes, &mesh.elements, 10, true, 3);
+        says(&binary[..300], "the file was cut off (at byte 2");
+        says(&changed("CELLS 6 30", "CELLS 99999999999999 30"), "is no number");
+    }
+}

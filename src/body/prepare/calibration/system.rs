@@ -1,0 +1,305 @@
+//! The equations of one level at rest.
+
+use super::block::{Block, ZERO, add_scaled, columns, for_each_node};
+use super::direct::Direct;
+use super::grid::Grid;
+use super::rigid::{Arms, RigidMotion, held_points, rigid_modes, rigid_stiffness};
+use palpate_core::geometry::TetMesh;
+use palpate_core::geometry::locate::Host;
+use palpate_core::hierarchy::Level;
+use palpate_core::math::{Mat3, Real, Vec3};
+use palpate_core::model::material::Material;
+use rayon::prelude::*;
+
+/// The linear equations of one level at rest, `(elastic + spring) u = load`, by rows of node blocks.
+///
+/// Rows are gathered, not scattered by elements, so that threads need no order among them. The rows of fixed nodes are
+/// empty, which keeps their displacement at zero.
+pub(super) struct System<'a> {
+    pub(super) level: &'a Level,
+    /// None when they do not hold the body firmly; then fixed nodes are left free, too.
+    pub(super) holds: Option<&'a [(u32, Real)]>,
+    /// Row starts (n_nodes + 1) into the three lists below.
+    pub(super) start: Vec<u32>,
+    /// Node of each entry, ascending within a row.
+    pub(super) column: Vec<u32>,
+    /// Elastic stiffness [N/m].
+    pub(super) elastic: Vec<Block>,
+    /// Stiffness of the holds [N/m], the same along each axis.
+    pub(super) spring: Vec<Real>,
+    /// Inverse of the diagonal blocks [m/N], zero at fixed nodes (n_nodes).
+    pub(super) inverse_diagonal: Vec<Block>,
+    /// Force that deforms the body, per axis [N] for an acceleration of 1 m/s² (n_nodes).
+    pub(super) load: Vec<Block>,
+    /// Where each node lies in the next coarser level (n_nodes), or empty.
+    pub(super) coarser: Vec<([u32; 4], [Real; 4])>,
+    /// The same by coarser node: starts (n_coarser_nodes + 1) into node and weight.
+    finer_start: Vec<u32>,
+    finer: Vec<(u32, Real)>,
+    /// On the coarsest level, one of these.
+    pub(super) grid: Option<Grid>,
+    pub(super) direct: Option<Direct>,
+}
+
+impl<'a> System<'a> {
+    /// The equations of level `l`, without load.
+    pub(super) fn new(
+        levels: &'a [Level],
+        l: usize,
+        material: &(impl Fn(usize, usize) -> Material + Sync),
+        holds: Option<&'a [(u32, Real)]>,
+    ) -> Self {
+        let level = &levels[l];
+        let n_nodes = level.mesh.nodes.len();
+        let mut fixed = vec![false; n_nodes];
+        if holds.is_some() {
+            level.fixed.iter().for_each(|n| fixed[*n as usize] = true);
+        }
+        let (start, column, elastic) = elastic_rows(level, |e| material(l, e), &fixed);
+        let mut spring = vec![0.0; column.len()];
+        for &(vertex, stiffness) in holds.unwrap_or_default() {
+            let (nodes, weights) = row(&level.embedding[vertex as usize], &level.mesh);
+            for (a, weight_a) in nodes.iter().zip(weights) {
+                for (b, weight_b) in nodes.iter().zip(weights) {
+                    if let Some(entry) = entry(&start, &column, *a, *b) {
+                        spring[entry] += stiffness * weight_a * weight_b;
+                    }
+                }
+            }
+        }
+        let inverse = |n: u32| {
+            let diagonal = entry(&start, &column, n, n)?;
+            // Symmetric, so that rows for columns make no difference.
+            let block = Mat3::from(elastic[diagonal]) + Mat3::identity() * spring[diagonal];
+            block.try_inverse().map(Block::from)
+        };
+        let inverse_diagonal = (0..n_nodes as u32).map(|n| inverse(n).unwrap_or(ZERO)).collect();
+        let coarser: Vec<_> = match l {
+            0 => Vec::new(),
+            _ => level.coarser_host.iter().map(|host| row(host, &levels[l - 1].mesh)).collect(),
+        };
+        let (finer_start, finer) = transposed(&coarser, if l == 0 { 0 } else { levels[l - 1].mesh.nodes.len() });
+        let mut system = System {
+            level,
+            holds,
+            start,
+            column,
+            elastic,
+            spring,
+            inverse_diagonal,
+            load: Vec::new(),
+            coarser,
+            finer_start,
+            finer,
+            grid: None,
+            direct: None,
+        };
+        if l == 0 {
+            system.direct = Direct::new(&system);
+            if system.direct.is_none() {
+                system.grid = Grid::new(level, &system);
+            }
+        }
+        system
+    }
+
+    /// Makes level `l`, which this is of, of another material.
+    pub(super) fn set_material(
+        &mut self,
+        levels: &'a [Level],
+        l: usize,
+        material: &(impl Fn(usize, usize) -> Material + Sync),
+    ) {
+        let load = std::mem::take(&mut self.load);
+        *self = System { load, ..System::new(levels, l, material, self.holds) };
+    }
+
+    /// Sets the load, less what the holds bear while the body moves on them as a whole: what is left deforms it.
+    pub(super) fn bear(&mut self, load: &[Block]) {
+        let borne = self.in_place(&self.rigid_motion(load));
+        let left = |(n, load): (usize, &Block)| {
+            let mut left = *load;
+            add_scaled(&mut left, -1.0, &self.force_of_holds(n, &borne));
+            left
+        };
+        self.load = load.iter().enumerate().map(left).collect();
+    }
+
+    /// How `forces` would move the body on its springs if elements were rigid; not at all with fixed nodes.
+    pub(super) fn rigid_motion(&self, forces: &[Block]) -> RigidMotion {
+        let springs = self.holds.filter(|_| self.level.fixed.is_empty()).unwrap_or_default();
+        rigid_stiffness(held_points(self.level, springs)).cholesky().map_or(RigidMotion::zeros(), |stiffness| {
+            let arms = Arms::new(self.level);
+            let mut resultant = RigidMotion::zeros();
+            for (u, force) in self.level.mesh.nodes.iter().zip(forces) {
+                resultant += rigid_modes(arms.to(u)).transpose() * columns(force);
+            }
+            stiffness.solve(&resultant)
+        })
+    }
+
+    /// The displacement of each node in a rigid motion.
+    pub(super) fn in_place(&self, motion: &RigidMotion) -> Vec<Block> {
+        let arms = Arms::new(self.level);
+        // nalgebra stores columns, a block rows.
+        self.level.mesh.nodes.iter().map(|u| (rigid_modes(arms.to(u)) * motion).transpose().into()).collect()
+    }
+
+    /// Force of the springs on node `n` [N] at the displacements `u`, backwards.
+    pub(super) fn force_of_holds(&self, n: usize, u: &[Block]) -> Block {
+        let mut force = ZERO;
+        for entry in self.start[n] as usize..self.start[n + 1] as usize {
+            add_scaled(&mut force, self.spring[entry], &u[self.column[entry] as usize]);
+        }
+        force
+    }
+
+    pub(super) fn is_fixed(&self, n: usize) -> bool {
+        self.start[n] == self.start[n + 1]
+    }
+
+    /// True when each node has a place in the next coarser level.
+    pub(super) fn is_tied(&self) -> bool {
+        !self.coarser.is_empty() && self.coarser.len() + 1 == self.start.len()
+    }
+
+    /// Adds the coarser level's displacement, interpolated; fixed nodes stay.
+    pub(super) fn add_from_coarser(&self, coarse: &[Block], fine: &mut [Block]) {
+        if !self.is_tied() {
+            return;
+        }
+        for_each_node(fine, |n, u| {
+            if !self.is_fixed(n) {
+                let (nodes, weights) = &self.coarser[n];
+                for (c, weight) in nodes.iter().zip(weights) {
+                    add_scaled(u, *weight, &coarse[*c as usize]);
+                }
+            }
+        });
+    }
+
+    /// Forces on this level's nodes, handed to the coarser level's through the same rows.
+    pub(super) fn to_coarser(&self, fine: &[Block]) -> Vec<Block> {
+        let mut coarse = vec![ZERO; self.finer_start.len() - 1];
+        for_each_node(&mut coarse, |c, f| {
+            for (n, weight) in &self.finer[self.finer_start[c] as usize..self.finer_start[c + 1] as usize] {
+                add_scaled(f, *weight, &fine[*n as usize]);
+            }
+        });
+        coarse
+    }
+
+    /// Force of node `n` [N] at the displacements `u`: row `n` of the matrix times `u`.
+    pub(super) fn force(&self, n: usize, u: &[Block]) -> Block {
+        let (mut elastic, mut spring) = (ZERO, ZERO);
+        for entry in self.start[n] as usize..self.start[n + 1] as usize {
+            let (u, k) = (&u[self.column[entry] as usize], &self.elastic[entry]);
+            for i in 0..3 {
+                for j in 0..3 {
+                    elastic[i][j] += k[i][0] * u[0][j] + k[i][1] * u[1][j] + k[i][2] * u[2][j];
+                }
+            }
+            add_scaled(&mut spring, self.spring[entry], u);
+        }
+        add_scaled(&mut spring, 1.0, &elastic);
+        spring
+    }
+}
+
+/// The four nodes that carry a point of `mesh`, and their weights.
+pub(super) fn row(host: &Host, mesh: &TetMesh) -> ([u32; 4], [Real; 4]) {
+    (mesh.elements[host.element as usize], host.weights)
+}
+
+/// The elastic stiffness of a level by rows: starts, columns and blocks [N/m]; fixed nodes get empty rows.
+fn elastic_rows(
+    level: &Level,
+    material: impl Fn(usize) -> Material + Sync,
+    fixed: &[bool],
+) -> (Vec<u32>, Vec<u32>, Vec<Block>) {
+    let mesh = &level.mesh;
+    let n_nodes = mesh.nodes.len();
+    let corners: Vec<(u32, u32)> = {
+        let all = mesh.elements.iter().enumerate();
+        let mut corners: Vec<_> = all.flat_map(|(e, nodes)| nodes.map(|n| (n, e as u32))).collect();
+        corners.sort_unstable();
+        corners
+    };
+    let starts: Vec<usize> = (0..=n_nodes).map(|n| corners.partition_point(|c| (c.0 as usize) < n)).collect();
+    let row = |n: usize| {
+        let mut row: Vec<(u32, Block)> = Vec::with_capacity(28);
+        if fixed[n] {
+            return row;
+        }
+        for &(_, e) in &corners[starts[n]..starts[n + 1]] {
+            let (e, u) = (e as usize, mesh.corners(e as usize));
+            let (gradients, volume) = gradients(&u);
+            let material = material(e);
+            let lambda = material.lambda * level.fraction[e] * volume;
+            let mu = material.mu * level.fraction[e] * volume;
+            let nodes = mesh.elements[e];
+            let Some(a) = nodes.iter().position(|m| *m as usize == n) else { continue };
+            let ga = gradients[a];
+            for (m, gb) in nodes.into_iter().zip(gradients) {
+                let place = row.iter().position(|(column, _)| *column == m).unwrap_or_else(|| {
+                    row.push((m, ZERO));
+                    row.len() - 1
+                });
+                let both = mu * ga.dot(&gb);
+                for i in 0..3 {
+                    for j in 0..3 {
+                        row[place].1[i][j] += lambda * ga[i] * gb[j] + mu * gb[i] * ga[j];
+                    }
+                    row[place].1[i][i] += both;
+                }
+            }
+        }
+        row.sort_unstable_by_key(|(column, _)| *column);
+        row
+    };
+    let rows: Vec<_> = (0..n_nodes).into_par_iter().map(row).collect();
+    let mut start = vec![0];
+    let (mut column, mut block) = (Vec::new(), Vec::new());
+    for row in rows {
+        for (c, b) in row {
+            column.push(c);
+            block.push(b);
+        }
+        start.push(column.len() as u32);
+    }
+    (start, column, block)
+}
+
+/// Gradients of the barycentric coordinates [1/m] of the tetrahedron `u`, and its volume [m³].
+pub(super) fn gradients(u: &[Vec3; 4]) -> ([Vec3; 4], Real) {
+    let (a, b, c) = (u[1] - u[0], u[2] - u[0], u[3] - u[0]);
+    let six_volume = a.cross(&b).dot(&c);
+    let (g1, g2, g3) = (b.cross(&c) / six_volume, c.cross(&a) / six_volume, a.cross(&b) / six_volume);
+    ([-(g1 + g2 + g3), g1, g2, g3], six_volume / 6.0)
+}
+
+/// Index of column `b` in row `a`; none in the rows of fixed nodes.
+fn entry(start: &[u32], column: &[u32], a: u32, b: u32) -> Option<usize> {
+    let first = start[a as usize] as usize;
+    column[first..start[a as usize + 1] as usize].binary_search(&b).ok().map(|i| first + i)
+}
+
+/// Rows of four weights by column: starts (n_columns + 1) into row and weight.
+fn transposed(rows: &[([u32; 4], [Real; 4])], n_columns: usize) -> (Vec<u32>, Vec<(u32, Real)>) {
+    let mut start = vec![0u32; n_columns + 1];
+    for &c in rows.iter().flat_map(|(columns, _)| columns) {
+        start[c as usize + 1] += 1;
+    }
+    for c in 1..start.len() {
+        start[c] += start[c - 1];
+    }
+    let mut next = start.clone();
+    let mut list = vec![(0, 0.0); rows.len() * 4];
+    for (n, (columns, weights)) in rows.iter().enumerate() {
+        for (c, weight) in columns.iter().zip(weights) {
+            list[next[*c as usize] as usize] = (n as u32, *weight);
+            next[*c as usize] += 1;
+        }
+    }
+    (start, list)
+}

@@ -1,0 +1,274 @@
+//! What a prepared body is like, level by level: sizes, shape, steps, and what may be wrong with it.
+
+use palpate_core::geometry::Moments;
+use palpate_core::geometry::tet_mesh::FACES;
+use palpate_core::hierarchy::Level;
+use palpate_core::hierarchy::level::NOWHERE;
+use palpate_core::math::{Real, Vec3};
+use palpate_core::model::Body;
+use palpate_core::model::element_pool::CLASSES;
+use palpate_core::model::step_class::{Strained, omega_squared, stable_step, step_of};
+use std::collections::BTreeMap;
+use std::fmt;
+
+/// How far volume, centre of mass and inertia of a level may be from the shape's, as a part.
+pub const TOLERANCE: Real = 0.01;
+
+/// What one level is like.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LevelReport {
+    /// Typical node distance [m].
+    pub spacing: Real,
+    /// Number of nodes.
+    pub nodes: usize,
+    /// Number of elements.
+    pub elements: usize,
+    /// False for a level of a region, whose volume, mass, centre and inertia say nothing of the body's.
+    pub whole: bool,
+    /// Volume of the elements inside the body over the shape's, less one.
+    pub volume: Real,
+    /// Mass [kg].
+    pub mass: Real,
+    /// How far the centre of mass is from the body's ([`Body::mass_moments`]), over its radius of gyration.
+    pub centre: Real,
+    /// How far the inertia of the node masses is from the body's, as a part of it.
+    pub inertia: Real,
+    /// Smallest and largest dihedral angle [degree].
+    pub dihedral: (Real, Real),
+    /// Smallest and mean of the elements' smallest altitudes [m].
+    pub altitude: (Real, Real),
+    /// Longest stable step of the whole level at rest [s].
+    pub step: Real,
+    /// The element that is so short-stepped: its number in the level and its centre [m].
+    pub stiffest: (usize, Vec3),
+    /// Smallest, mean and largest factor on the stiffness.
+    pub factor: (Real, Real, Real),
+    /// Most negative weight of any row on the level's elements: of display vertices and of nodes of its neighbours.
+    pub extrapolation: Real,
+    /// Memory of the level in the body [bytes], about.
+    pub memory: usize,
+}
+
+impl LevelReport {
+    /// False where the elements need shorter steps than there are.
+    pub fn can_be_stepped(&self) -> bool {
+        self.step >= step_of(CLASSES - 1)
+    }
+}
+
+/// What a body is like.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Report {
+    /// Each level, coarsest first.
+    pub levels: Vec<LevelReport>,
+    /// Labels of the files that it was made from, and the part of the volume that bears each, ascending.
+    pub labels: Vec<(i64, Real)>,
+    /// What users should know, in words.
+    pub warnings: Vec<String>,
+}
+
+/// Looks at `body`.
+pub fn report(body: &Body) -> Report {
+    let wanted = body.mass_moments();
+    let levels: Vec<LevelReport> = (0..body.levels().len()).map(|r| level_report(body, r, &wanted)).collect();
+    let mut warnings = Vec::new();
+    for (r, level) in levels.iter().enumerate() {
+        for (what, error) in [("volume", level.volume), ("centre of mass", level.centre), ("inertia", level.inertia)] {
+            if level.whole && error.abs() > TOLERANCE {
+                // Masses are at nodes, which lie farther out than the elements do.
+                let few = if what == "inertia" && error > 0.0 { "; of a finer mesh it is less" } else { "" };
+                warnings.push(format!("level {r}: its {what} is {:+.1} % off the body's{few}", 100.0 * error));
+            }
+        }
+        let nested = shared_places(body, r);
+        if nested > MOST_SHARED {
+            warnings.push(format!(
+                "level {r} has a node where {:.0} % of level {}'s nodes are: a body of both resolutions is about a tenth \
+                 stiffer than either; mesh them apart, the one 1.6 to 1.8 times as fine as the other",
+                100.0 * nested,
+                r - 1
+            ));
+        }
+        if !level.can_be_stepped() {
+            let (element, at) = level.stiffest;
+            warnings.push(format!(
+                "level {r} cannot be used: element {} around ({:.4}, {:.4}, {:.4}) m needs steps of {:.1} µs, the \
+                 shortest is {:.1} µs; mesh it without slivers, or take a softer material",
+                element + 1,
+                at.x,
+                at.y,
+                at.z,
+                1e6 * level.step,
+                1e6 * step_of(CLASSES - 1)
+            ));
+        }
+    }
+    Report { levels, labels: labels(body), warnings }
+}
+
+fn level_report(body: &Body, r: usize, wanted: &Moments) -> LevelReport {
+    let level = body.level(r);
+    let masses = Moments::of_points(&level.mesh.nodes, &level.node_mass);
+    let elements = level.mesh.elements.len();
+    let altitudes = (0..elements).map(|e| level.mesh.smallest_altitude(e));
+    let (mut least, mut sum) = (Real::INFINITY, 0.0);
+    altitudes.for_each(|a| (least, sum) = (least.min(a), sum + a));
+    let first = body.elements_of(r).start;
+    let stiffness = body.elements_of(r).map(|e| omega_squared(body, e));
+    let stiffest = stiffness.enumerate().fold((0, 0.0), |most, (e, w)| if w > most.1 { (e, w) } else { most });
+    let corners = body.corners(first + stiffest.0 as u32);
+    LevelReport {
+        spacing: level.spacing,
+        nodes: level.mesh.nodes.len(),
+        elements,
+        whole: level.is_whole(),
+        volume: level.volume() / body.parts().shape.volume - 1.0,
+        mass: masses.volume,
+        centre: (masses.centre - wanted.centre).norm() / wanted.radius(),
+        inertia: masses.inertia_error(wanted),
+        dihedral: dihedral_angles(level),
+        altitude: (least, sum / elements as Real),
+        step: stable_step(stiffest.1, Strained::REST, body.damping_time(), 0.0),
+        stiffest: (stiffest.0, corners.iter().sum::<Vec3>() / 4.0),
+        factor: spread(&level.stiffness_factor),
+        extrapolation: worst_row(body, r),
+        memory: memory(level),
+    }
+}
+
+/// Part of the next coarser level's nodes that have a node of level `r` at their place.
+fn shared_places(body: &Body, r: usize) -> Real {
+    let Some(coarser) = r.checked_sub(1) else { return 0.0 };
+    let near = 1e-6 * body.level(r).spacing;
+    let at_home = |n: &u32| body.children(*n).iter().any(|child| (body.rest(*child) - body.rest(*n)).norm() < near);
+    body.nodes_of(coarser).filter(at_home).count() as Real / body.nodes_of(coarser).len() as Real
+}
+
+/// Part of a level's nodes that the next finer one may share: boxes have their corners in common.
+const MOST_SHARED: Real = 0.3;
+
+/// Labels and their parts of the volume, on the finest whole level.
+fn labels(body: &Body) -> Vec<(i64, Real)> {
+    let (parts, r) = (body.parts(), body.levels().iter().rposition(Level::is_whole).unwrap_or_default());
+    let Some(of) = parts.labels.of.get(r) else { return Vec::new() };
+    let mut volumes = BTreeMap::new();
+    for (e, mixture) in body.elements_of(r).zip(of) {
+        for (label, part) in &parts.labels.mixtures[usize::from(*mixture)] {
+            *volumes.entry(*label).or_insert(0.0) += Real::from(*part) * body.volume(e);
+        }
+    }
+    let all: Real = volumes.values().sum();
+    volumes.into_iter().map(|(label, volume)| (label, volume / all)).collect()
+}
+
+/// Smallest, mean and largest of `values`.
+fn spread(values: &[Real]) -> (Real, Real, Real) {
+    let least = values.iter().copied().fold(Real::INFINITY, Real::min);
+    let most = values.iter().copied().fold(-Real::INFINITY, Real::max);
+    (least, values.iter().sum::<Real>() / values.len() as Real, most)
+}
+
+/// Smallest and largest angle between two faces of an element [degree].
+fn dihedral_angles(level: &Level) -> (Real, Real) {
+    let (mut least, mut most) = (Real::INFINITY, 0.0 as Real);
+    for e in 0..level.mesh.elements.len() {
+        let u = level.mesh.corners(e);
+        let normals = FACES.map(|f| (u[f[1]] - u[f[0]]).cross(&(u[f[2]] - u[f[0]])).normalize());
+        for (i, a) in normals.iter().enumerate() {
+            for b in &normals[..i] {
+                let angle = (-a.dot(b)).clamp(-1.0, 1.0).acos().to_degrees();
+                (least, most) = (least.min(angle), most.max(angle));
+            }
+        }
+    }
+    (least, most)
+}
+
+/// Most negative weight of a row on an element of level `r`, or 0.
+fn worst_row(body: &Body, r: usize) -> Real {
+    let coarser = r.checked_sub(1).map_or(&[][..], |c| &body.level(c).finer_host);
+    let finer = body.levels().get(r + 1).map_or(&[][..], |f| &f.coarser_host);
+    let rows = body.level(r).embedding.iter().chain(coarser).chain(finer);
+    rows.filter(|host| host.element != NOWHERE).map(|host| host.extrapolation()).fold(0.0, Real::min)
+}
+
+/// What a body keeps of a level [bytes]: the level itself, and what follows from it for stepping.
+fn memory(level: &Level) -> usize {
+    let nodes = level.mesh.nodes.len() * (24 + 8 + 4 + 2 * 40 + 24 + 1 + 4 + 4 + 1);
+    // Two lists of corners, fraction, density, factor, volume, and the elements around each node.
+    let elements = level.mesh.elements.len() * (2 * 16 + 4 * 8 + 16 + 4);
+    nodes + elements + level.embedding.len() * (40 + 4) + (level.fixed.len() + level.rim.len()) * 4
+}
+
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let header = [
+            "level",
+            "spacing",
+            "nodes",
+            "elements",
+            "volume",
+            "centre",
+            "inertia",
+            "mass",
+            "dihedral",
+            "altitude",
+            "step",
+            "factor",
+            "worst row",
+            "memory",
+        ];
+        let mut rows = vec![header.map(String::from)];
+        for (r, level) in self.levels.iter().enumerate() {
+            let of_whole = |cell: String| if level.whole { cell } else { "region".into() };
+            rows.push([
+                r.to_string(),
+                format!("{:.2} mm", 1e3 * level.spacing),
+                level.nodes.to_string(),
+                level.elements.to_string(),
+                of_whole(format!("{:+.2} %", 100.0 * level.volume)),
+                of_whole(format!("{:.2} %", 100.0 * level.centre)),
+                of_whole(format!("{:+.2} %", 100.0 * level.inertia)),
+                of_whole(format!("{:.4} kg", level.mass)),
+                format!("{:.0} to {:.0}°", level.dihedral.0, level.dihedral.1),
+                format!("{:.2} ({:.2}) mm", 1e3 * level.altitude.0, 1e3 * level.altitude.1),
+                format!("{:.3} ms", 1e3 * level.step),
+                format!("{:.2} ({:.2} to {:.2})", level.factor.1, level.factor.0, level.factor.2),
+                format!("{:.2}", level.extrapolation),
+                format!("{:.1} MB", level.memory as Real / 1e6),
+            ]);
+        }
+        let width = |c: usize| rows.iter().map(|row| row[c].chars().count()).max().unwrap_or(0);
+        let widths: Vec<usize> = (0..header.len()).map(width).collect();
+        for row in &rows {
+            let cells: Vec<String> = row.iter().zip(&widths).map(|(cell, width)| format!("{cell:>width$}")).collect();
+            writeln!(f, "{}", cells.join("  "))?;
+        }
+        self.warnings.iter().try_for_each(|warning| writeln!(f, "warning: {warning}"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::prepare::{Recipe, Shape, prepare};
+    use palpate_core::geometry::primitives::box_mesh;
+    use palpate_core::model::Material;
+
+    #[test]
+    fn nested_levels_are_warned_of() {
+        let warned = |cells: [u32; 2]| {
+            let recipe = Recipe {
+                name: "cube".into(),
+                shape: Shape::meshes(cells.map(|n| box_mesh(Vec3::repeat(0.1), [n; 3]))),
+                material: Material::from_young(1e4, 0.3, 1000.0),
+                inclusions: vec![],
+                holds: vec![],
+                damping_ratio: 0.0,
+            };
+            let warnings = report(&prepare(&recipe, &mut |_, _, _| {}).unwrap()).warnings;
+            warnings.iter().any(|w| w.contains("level 1 has a node where 100 % of level 0's nodes are"))
+        };
+        assert!(warned([4, 8]) && !warned([5, 8]));
+    }
+}

@@ -1,0 +1,376 @@
+//! A tool: its shape, who moves it, and how it follows the poses that arrive.
+//!
+//! Everything is counted in ticks, so that the same inputs give the same motion whenever they are replayed.
+
+use crate::math::{Pose, Real, Vec3, is_finite};
+use serde::{Deserialize, Serialize};
+
+pub use super::shape::{Part, Shape};
+pub use crate::model::constraint::{Coupling, MOST_POINTS, MOST_TOOLS};
+
+/// A tool as the scene gives it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Tool {
+    /// Name that clients ask for.
+    pub name: String,
+    /// Its shape.
+    pub shape: Shape,
+    /// Coulomb's coefficient of friction μ on the body.
+    pub friction: Real,
+}
+
+/// Where a tool stands in its life.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Phase {
+    /// Nobody moves it; it touches nothing.
+    #[default]
+    Detached,
+    /// Moved, but it has not been outside the body yet; it touches nothing.
+    Waiting,
+    /// It touches, and its force is rendered.
+    Engaged,
+    /// Poses stopped: it stays where it is while the force goes to zero.
+    Holding,
+}
+
+/// A pose as the tick consumes it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PoseSample {
+    /// Client's sequence number.
+    pub sequence: u32,
+    /// Client's monotonic time [ns], echoed.
+    pub time_ns: u64,
+    /// Where the tool is.
+    pub pose: Pose,
+    /// Its velocity [m/s] as the client knows it, or zero.
+    pub linear_velocity: Vec3,
+    /// Its angular velocity [rad/s] as the client knows it, or zero.
+    pub angular_velocity: Vec3,
+    /// Bit i: button i is held.
+    pub buttons: u32,
+}
+
+/// What happens to a tool in one tick.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum ToolEvent {
+    /// A client takes the tool; its poses come every `period_ticks`.
+    Attach {
+        /// Tells this holding of the tool from earlier ones.
+        epoch: u32,
+        /// Ticks between two poses, at least 1.
+        period_ticks: u32,
+        /// What the tool hangs on, see [`ToolState::coupling`].
+        coupling: Coupling,
+    },
+    /// The client is gone.
+    Detach,
+    /// A new pose.
+    Pose(PoseSample),
+}
+
+/// When a tool whose poses stopped is held, silenced and given up, in ticks of pose age.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Watchdog {
+    /// Older: hold the pose, ramp the force down.
+    pub hold: u32,
+    /// From here on no force.
+    pub silent: u32,
+    /// From here on no contact.
+    pub detach: u32,
+}
+
+impl Watchdog {
+    /// 20, 70 and 100 ms, or 3, 6 and 9 client periods where those are longer.
+    pub fn for_period(period_ticks: u32) -> Self {
+        let periods = |n: u32, least: u32| least.max(n.saturating_mul(period_ticks));
+        Self { hold: periods(3, 20), silent: periods(6, 70), detach: periods(9, 100) }
+    }
+}
+
+/// Everything about a tool that changes: part of what is hashed, saved and restored.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct ToolState {
+    /// Where it stands in its life.
+    pub phase: Phase,
+    /// Of the client that holds it; 0 when none does.
+    pub epoch: u32,
+    /// Ticks between two poses.
+    pub period_ticks: u32,
+    /// Where the simulated tool is at the end of the tick.
+    pub pose: Pose,
+    /// Where it was at its start.
+    pub previous: Pose,
+    /// Where the client holds it: what moves towards [`ToolState::target`].
+    pub handle: Pose,
+    /// By what the simulated tool hangs on it.
+    pub coupling: Coupling,
+    /// Newest pose from the client.
+    pub target: Pose,
+    /// Ticks until it should be reached.
+    pub remaining_ticks: u32,
+    /// Ticks since it arrived.
+    pub age_ticks: u32,
+    /// Its sequence number; 0 before the first.
+    pub sequence: u32,
+    /// Its time stamp [ns].
+    pub time_ns: u64,
+    /// Buttons held.
+    pub buttons: u32,
+    /// The tool cannot keep up with the poses: its speed is bounded.
+    pub speed_limited: bool,
+    /// Part of the physical force that is rendered, 0..=1.
+    pub ramp: Real,
+    /// Ticks for which the rendered force follows slowly, after the resolution has changed under the tool.
+    pub settling: u32,
+    /// Force of the contact on the tool [N], last tick.
+    pub physical_force: Vec3,
+    /// Moment about the reference point [N·m], last tick.
+    pub physical_torque: Vec3,
+    /// Rendered force [N], last tick.
+    pub force: Vec3,
+    /// Rendered torque [N·m], last tick.
+    pub torque: Vec3,
+}
+
+/// Bounds on how a tool follows.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Following {
+    /// Fastest that an engaged tool moves [m/s].
+    pub speed: Real,
+    /// Ticks for the force to rise from zero to full at engage.
+    pub engage_ticks: u32,
+}
+
+/// Ticks in which a change of resolution under a tool rings down.
+pub const SETTLING_TICKS: u32 = 32;
+
+/// Fastest that an engaged tool turns [rad/s]: two turns a second is more than a wrist does.
+const MOST_TURN: Real = 12.0;
+
+impl ToolState {
+    /// True when the tool pushes the body.
+    pub fn touches(&self) -> bool {
+        matches!(self.phase, Phase::Engaged | Phase::Holding)
+    }
+
+    /// The resolution has changed under the tool: lighter or heavier nodes find their balance within some ticks, and the
+    /// hand need not feel them do it.
+    pub fn settle(&mut self) {
+        self.settling = self.settling.max(SETTLING_TICKS);
+    }
+
+    /// Takes in what happened and moves the tool by one tick of `tick` [s].
+    pub fn follow(&mut self, event: Option<&ToolEvent>, tick: Real, bounds: &Following) {
+        self.age_ticks = self.age_ticks.saturating_add(1);
+        match event {
+            Some(ToolEvent::Attach { epoch, period_ticks, coupling }) => {
+                self.let_go();
+                (self.epoch, self.period_ticks) = (*epoch, (*period_ticks).max(1));
+                self.coupling = *coupling;
+                (self.sequence, self.time_ns, self.buttons) = (0, 0, 0);
+            }
+            Some(ToolEvent::Detach) => {
+                self.let_go();
+                self.epoch = 0;
+            }
+            Some(ToolEvent::Pose(sample)) => self.take(sample),
+            None => {}
+        }
+        self.watch(bounds);
+        self.move_on(tick, bounds);
+    }
+
+    fn let_go(&mut self) {
+        self.phase = Phase::Detached;
+        self.ramp = 0.0;
+        (self.physical_force, self.physical_torque) = Default::default();
+    }
+
+    fn take(&mut self, sample: &PoseSample) {
+        self.age_ticks = 0;
+        self.sequence = sample.sequence;
+        self.time_ns = sample.time_ns;
+        self.buttons = sample.buttons;
+        self.target = sample.pose;
+        self.remaining_ticks = self.period_ticks.max(1);
+        match self.phase {
+            // A tool that touches nothing may be anywhere at once.
+            Phase::Detached => {
+                self.phase = Phase::Waiting;
+                (self.pose, self.handle) = (sample.pose, sample.pose);
+                self.remaining_ticks = 0;
+            }
+            // Back before its force was gone: go on, and let the force rise again.
+            Phase::Holding if self.ramp > 0.0 => self.phase = Phase::Engaged,
+            Phase::Holding => {
+                self.let_go();
+                self.phase = Phase::Waiting;
+            }
+            Phase::Waiting | Phase::Engaged => {}
+        }
+    }
+
+    fn watch(&mut self, bounds: &Following) {
+        let dog = Watchdog::for_period(self.period_ticks);
+        match self.phase {
+            Phase::Engaged if self.age_ticks > dog.hold => {
+                self.phase = Phase::Holding;
+                self.target = self.handle;
+                self.remaining_ticks = 0;
+            }
+            Phase::Engaged => self.ramp = (self.ramp + 1.0 / Real::from(bounds.engage_ticks.max(1))).min(1.0),
+            _ => {}
+        }
+        if self.phase == Phase::Holding {
+            let left = Real::from(dog.silent.saturating_sub(self.age_ticks)) / Real::from(dog.silent - dog.hold);
+            self.ramp = self.ramp.min(left);
+        }
+        if self.phase != Phase::Detached && self.age_ticks >= dog.detach {
+            self.let_go();
+        }
+    }
+
+    /// One tick along the way to the newest pose: a `remaining_ticks`-th of it, so that a headset's 72 poses a second
+    /// become a smooth path, and never faster than the bounds.
+    fn move_on(&mut self, tick: Real, bounds: &Following) {
+        self.previous = self.pose;
+        self.speed_limited = false;
+        let fraction = 1.0 / Real::from(self.remaining_ticks.max(1));
+        self.remaining_ticks = self.remaining_ticks.saturating_sub(1);
+        if !self.touches() {
+            self.handle = self.handle.towards(&self.target, fraction);
+            self.pose = self.handle;
+            return;
+        }
+        let distance = (self.target.position - self.handle.position).norm();
+        let (a, b) = (self.handle.orientation, self.target.orientation);
+        // The chord between unit quaternions is about half the angle between the orientations.
+        let chord = |sign: Real| (0..4).map(|i| (b[i] - sign * a[i]) * (b[i] - sign * a[i])).sum::<Real>();
+        let angle = 2.0 * chord(1.0).min(chord(-1.0)).sqrt();
+        let mut allowed = fraction;
+        if distance * allowed > bounds.speed * tick {
+            allowed = bounds.speed * tick / distance;
+        }
+        if angle * allowed > MOST_TURN * tick {
+            allowed = MOST_TURN * tick / angle;
+        }
+        self.speed_limited = allowed < fraction;
+        self.handle = self.handle.towards(&self.target, allowed);
+        // The springs keep their lengths until the contacts of this tick are solved.
+        self.pose = self.hung();
+    }
+
+    /// The handle's pose, moved and turned by what the coupling gives way by under the last contact force and torque.
+    fn hung(&self) -> Pose {
+        if !self.touches() {
+            return self.handle;
+        }
+        let Coupling { compliance, angular_compliance } = self.coupling;
+        let mut pose = self.handle;
+        pose.position += self.physical_force * compliance;
+        if angular_compliance > 0.0 {
+            pose = pose.turned(self.physical_torque * angular_compliance);
+        }
+        pose
+    }
+
+    /// Takes in the contact force [N] and torque [N·m] of this tick, under which the simulated tool hangs back from the
+    /// handle.
+    pub fn hang_back(&mut self, force: Vec3, torque: Vec3) {
+        let sound = is_finite(&force) && is_finite(&torque);
+        (self.physical_force, self.physical_torque) = if sound { (force, torque) } else { Default::default() };
+        self.pose = self.hung();
+    }
+
+    /// Feeds every bit to `hash`.
+    pub fn hash_into(&self, hash: &mut xxhash_rust::xxh3::Xxh3) {
+        let mut bytes = [0u8; 1024];
+        if let Ok(used) = postcard::to_slice(self, &mut bytes) {
+            hash.update(used);
+        } else {
+            debug_assert!(false, "a tool's state fits the buffer");
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const BOUNDS: Following = Following { speed: 1.0, engage_ticks: 100 };
+
+    fn at(x: Real, sequence: u32) -> ToolEvent {
+        ToolEvent::Pose(PoseSample {
+            sequence,
+            time_ns: 0,
+            pose: Pose { position: Vec3::new(x, 0.0, 0.0), ..Pose::default() },
+            linear_velocity: Vec3::zeros(),
+            angular_velocity: Vec3::zeros(),
+            buttons: 0,
+        })
+    }
+
+    fn engaged(period_ticks: u32) -> ToolState {
+        let mut tool = ToolState::default();
+        tool.follow(Some(&ToolEvent::Attach { epoch: 1, period_ticks, coupling: Coupling::RIGID }), 1e-3, &BOUNDS);
+        tool.follow(Some(&at(0.0, 1)), 1e-3, &BOUNDS);
+        tool.phase = Phase::Engaged;
+        tool
+    }
+
+    #[test]
+    fn samples_at_72_hz_become_a_path_without_jumps() {
+        let mut tool = engaged(14);
+        let mut last = 0.0;
+        for tick in 0..140 {
+            let event = (tick % 14 == 0).then(|| at(0.0005 * Real::from(tick), 2 + tick as u32));
+            tool.follow(event.as_ref(), 1e-3, &BOUNDS);
+            assert!((tool.pose.position.x - last).abs() <= 0.0005 + 1e-12);
+            last = tool.pose.position.x;
+        }
+        assert!(last > 0.055);
+    }
+
+    #[test]
+    fn a_jump_of_a_metre_is_followed_at_the_speed_limit() {
+        let mut tool = engaged(1);
+        tool.follow(Some(&at(1.0, 2)), 1e-3, &BOUNDS);
+        assert!((tool.pose.position.x - 1e-3).abs() < 1e-12 && tool.speed_limited);
+    }
+
+    #[test]
+    fn silence_holds_then_silences_then_detaches() {
+        let mut tool = engaged(1);
+        tool.ramp = 1.0;
+        let mut ramps = Vec::new();
+        for _ in 0..100 {
+            tool.follow(None, 1e-3, &BOUNDS);
+            ramps.push((tool.age_ticks, tool.phase, tool.ramp));
+        }
+        let at_age = |age: u32| ramps.iter().find(|r| r.0 == age).copied().unwrap();
+        assert_eq!(at_age(20).1, Phase::Engaged);
+        assert_eq!(at_age(21).1, Phase::Holding);
+        assert!((at_age(45).2 - 0.5).abs() < 1e-12);
+        assert_eq!(at_age(70), (70, Phase::Holding, 0.0));
+        assert_eq!(at_age(100).1, Phase::Detached);
+    }
+
+    #[test]
+    fn slow_clients_get_longer_deadlines() {
+        assert_eq!(Watchdog::for_period(1), Watchdog { hold: 20, silent: 70, detach: 100 });
+        assert_eq!(Watchdog::for_period(14), Watchdog { hold: 42, silent: 84, detach: 126 });
+    }
+
+    #[test]
+    fn a_client_that_is_back_before_its_force_is_gone_goes_on_and_one_back_later_waits_outside() {
+        let mut tool = engaged(1);
+        tool.ramp = 1.0;
+        (0..40).for_each(|_| tool.follow(None, 1e-3, &BOUNDS));
+        tool.follow(Some(&at(0.0, 2)), 1e-3, &BOUNDS);
+        assert_eq!(tool.phase, Phase::Engaged);
+        assert!(tool.ramp < 0.7);
+        (0..80).for_each(|_| tool.follow(None, 1e-3, &BOUNDS));
+        tool.follow(Some(&at(0.0, 3)), 1e-3, &BOUNDS);
+        assert_eq!((tool.phase, tool.ramp), (Phase::Waiting, 0.0));
+    }
+}

@@ -1,0 +1,694 @@
+//! The core: `advance(inputs of this tick) → outputs`, a deterministic function of the body, the settings and the
+//! ordered inputs.
+//!
+//! Nothing in here reads a clock, a file, the environment or a random source, takes a lock, logs or allocates once
+//! the simulation is built. Nothing but [`Inputs`] enters a tick, nothing but [`Outputs`] leaves it, and a
+//! [`Snapshot`] is all that it carries over: restored, the same inputs give the same bits.
+
+use crate::adaptation::{self, Adaptivity, Focus, Means};
+use crate::contact::detection;
+use crate::contact::friction;
+use crate::contact::outside::is_outside;
+use crate::contact::safety::{self, ForceLimits, Limited};
+use crate::contact::shape::{MOST_PARTS, Part as ShapePart};
+use crate::contact::tool::{Following, MOST_POINTS, MOST_TOOLS, Phase, Tool, ToolEvent, ToolState};
+use crate::contact::wrench::{self, Wrench};
+use crate::math::{Real, Vec3};
+use crate::model::active_mesh::Loads;
+use crate::model::constraint::PointMemory;
+use crate::model::element_kernel::{Extremes, Path};
+use crate::model::knot::{Home, KNOT_FRAMES};
+pub use crate::model::step_class::TICK;
+use crate::model::{ActiveMesh, Body, Constraint, State};
+use crate::stepping::step;
+pub use crate::stepping::work::{self, Budget, Laps, Part, Prices};
+use serde::{Deserialize, Serialize};
+use std::sync::Arc;
+
+/// Ticks of a frame: the surface is published once per frame (31.25 Hz).
+pub const TICKS_PER_FRAME: u64 = 32;
+
+/// What a simulation is told once.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Settings {
+    /// Gravity [m/s²].
+    pub gravity: Vec3,
+    /// Tools that clients may take, at most [`MOST_TOOLS`]; a tool's id is its index.
+    pub tools: Vec<Tool>,
+    /// How tools follow their poses.
+    pub following: Following,
+    /// Bounds on rendered forces.
+    pub limits: ForceLimits,
+    /// When to refine and coarsen; `None` keeps the active nodes that the start has.
+    pub adaptivity: Option<Adaptivity>,
+    /// Most elements in use at once: what memory is made for.
+    pub most_elements: usize,
+}
+
+/// Everything that one tick consumes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Inputs {
+    /// Ticks that the machine lost just before this one: time passes, the body stands still.
+    pub lapsed: u32,
+    /// Time that this tick may take, by the prices.
+    pub budget: Budget,
+    /// What work costs from this tick on, where it has been measured anew.
+    pub prices: Option<Prices>,
+    /// Back to the starting state first.
+    pub reset: bool,
+    /// What happened to each tool, by id.
+    pub tools: [Option<ToolEvent>; MOST_TOOLS],
+}
+
+impl Default for Inputs {
+    /// Nothing happens, and work is unbounded.
+    fn default() -> Self {
+        Self { lapsed: 0, budget: Budget::UNLIMITED, prices: None, reset: false, tools: [None; MOST_TOOLS] }
+    }
+}
+
+/// Everything that changes from tick to tick.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Snapshot {
+    /// Ticks since the start of the session.
+    pub tick: u64,
+    /// Ticks in a row until now in which the body stood still.
+    pub frozen: u32,
+    /// What work costs.
+    pub prices: Prices,
+    /// Frames in a row that the body, which nothing touches, has been knotted in itself.
+    pub knotted: u32,
+    /// Motion of the body.
+    pub body: State,
+    /// Each tool, by id.
+    pub tools: Vec<ToolState>,
+    /// Each tool's contact points of the last tick, ascending, at most [`MOST_POINTS`].
+    pub points: Vec<Vec<PointMemory>>,
+}
+
+impl Snapshot {
+    /// The body at rest with every node of level `level` active, no tool held.
+    pub fn at_rest(body: &Body, level: usize, tools: usize) -> Self {
+        Self::with_state(State::at_rest(body, level), tools)
+    }
+
+    /// The body in `state`, no tool held.
+    pub fn with_state(state: State, tools: usize) -> Self {
+        Self {
+            tick: 0,
+            frozen: 0,
+            prices: Prices::COMMON,
+            knotted: 0,
+            body: state,
+            tools: vec![ToolState::default(); tools],
+            points: (0..tools).map(|_| Vec::with_capacity(MOST_POINTS)).collect(),
+        }
+    }
+
+    /// Room for any snapshot of a session of `body` with `settings`, so that saving into it allocates nothing.
+    pub fn with_room(body: &Body, settings: &Settings) -> Self {
+        let elements = settings.most_elements.min(body.element_count());
+        Self::with_state(State::with_room(body, elements, body.node_count().min(elements + 64)), settings.tools.len())
+    }
+}
+
+/// What a tick says of one tool.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ToolOutput {
+    /// The tool's state after the tick: pose, physical and rendered wrench, what it answers.
+    pub state: ToolState,
+    /// Contact points that push.
+    pub contact_points: u32,
+    /// Why the rendered force differs from the physical one.
+    pub limited: Limited,
+}
+
+/// What a tick says of itself with every wrench.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct TickFlags {
+    /// A state that was not finite was contained, or a knot.
+    pub restored: bool,
+    /// The budget did not cover the tick.
+    pub substeps_dropped: bool,
+}
+
+/// Most levels of a body.
+pub const MOST_LEVELS: usize = 16;
+
+/// Time of one tick [ns], by the prices, counted before it runs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Plan {
+    /// What the body's motion needs, contacts with it.
+    pub needed: u32,
+    /// What is spent on it: all of it, or nothing.
+    pub taken: u32,
+    /// What the whole tick takes.
+    pub whole: u32,
+}
+
+/// Everything that leaves a tick.
+#[derive(Clone, Debug)]
+pub struct Outputs {
+    /// Ticks since the start of the session.
+    pub tick: u64,
+    /// Each tool, by id.
+    pub tools: Vec<ToolOutput>,
+    /// The tick ends a frame: `skin`, `levels` and `hash` are those of this tick.
+    pub frame: bool,
+    /// Display vertices [m], (n_vertices); as of the last frame.
+    pub skin: Vec<Vec3>,
+    /// Level of detail that displays each of them, (n_vertices); as of the last frame.
+    pub levels: Vec<u8>,
+    /// [`Snapshot::hash`] as of the last frame.
+    pub hash: u64,
+    /// Time that the tick was planned to take: the body stood still when the budget did not cover its motion.
+    pub plan: Plan,
+    /// Element evaluations spent.
+    pub element_evaluations: u32,
+    /// Active nodes per level.
+    pub active: [u32; MOST_LEVELS],
+    /// Elements in use.
+    pub elements: u32,
+    /// Changes of resolution.
+    pub adapted: adaptation::Adapted,
+    /// How far the elements are from rest.
+    pub extremes: Extremes,
+    /// The state was not finite, or a knot that the body did not come out of: it has been replaced by the one that a reset
+    /// returns to.
+    pub restored: bool,
+}
+
+impl Outputs {
+    /// What the tick says of itself with every wrench.
+    pub fn flags(&self) -> TickFlags {
+        TickFlags { restored: self.restored, substeps_dropped: self.plan.taken < self.plan.needed }
+    }
+}
+
+/// A body under way.
+#[derive(Debug)]
+pub struct Simulation {
+    body: Arc<Body>,
+    settings: Settings,
+    path: Path,
+    tick: u64,
+    frozen: u32,
+    prices: Prices,
+    knotted: u32,
+    mesh: ActiveMesh,
+    tools: Vec<ToolState>,
+    points: Vec<Vec<PointMemory>>,
+    start: State,
+    /// Where `start` is.
+    home: Home,
+    /// All display vertices [m], as of when all were last asked for.
+    vertices: Vec<Vec3>,
+    constraints: Vec<Constraint>,
+    points_of_action: Vec<Vec3>,
+    focus: Vec<Focus>,
+    adaptation: adaptation::Workspace,
+    stepping: step::Workspace,
+    detection: detection::Workspace,
+    outputs: Outputs,
+}
+
+impl Simulation {
+    /// `body` in the state `start`, which a reset returns to.
+    ///
+    /// # Errors
+    /// When `start` does not fit the body or the tools, or more than [`MOST_TOOLS`] are given.
+    pub fn new(body: Arc<Body>, settings: Settings, start: Snapshot) -> Result<Self, String> {
+        let tools = settings.tools.len();
+        let most_points = start.points.iter().map(Vec::len).max().unwrap_or(0);
+        if tools > MOST_TOOLS || start.tools.len() != tools || start.points.len() != tools || most_points > MOST_POINTS
+        {
+            return Err(format!("{tools} tools: a session has at most {MOST_TOOLS}, and its state as many"));
+        }
+        let mesh = ActiveMesh::new(&body, &start.body, settings.most_elements)?;
+        let vertices = body.surface().vertices.len();
+        let mut points: Vec<Vec<PointMemory>> = (0..tools).map(|_| Vec::with_capacity(MOST_POINTS)).collect();
+        points.iter_mut().zip(&start.points).for_each(|(to, from)| to.extend_from_slice(from));
+        Ok(Self {
+            path: Path::best(),
+            tick: start.tick,
+            frozen: start.frozen,
+            prices: start.prices,
+            knotted: start.knotted,
+            tools: start.tools,
+            points,
+            home: Home::new(&body, &mesh),
+            vertices: vec![Vec3::zeros(); vertices],
+            constraints: Vec::with_capacity(MOST_POINTS * tools),
+            points_of_action: Vec::with_capacity(MOST_POINTS * tools),
+            focus: Vec::with_capacity(MOST_TOOLS * MOST_PARTS * LOOKS_AHEAD),
+            adaptation: adaptation::Workspace::new(&body, &settings.adaptivity.clone().unwrap_or_default()),
+            stepping: step::Workspace::new(&mesh, MOST_POINTS * tools),
+            detection: detection::Workspace::new(&body, &mesh, tools),
+            outputs: Outputs {
+                tick: start.tick,
+                tools: vec![ToolOutput::default(); tools],
+                frame: false,
+                skin: body.surface().vertices.clone(),
+                levels: vec![0; vertices],
+                hash: 0,
+                plan: Plan::default(),
+                element_evaluations: 0,
+                active: [0; MOST_LEVELS],
+                elements: 0,
+                adapted: adaptation::Adapted::default(),
+                extremes: Extremes::REST,
+                restored: false,
+            },
+            start: start.body,
+            mesh,
+            body,
+            settings,
+        })
+    }
+
+    /// What a reset returns to; the starting state unless set.
+    pub fn reset_state(&self) -> &State {
+        &self.start
+    }
+
+    /// Makes a reset return to `state`.
+    ///
+    /// # Errors
+    /// When it is of another body.
+    pub fn with_reset_state(mut self, state: &State) -> Result<Self, String> {
+        let mesh = ActiveMesh::new(&self.body, state, self.settings.most_elements)?;
+        self.home = Home::new(&self.body, &mesh);
+        self.start = state.clone();
+        Ok(self)
+    }
+
+    /// Runs the kernel on `path` from now on; it must be available on this CPU. The results do not depend on it.
+    pub fn with_path(mut self, path: Path) -> Self {
+        debug_assert!(Path::available().contains(&path));
+        self.path = path;
+        self
+    }
+
+    /// The body.
+    pub fn body(&self) -> &Arc<Body> {
+        &self.body
+    }
+
+    /// The settings.
+    pub fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
+    /// Ticks since the start of the session.
+    pub fn tick(&self) -> u64 {
+        self.tick
+    }
+
+    /// What the last tick gave.
+    pub fn outputs(&self) -> &Outputs {
+        &self.outputs
+    }
+
+    /// The body as it moves.
+    pub fn mesh(&self) -> &ActiveMesh {
+        &self.mesh
+    }
+
+    /// Each tool, by id.
+    pub fn tools(&self) -> &[ToolState] {
+        &self.tools
+    }
+
+    /// Everything that the next tick depends on beside its inputs.
+    pub fn snapshot(&self) -> Snapshot {
+        let mut snapshot = Snapshot::with_room(&self.body, &self.settings);
+        self.save_into(&mut snapshot);
+        snapshot
+    }
+
+    /// Saves what [`Simulation::snapshot`] gives without allocating; `snapshot` was made by [`Snapshot::with_room`].
+    pub fn save_into(&self, snapshot: &mut Snapshot) {
+        self.mesh.save_into(&mut snapshot.body);
+        self.save_rest_into(snapshot);
+    }
+
+    /// As [`Simulation::save_into`], without what the elements remember of their motion: for questions about a body at rest
+    /// where it is now, in a fraction of the time.
+    pub fn save_shape_into(&self, snapshot: &mut Snapshot) {
+        self.mesh.save_shape_into(&mut snapshot.body);
+        self.save_rest_into(snapshot);
+    }
+
+    fn save_rest_into(&self, snapshot: &mut Snapshot) {
+        snapshot.tick = self.tick;
+        snapshot.frozen = self.frozen;
+        snapshot.prices = self.prices;
+        snapshot.knotted = self.knotted;
+        snapshot.tools.copy_from_slice(&self.tools);
+        for (to, from) in snapshot.points.iter_mut().zip(&self.points) {
+            to.clear();
+            to.extend_from_slice(from);
+        }
+    }
+
+    /// xxh3-64 of what moves: the same for the same history, whatever the machine.
+    pub fn hash(&self) -> u64 {
+        let mut hash = xxhash_rust::xxh3::Xxh3::new();
+        hash.update(&self.tick.to_le_bytes());
+        hash.update(&self.knotted.to_le_bytes());
+        self.mesh.hash_into(&mut hash);
+        for (tool, points) in self.tools.iter().zip(&self.points) {
+            tool.hash_into(&mut hash);
+            for p in points {
+                hash.update(&p.point.to_le_bytes());
+                for x in [p.multiplier, p.slack].iter().chain([p.normal, p.tangential, p.anchor].iter().flatten()) {
+                    hash.update(&x.to_le_bytes());
+                }
+            }
+        }
+        hash.digest()
+    }
+
+    /// Changes the body between ticks: for tests, studies and for settling a body before it is served.
+    pub fn mesh_mut(&mut self) -> &mut ActiveMesh {
+        self.detection.forget();
+        self.detection.follow_change(&self.body, &self.mesh);
+        &mut self.mesh
+    }
+
+    /// Takes over `snapshot`, which is one of this body and these tools: for questions about a copy.
+    pub fn load(&mut self, snapshot: &Snapshot) {
+        (self.tick, self.frozen, self.knotted) = (snapshot.tick, snapshot.frozen, snapshot.knotted);
+        self.prices = snapshot.prices;
+        self.mesh.restore(&self.body, &snapshot.body);
+        self.detection.forget();
+        self.tools.copy_from_slice(&snapshot.tools);
+        for (to, from) in self.points.iter_mut().zip(&snapshot.points) {
+            to.clear();
+            to.extend_from_slice(from);
+        }
+    }
+
+    /// For comparison: contacts as the mesh shows them, without the compliance of the dent below its size.
+    pub fn restore_no_dents(&mut self) {
+        self.detection.restore_no_dents();
+    }
+
+    /// The body, where the tools touch it, standing still, and its display vertices [m]: for questions about a copy.
+    pub fn contacts(&mut self) -> (&mut ActiveMesh, &[Constraint], &[Vec3]) {
+        self.tools.iter_mut().for_each(|tool| tool.previous = tool.pose);
+        self.detection.settle();
+        self.find_contacts(&mut ());
+        self.mesh.skin(&mut self.vertices);
+        (&mut self.mesh, &self.constraints, &self.vertices)
+    }
+
+    /// One tick.
+    pub fn advance(&mut self, inputs: &Inputs) -> &Outputs {
+        self.advance_with(inputs, &mut ())
+    }
+
+    /// One tick, which tells `laps` what it does.
+    pub fn advance_with(&mut self, inputs: &Inputs, laps: &mut dyn Laps) -> &Outputs {
+        self.begin(inputs);
+        self.move_tools(inputs);
+        self.adapt(inputs.budget, laps);
+        self.find_contacts(laps);
+        self.detection.end_tick();
+        self.step(inputs.budget, laps);
+        self.contain();
+        self.render_forces();
+        self.end_frame(laps);
+        &self.outputs
+    }
+
+    fn begin(&mut self, inputs: &Inputs) {
+        self.tick += 1 + u64::from(inputs.lapsed);
+        self.outputs.tick = self.tick;
+        self.outputs.restored = false;
+        self.prices = inputs.prices.unwrap_or(self.prices);
+        if inputs.reset {
+            self.back_to_start();
+        }
+    }
+
+    fn back_to_start(&mut self) {
+        self.mesh.restore(&self.body, &self.start);
+        self.detection.forget();
+        (self.knotted, self.frozen) = (0, 0);
+        self.points.iter_mut().for_each(Vec::clear);
+        self.constraints.clear();
+        // The shape jumps back under the tools: they have to come from outside again.
+        for tool in &mut self.tools {
+            if tool.touches() {
+                tool.phase = Phase::Waiting;
+                tool.ramp = 0.0;
+            }
+        }
+    }
+
+    fn move_tools(&mut self, inputs: &Inputs) {
+        for (tool, event) in self.tools.iter_mut().zip(&inputs.tools) {
+            tool.follow(event.as_ref(), TICK, &self.settings.following);
+        }
+    }
+
+    /// Refines and coarsens, and gives elements the steps that their strain asks for.
+    fn adapt(&mut self, budget: Budget, laps: &mut dyn Laps) {
+        let ticks = self.tick;
+        self.outputs.adapted = adaptation::Adapted::default();
+        if let Some(adaptivity) = &self.settings.adaptivity {
+            self.focus.clear();
+            for (tool, held) in self.tools.iter().zip(&self.settings.tools) {
+                if tool.phase == Phase::Detached {
+                    continue;
+                }
+                let velocity = (tool.pose.position - tool.previous.position) / TICK;
+                for k in 0..LOOKS_AHEAD {
+                    let place = tool.pose.position + velocity * (k as Real * LOOK_AHEAD);
+                    for (start, along, radius) in held.shape.parts().iter().map(ShapePart::outline) {
+                        let from = place + tool.pose.rotate(start);
+                        let to = from + tool.pose.rotate(along);
+                        self.focus.push(Focus { from, to, radius });
+                    }
+                }
+            }
+            let (contact, points) = self.contact_time(0);
+            let near = !self.focus.is_empty();
+            let means = Means {
+                budget,
+                prices: &self.prices,
+                contact,
+                points,
+                expected: if near { self.contact_time(adaptation::EXPECTED_CONTACTS).0 } else { 0 },
+                frame: ticks.is_multiple_of(TICKS_PER_FRAME / 2),
+                moves: self.frozen >= MOST_FROZEN,
+            };
+            let (body, mesh) = (&self.body, &mut self.mesh);
+            let loads = Loads { points: &self.points, gravity: self.settings.gravity };
+            laps.lap(Part::Fixed, 0);
+            self.outputs.adapted = adaptation::adapt(
+                body,
+                mesh,
+                adaptivity,
+                &self.focus,
+                (&means, &loads),
+                ticks,
+                &mut self.adaptation,
+                laps,
+            );
+            let adapted = &self.outputs.adapted;
+            if adapted.splits + adapted.merges > 0 {
+                self.detection.follow_change(&self.body, &self.mesh);
+                self.settle_tools();
+                laps.lap(Part::Change, 0);
+            }
+        }
+        laps.lap(Part::Fixed, 0);
+        self.mesh.reclass_part(&self.body, ticks % RECLASS_TICKS, RECLASS_TICKS);
+        laps.lap(Part::Fixed, 0);
+    }
+
+    /// Time that finding contacts takes [ns] with as many points as in the last tick, but at least `least` in all, and how
+    /// many points these are.
+    fn contact_time(&self, least: u32) -> (u32, u32) {
+        let (mut time, mut points) = (0u32, 0);
+        for ((tool, memory), of) in self.tools.iter().zip(&self.points).zip(&self.settings.tools) {
+            if tool.phase == Phase::Detached {
+                continue;
+            }
+            let solid = of.shape.parts().iter().any(ShapePart::is_solid);
+            let own = (memory.len() as u32).max(least.saturating_sub(points));
+            time = time.saturating_add(work::of_contact(&self.prices, own, solid));
+            points += own;
+        }
+        (time, points)
+    }
+
+    /// Tools that touch what now hangs on other elements follow their force slowly for a while.
+    fn settle_tools(&mut self) {
+        let first_triangle = self.body.surface().vertices.len() as u32;
+        let per_part = detection::points_of_a_part(&self.body);
+        for ((tool, points), of) in self.tools.iter_mut().zip(&self.points).zip(&self.settings.tools) {
+            let parts = of.shape.parts().len() as u32;
+            let by_part = |point: u32| points.binary_search_by_key(&point, |p| p.point).is_ok();
+            let touched = |point: u32| (0..parts).any(|part| by_part(point + part * per_part));
+            let concerned = |v: &u32| {
+                touched(*v) || self.body.triangles_around(*v as usize).iter().any(|t| touched(first_triangle + t))
+            };
+            if !points.is_empty() && self.mesh.rehung().iter().any(concerned) {
+                tool.settle();
+            }
+        }
+    }
+
+    /// Fills the constraint list, tool by tool, and lets waiting tools engage where they are outside.
+    fn find_contacts(&mut self, laps: &mut dyn Laps) {
+        self.constraints.clear();
+        self.points_of_action.clear();
+        if self.tools.iter().all(|t| t.phase == Phase::Detached) {
+            self.points.iter_mut().for_each(Vec::clear);
+            return;
+        }
+        if self.tools.iter().any(|t| t.phase == Phase::Waiting) {
+            self.mesh.skin(&mut self.vertices);
+        }
+        for (i, (tool, points)) in self.tools.iter_mut().zip(&mut self.points).enumerate() {
+            let of = &self.settings.tools[i];
+            if tool.phase == Phase::Waiting && is_outside(&self.body, &self.vertices, &of.shape, &tool.pose) {
+                tool.phase = Phase::Engaged;
+                tool.previous = tool.pose;
+                // It may have touched elsewhere a tick ago, before its client let go of it and took it up again.
+                points.clear();
+            }
+            if !tool.touches() {
+                points.clear();
+                continue;
+            }
+            laps.lap(Part::Fixed, 0);
+            let out = (&mut self.constraints, &mut self.points_of_action);
+            detection::detect((&self.body, &self.mesh), i as u32, of, tool, points, out, &mut self.detection);
+            match points.len() as u32 {
+                0 => laps.lap(Part::Search, 1),
+                n if of.shape.parts().iter().any(ShapePart::is_solid) => laps.lap(Part::SolidPoint, n),
+                n => laps.lap(Part::Point, n),
+            }
+        }
+    }
+
+    fn step(&mut self, budget: Budget, laps: &mut dyn Laps) {
+        let rest = work::of_rest(&self.prices, self.tick.is_multiple_of(TICKS_PER_FRAME));
+        let rest = rest.saturating_add(self.prices.of(Part::Look, self.outputs.adapted.looked));
+        let motion = work::of_motion(&self.body, &self.mesh, &self.prices, self.constraints.len() as u32);
+        let needed = motion.saturating_add(self.contact_time(0).0);
+        let whole = needed.saturating_add(rest).saturating_add(self.outputs.adapted.work);
+        // What a change of resolution takes is less well known than the rest.
+        let most = if self.outputs.adapted.work > 0 { budget.change } else { budget.limit };
+        // A body that never fits moves all the same, now and then.
+        let moves = whole <= most || self.frozen >= MOST_FROZEN;
+        self.frozen = if moves { 0 } else { self.frozen + 1 };
+        // A tick that stands still has found its contacts all the same.
+        let (taken, left_out) = if moves { (needed, 0) } else { (0, motion) };
+        self.outputs.plan = Plan { needed, taken, whole: whole - left_out };
+        laps.lap(Part::Fixed, 0);
+        self.outputs.element_evaluations = 0;
+        if moves {
+            self.outputs.element_evaluations = work::evaluations(&self.mesh);
+            self.outputs.extremes = step::tick(
+                self.path,
+                &self.body,
+                &mut self.mesh,
+                &mut self.constraints,
+                self.settings.gravity,
+                &mut self.stepping,
+                laps,
+            );
+            self.mesh.ease_off();
+            laps.lap(Part::Fixed, 0);
+            self.mesh.reclass_over_limit(&self.body);
+            laps.lap(Part::Fixed, 0);
+        }
+        self.mesh.fade_out();
+        self.mesh.follow_offsets(&self.body);
+    }
+
+    /// Our last line: a state that is not finite, or that the body would stay in for ever, is replaced by the one a reset
+    /// returns to, and the hand feels nothing.
+    fn contain(&mut self) {
+        if self.mesh.is_finite() && self.knotted < KNOT_FRAMES {
+            return;
+        }
+        self.outputs.restored = true;
+        self.back_to_start();
+        for tool in &mut self.tools {
+            tool.force.fill(0.0);
+            tool.torque.fill(0.0);
+        }
+    }
+
+    fn render_forces(&mut self) {
+        let stood_still = self.outputs.plan.taken < self.outputs.plan.needed;
+        let per_part = detection::points_of_a_part(&self.body);
+        let mut constraints = self.constraints.as_slice();
+        for (i, (tool, points)) in self.tools.iter_mut().zip(&mut self.points).enumerate() {
+            let own;
+            (own, constraints) = constraints.split_at(points.len().min(constraints.len()));
+            let middle = wrench::middle_pose(tool);
+            let (mut physical, mut contact_points) =
+                wrench::wrench_on(i as u32, &middle, &self.constraints, &self.points_of_action);
+            if stood_still && tool.touches() {
+                // No step, no new force: the last one stands.
+                physical = Wrench { force: tool.physical_force, torque: tool.physical_torque };
+                contact_points = own.iter().filter(|c| c.multiplier > 0.0).count() as u32;
+            }
+            let solved_at = tool.pose;
+            tool.hang_back(physical.force, physical.torque);
+            // What the solver found is where the next tick starts.
+            friction::remember(&self.mesh, (own, per_part), &solved_at, tool, points, !stood_still);
+            let limited = safety::render(tool, &physical, &self.settings.limits, TICK);
+            self.outputs.tools[i] = ToolOutput { state: *tool, contact_points, limited };
+        }
+    }
+
+    fn end_frame(&mut self, laps: &mut dyn Laps) {
+        laps.lap(Part::Fixed, 0);
+        let frame = self.tick.is_multiple_of(TICKS_PER_FRAME);
+        self.outputs.frame = frame;
+        self.outputs.elements = self.mesh.pool().len() as u32;
+        for (to, from) in self.outputs.active.iter_mut().zip(self.mesh.set().count()) {
+            *to = *from;
+        }
+        if frame {
+            self.mesh.skin(&mut self.outputs.skin);
+            self.mesh.display_levels(&self.body, &mut self.outputs.levels);
+        }
+        self.count_knotted();
+        if frame {
+            self.outputs.hash = self.hash();
+            laps.lap(Part::Frame, 1);
+        }
+    }
+
+    fn count_knotted(&mut self) {
+        // Where the body stood still there is no news of it.
+        if self.outputs.plan.taken != self.outputs.plan.needed {
+            return;
+        }
+        if self.constraints.iter().any(|c| c.multiplier > 0.0) {
+            self.knotted = 0;
+        } else if self.outputs.frame {
+            let knotted = self.home.is_knotted(self.outputs.extremes.det_f, &self.outputs.skin);
+            self.knotted = if knotted { self.knotted + 1 } else { 0 };
+        }
+    }
+}
+
+/// Places along a tool's way that are refined for it, [`LOOK_AHEAD`] apart.
+const LOOKS_AHEAD: usize = 3;
+/// [s].
+const LOOK_AHEAD: Real = 0.025;
+/// A full look at which elements may take longer steps again takes this many ticks; those that need shorter ones are
+/// found by their evaluation.
+const RECLASS_TICKS: u64 = 64;
+/// Ticks in a row in which a body may stand still: a force that keeps its value for longer feels like a stick.
+pub const MOST_FROZEN: u32 = 5;

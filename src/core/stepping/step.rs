@@ -1,0 +1,326 @@
+//! The step: asynchronous variational integration [Lew, Marsden, Ortiz & West 2003].
+//!
+//! Nodes drift freely; in the middle of each of its steps an element brings its nodes to the present, evaluates its
+//! force once and gives each node its impulse. No two classes of steps have a middle in common, and the events of a tick
+//! lie symmetrically about its middle: the scheme is symplectic and of second order without damping. Contact is held at
+//! the next event of its own class. What changes of resolution have left held acts at the events of the class that it stands
+//! for.
+
+use super::constraint_solve::{self, Prepared};
+use super::work::{Laps, Part};
+use crate::math::{Real, Vec3};
+use crate::model::active_mesh::{Ease, Motion};
+use crate::model::element_kernel::{Extremes, Path, Rates};
+use crate::model::element_pool::CLASSES;
+use crate::model::step_class::{self, STEP_VISCOSITY, TICK};
+use crate::model::sweeps::{self, Falling, Registers};
+use crate::model::{ActiveMesh, Body, Constraint};
+
+/// Nodes that the elements of one class concern.
+#[derive(Debug, Default)]
+struct Concerned {
+    active: Vec<u32>,
+    interface: Vec<u32>,
+    /// Entries of the interface nodes' rows.
+    entries: u32,
+    revision: Option<u32>,
+}
+
+/// Memory that the step needs and no one keeps.
+#[derive(Debug)]
+pub struct Workspace {
+    /// Time of each slot's position [s] since the start of the tick.
+    time: Vec<Real>,
+    prepared: Vec<Prepared>,
+    concerned: Vec<Concerned>,
+    stamp: Vec<u32>,
+    turn: u32,
+    contact_nodes: Vec<u32>,
+    /// Active nodes that something is held on.
+    eased: Ease<Vec<u32>>,
+}
+
+impl Workspace {
+    /// For `mesh` and at most `constraints` points at a time.
+    pub fn new(mesh: &ActiveMesh, constraints: usize) -> Self {
+        let slots = mesh.motion.mass.len();
+        let list = || Vec::with_capacity(slots);
+        Self {
+            time: vec![0.0; slots],
+            prepared: vec![Prepared::default(); constraints],
+            concerned: (0..CLASSES)
+                .map(|_| Concerned { active: list(), interface: list(), entries: 0, revision: None })
+                .collect(),
+            stamp: vec![0; slots],
+            turn: 0,
+            contact_nodes: list(),
+            eased: std::array::from_fn(|_| list()),
+        }
+    }
+}
+
+/// Moves `mesh` by one tick, and tells `laps` what it does, in the field `gravity` [m/s²], and leaves the mean
+/// multiplier of each constraint over the tick.
+pub fn tick(
+    path: Path,
+    body: &Body,
+    mesh: &mut ActiveMesh,
+    constraints: &mut [Constraint],
+    gravity: Vec3,
+    work: &mut Workspace,
+    laps: &mut dyn Laps,
+) -> Extremes {
+    let mut extremes = Extremes::REST;
+    let finest = mesh.finest_class();
+    let contact = step_class::contact_class(finest);
+    let holds = step_class::support_class(body, mesh);
+    collect_eased(mesh, work);
+    let mut deepest = finest.max(work.eased.iter().rposition(|slots| !slots.is_empty()).unwrap_or(0));
+    if !constraints.is_empty() {
+        deepest = deepest.max(contact);
+        collect_contact_nodes(constraints, work);
+    }
+    if !body.holds().is_empty() {
+        deepest = deepest.max(holds);
+    }
+    for c in constraints.iter_mut() {
+        (c.mean_multiplier, c.friction.mean_multiplier) = (0.0, Vec3::zeros());
+    }
+    // Class c is due at the odd multiples of half its step.
+    let halves = 2u32 << deepest;
+    for i in 1..halves {
+        let now = TICK * Real::from(i) / Real::from(halves);
+        let class = deepest - i.trailing_zeros() as usize;
+        let held = class == holds && !body.holds().is_empty();
+        let touched = class == contact && !constraints.is_empty();
+        if mesh.pool().count(class) > 0 || held || !of_class(&work.eased, class).is_empty() {
+            let elements = event((path, body, gravity), mesh, (class, held), now, work, laps);
+            extremes = extremes.join(&elements);
+        }
+        if touched {
+            let step = step_class::step_of(class);
+            drift(&work.contact_nodes, &mut work.time, mesh, gravity, now);
+            constraint_solve::solve(mesh, constraints, &mut work.prepared, step, now + step);
+            for c in constraints.iter_mut() {
+                c.mean_multiplier += c.multiplier;
+                c.friction.mean_multiplier += c.friction.multiplier;
+            }
+            laps.lap(Part::Solve, constraints.len() as u32);
+        }
+    }
+    drift_all(&mut work.time, mesh, gravity, TICK);
+    mesh.active().iter().for_each(|s| work.time[*s as usize] = 0.0);
+    laps.lap(Part::Node, mesh.active().len() as u32);
+    mesh.place_interface();
+    laps.lap(Part::Row, mesh.row_entries());
+    let solves = Real::from(1u32 << contact);
+    for c in constraints.iter_mut() {
+        c.mean_multiplier /= solves;
+        c.friction.mean_multiplier /= solves;
+    }
+    extremes
+}
+
+/// The elements of `class` are due at `now` [s], and the springs when `held`.
+fn event(
+    (path, body, gravity): (Path, &Body, Vec3),
+    mesh: &mut ActiveMesh,
+    (class, held): (usize, bool),
+    now: Real,
+    work: &mut Workspace,
+    laps: &mut dyn Laps,
+) -> Extremes {
+    let step = step_class::step_of(class);
+    let (rates, registers) = (rates(body, step), mesh.registers());
+    let eased = of_class(&work.eased, class);
+    // What is held of a body that can move as a whole is balanced where all its nodes are now.
+    let balanced = mesh.has_free_organs() && !eased.is_empty();
+    // Where most elements are due most nodes are concerned: finding out which costs more than moving the others.
+    if balanced || 4 * mesh.pool().count(class) > mesh.pool().len() {
+        let (nodes, entries) = (mesh.active().len() as u32, mesh.row_entries());
+        drift_all(&mut work.time, mesh, gravity, now);
+        laps.lap(Part::Node, nodes);
+        mesh.place_interface();
+        laps.lap(Part::Row, entries);
+        let extremes = add_forces(path, mesh, class, held, &rates, laps);
+        mesh.hand_back_all();
+        laps.lap(Part::Row, entries);
+        if balanced {
+            mesh.balance_eases(class);
+        }
+        let (active, motion) = mesh.active_motion();
+        add_eases(if balanced { active } else { eased }, motion, class);
+        kick(registers, active, motion, step);
+        laps.lap(Part::Node, nodes);
+        return extremes;
+    }
+    find_concerned(mesh, class, held, work);
+    let (concerned, eased) = (&work.concerned[class], of_class(&work.eased, class));
+    drift(&concerned.active, &mut work.time, mesh, gravity, now);
+    drift(eased, &mut work.time, mesh, gravity, now);
+    laps.lap(Part::Node, (concerned.active.len() + eased.len()) as u32);
+    mesh.place_these(&concerned.interface);
+    laps.lap(Part::Row, concerned.entries);
+    let extremes = add_forces(path, mesh, class, held, &rates, laps);
+    mesh.hand_back(&concerned.interface);
+    laps.lap(Part::Row, concerned.entries);
+    kick(registers, &concerned.active, &mut mesh.motion, step);
+    add_eases(eased, &mut mesh.motion, class);
+    kick(registers, eased, &mut mesh.motion, step);
+    laps.lap(Part::Node, (concerned.active.len() + eased.len()) as u32);
+    extremes
+}
+
+/// Forces of the elements of `class`, and of the supports when `held`.
+fn add_forces(
+    path: Path,
+    mesh: &mut ActiveMesh,
+    class: usize,
+    held: bool,
+    rates: &Rates,
+    laps: &mut dyn Laps,
+) -> Extremes {
+    let extremes = mesh.add_forces(path, class, rates);
+    laps.lap(Part::Element(class as u8), mesh.pool().count(class) as u32);
+    if held {
+        mesh.add_supports();
+        laps.lap(Part::Support, mesh.support_count() as u32);
+    }
+    extremes
+}
+
+/// Damping of one class: viscosity and Maxwell branches over its step.
+fn rates(body: &Body, step: Real) -> Rates {
+    let material = body.material();
+    let numerical = if body.maxwell().is_empty() { 0.0 } else { STEP_VISCOSITY };
+    let over = |viscosity: Real, modulus: Real| if modulus > 0.0 { viscosity / (modulus * step) } else { 0.0 };
+    let mut rates = Rates {
+        volume: numerical + over(material.phi, material.lambda),
+        shear: numerical + over(material.psi, material.mu),
+        ..Rates::ELASTIC
+    };
+    for (b, branch) in body.maxwell().iter().enumerate() {
+        rates.decay[b] = 1.0 / (1.0 + step / branch.time);
+        rates.share[b] = branch.modulus;
+    }
+    rates
+}
+
+/// Nodes of the elements of `class`, of the holds when `held`, and the masters they hang on.
+fn find_concerned(mesh: &ActiveMesh, class: usize, held: bool, work: &mut Workspace) {
+    if work.concerned[class].revision == Some(mesh.revision(class)) {
+        return;
+    }
+    work.turn = work.turn.wrapping_add(1);
+    if work.turn == 0 {
+        work.stamp.fill(0);
+        work.turn = 1;
+    }
+    let turn = work.turn;
+    let Concerned { active, interface, entries, revision } = &mut work.concerned[class];
+    let stamp = &mut work.stamp;
+    active.clear();
+    interface.clear();
+    *entries = 0;
+    let mut note = |slot: u32| {
+        if std::mem::replace(&mut stamp[slot as usize], turn) == turn {
+            return;
+        }
+        if mesh.is_master(slot) {
+            active.push(slot);
+            return;
+        }
+        interface.push(slot);
+        for (master, _) in mesh.row(slot).entries() {
+            *entries += 1;
+            if std::mem::replace(&mut stamp[master as usize], turn) != turn {
+                active.push(master);
+            }
+        }
+    };
+    for e in mesh.pool().ids(class) {
+        if let Some(slots) = mesh.pool().nodes_of(e) {
+            slots.into_iter().for_each(&mut note);
+        }
+    }
+    if held {
+        mesh.supported().for_each(&mut note);
+    }
+    *revision = Some(mesh.revision(class));
+}
+
+/// Nodes that something is held on by steps of `class`; none for the shortest steps.
+fn of_class(eased: &Ease<Vec<u32>>, class: usize) -> &[u32] {
+    eased.get(class).map_or(&[], Vec::as_slice)
+}
+
+fn collect_eased(mesh: &ActiveMesh, work: &mut Workspace) {
+    work.eased.iter_mut().for_each(Vec::clear);
+    if !mesh.has_eases() {
+        return;
+    }
+    for &slot in mesh.active() {
+        for (slots, ease) in work.eased.iter_mut().zip(&mesh.motion.ease[slot as usize]) {
+            if *ease != [0.0; 4] {
+                slots.push(slot);
+            }
+        }
+    }
+}
+
+fn collect_contact_nodes(constraints: &[Constraint], work: &mut Workspace) {
+    work.turn = work.turn.wrapping_add(1);
+    if work.turn == 0 {
+        work.stamp.fill(0);
+        work.turn = 1;
+    }
+    work.contact_nodes.clear();
+    for &(slot, _) in constraints.iter().flat_map(|c| c.row.entries()) {
+        if std::mem::replace(&mut work.stamp[slot as usize], work.turn) != work.turn {
+            work.contact_nodes.push(slot);
+        }
+    }
+}
+
+/// Adds the relaxed elastic forces of all elements and the pull of the holds to [`ActiveMesh::motion`]'s forces.
+pub fn add_elastic_forces(path: Path, mesh: &mut ActiveMesh) {
+    mesh.place_interface();
+    for class in 0..CLASSES {
+        mesh.add_forces(path, class, &Rates::ELASTIC);
+    }
+    mesh.add_supports();
+    mesh.hand_back_all();
+}
+
+/// Free fall of the nodes in `slots` up to `now` [s].
+fn drift(slots: &[u32], time: &mut [Real], mesh: &mut ActiveMesh, gravity: Vec3, now: Real) {
+    let registers = mesh.registers();
+    fall(registers, slots, &mut mesh.motion, time, gravity, now);
+}
+
+fn drift_all(time: &mut [Real], mesh: &mut ActiveMesh, gravity: Vec3, now: Real) {
+    let registers = mesh.registers();
+    let (active, motion) = mesh.active_motion();
+    fall(registers, active, motion, time, gravity, now);
+}
+
+fn fall(registers: Registers, slots: &[u32], motion: &mut Motion, time: &mut [Real], gravity: Vec3, now: Real) {
+    let Motion { position, velocity, inverse_mass, .. } = motion;
+    let falling = Falling { position, velocity, inverse_mass, time };
+    sweeps::fall(registers, slots, falling, [gravity.x, gravity.y, gravity.z, 0.0], now);
+}
+
+/// What is held on the nodes in `slots` acts now, with the elements of `class`.
+fn add_eases(slots: &[u32], motion: &mut Motion, class: usize) {
+    for &slot in slots {
+        let ease = motion.ease[slot as usize][class];
+        for (f, e) in motion.force[slot as usize].iter_mut().zip(ease) {
+            *f += e;
+        }
+    }
+}
+
+fn kick(registers: Registers, slots: &[u32], motion: &mut Motion, step: Real) {
+    let Motion { velocity, force, inverse_mass, .. } = motion;
+    sweeps::kick(registers, slots, inverse_mass, step, force, velocity);
+}

@@ -1,0 +1,419 @@
+//! The command line: arguments, start, wait, stop.
+
+mod demo;
+mod doctor;
+mod prepare_command;
+mod progress;
+
+use anyhow::{Context, bail};
+use clap::{Args, Parser, Subcommand};
+use palpate::offline::{self, SampleWriter, Trajectory};
+use palpate::recording::{Recording, RecordingWriter, replay};
+use palpate::scene::LoadedScene;
+use palpate::server::{self, Server};
+use palpate_core::model::element_kernel::Path as KernelPath;
+use palpate_core::simulation::{Inputs, Simulation, Snapshot, TICK};
+use palpate_proto::{self as proto, keys};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::Arc;
+
+#[derive(Parser)]
+#[command(name = "palpate", version, about = "Touch soft bodies in real time")]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Build an organ, serve it, and let the virtual Phantom touch it, in a window or with a live view in the terminal
+    Demo(demo::DemoArgs),
+    /// Watch a running server, or play a recording, in a window or into a picture
+    #[cfg(feature = "viewer")]
+    View(palpate_viewer::Args),
+    /// Say what this machine can hold: scheduling, wake-ups, the cost of each part of a tick, elements at 1 kHz
+    Doctor(doctor::DoctorArgs),
+    /// Serve a scene to remote tools and viewers
+    Serve(ServeArgs),
+    /// Run a scene without a network, as fast as it goes
+    Simulate(SimulateArgs),
+    /// Make a body from mesh files, look at it, and write it into one file that scenes load at once
+    Prepare(prepare_command::PrepareArgs),
+    /// Start a recording on a running server, and stop it again
+    Record(RecordArgs),
+    /// Run a recording again and compare bit for bit
+    Replay(ReplayArgs),
+}
+
+/// What to simulate.
+#[derive(Args)]
+struct SceneArgs {
+    /// Scene file, prepared body (.palpate), or a bundled scene: liver, toy, cube, organ
+    #[arg(long, default_value = "liver")]
+    scene: PathBuf,
+    /// Override a key of the scene, as in material.youngs_modulus=8000
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    set: Vec<String>,
+}
+
+/// Where to serve.
+#[derive(Args)]
+struct ServerArgs {
+    /// Session name, part of every key
+    #[arg(long, default_value = keys::DEFAULT_SESSION)]
+    session: String,
+    /// Endpoint of the force channel; give an address of this machine to be reachable from others
+    #[arg(long, default_value = keys::DEFAULT_FORCE_ENDPOINT)]
+    force_endpoint: String,
+    /// Endpoint of surface, session, control, status and presence
+    #[arg(long, default_value = keys::DEFAULT_SURFACE_ENDPOINT)]
+    surface_endpoint: String,
+    /// Bind the simulation thread to this CPU
+    #[arg(long)]
+    cpu: Option<usize>,
+    /// Record from the first tick into this file (MCAP)
+    #[arg(long, value_name = "FILE")]
+    record: Option<PathBuf>,
+    /// Folder for recordings that clients start
+    #[arg(long, default_value = "recordings")]
+    recordings: PathBuf,
+}
+
+impl ServerArgs {
+    /// Where it listens, and who can reach it.
+    fn describe(&self) -> String {
+        let loopback = |endpoint: &str| ["127.", "localhost", "[::1]"].iter().any(|h| endpoint.contains(h));
+        let reach = if loopback(&self.force_endpoint) && loopback(&self.surface_endpoint) {
+            "from this machine only"
+        } else {
+            "FROM OTHER MACHINES TOO, without authentication"
+        };
+        format!(
+            "session {} on {} (forces) and {} (everything else), reachable {reach}",
+            self.session, self.force_endpoint, self.surface_endpoint
+        )
+    }
+
+    fn options(&self) -> server::Options {
+        server::Options {
+            session: self.session.clone(),
+            force_endpoint: self.force_endpoint.clone(),
+            surface_endpoint: self.surface_endpoint.clone(),
+            cpu: self.cpu,
+            record: self.record.clone(),
+            recordings: self.recordings.clone(),
+        }
+    }
+}
+
+#[derive(Args)]
+struct ServeArgs {
+    #[command(flatten)]
+    scene: SceneArgs,
+    #[command(flatten)]
+    server: ServerArgs,
+    /// Stop after this long [s]
+    #[arg(long)]
+    seconds: Option<f64>,
+    /// Stop when standard input ends: for a program that starts a server of its own
+    #[arg(long)]
+    until_input_ends: bool,
+}
+
+#[derive(Args)]
+struct SimulateArgs {
+    /// Scene file, prepared body (.palpate), or a bundled scene: liver, toy, cube, organ
+    scene: PathBuf,
+    /// Override a key of the scene
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// Simulated time [s]
+    #[arg(long)]
+    seconds: f64,
+    /// Tool trajectory (CSV): see README
+    #[arg(long)]
+    trajectory: Option<PathBuf>,
+    /// Folder for samples.csv and summary.json
+    #[arg(long)]
+    out: PathBuf,
+    /// Ticks between two rows of samples.csv
+    #[arg(long, default_value_t = 1)]
+    every: u64,
+    /// Record into this file (MCAP), to replay it later
+    #[arg(long, value_name = "FILE")]
+    record: Option<PathBuf>,
+}
+
+#[derive(Args)]
+struct RecordArgs {
+    /// File name below the server's recordings folder
+    file: String,
+    /// Stop after this long [s]; without it, at Ctrl-C
+    #[arg(long)]
+    seconds: Option<f64>,
+    /// Session name
+    #[arg(long, default_value = keys::DEFAULT_SESSION)]
+    session: String,
+    /// Endpoint of the server's control
+    #[arg(long, default_value = keys::DEFAULT_SURFACE_ENDPOINT)]
+    surface_endpoint: String,
+}
+
+#[derive(Args)]
+struct ReplayArgs {
+    /// The recording
+    file: PathBuf,
+    /// Run on this form of the kernel (portable, avx2) instead of all that this CPU has
+    #[arg(long)]
+    kernel: Option<String>,
+    /// Write the tools' poses as a trajectory that `simulate` reads
+    #[arg(long, value_name = "FILE")]
+    trajectory_out: Option<PathBuf>,
+}
+
+fn main() -> ExitCode {
+    let cli = Cli::parse();
+    let outcome = match cli.command {
+        Command::Demo(args) => demo::run(args),
+        #[cfg(feature = "viewer")]
+        Command::View(args) => view(args),
+        Command::Doctor(args) => doctor::run(&args),
+        Command::Serve(args) => serve(&args),
+        Command::Simulate(args) => simulate(&args),
+        Command::Prepare(args) => prepare_command::run(&args),
+        Command::Record(args) => record(&args),
+        Command::Replay(args) => replay_file(&args),
+    };
+    match outcome {
+        Ok(code) => code,
+        Err(e) => {
+            // Most errors tell what caused them themselves, and some what they are about, which is told before them.
+            let mut text = String::new();
+            for cause in e.chain().map(|cause| cause.to_string()) {
+                if cause.contains(&text) {
+                    text = cause;
+                } else if !text.contains(&cause) {
+                    text += &format!(": {cause}");
+                }
+            }
+            eprintln!("palpate: {text}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// Log lines to standard error; `RUST_LOG` changes what is logged.
+fn log_to_stderr() {
+    let filter = tracing_subscriber::EnvFilter::try_from_default_env()
+        .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new("palpate=info,zenoh=error"));
+    let _ = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).try_init();
+}
+
+/// A body, and the state in which it has come to rest.
+fn build(scene: &SceneArgs) -> anyhow::Result<(LoadedScene, Arc<palpate_core::model::Body>, Snapshot)> {
+    let loaded = LoadedScene::load(&scene.scene, &scene.set)?;
+    let mut progress = progress::Progress::new();
+    let body = Arc::new(loaded.build(&mut |what, done, of| progress.show(what, done, of))?);
+    let start = loaded.scene.settled(&body, &mut |what, done, of| progress.show(what, done, of));
+    let levels: Vec<String> = body.levels().iter().map(|l| format!("{}", l.mesh.nodes.len())).collect();
+    progress.finish(&format!(
+        "{}: {:.2} kg, {} levels of {} nodes; starts with {} active",
+        body.name(),
+        body.mass(),
+        body.levels().len(),
+        levels.join(", "),
+        start.body.nodes.len(),
+    ));
+    if let Some(warning) = loaded.scene.warning(&body) {
+        eprintln!("{warning}");
+    }
+    Ok((loaded, body, start))
+}
+
+fn runtime() -> anyhow::Result<tokio::runtime::Runtime> {
+    tokio::runtime::Builder::new_multi_thread().enable_all().worker_threads(2).build().context("starting tokio")
+}
+
+fn serve(args: &ServeArgs) -> anyhow::Result<ExitCode> {
+    log_to_stderr();
+    let (loaded, body, start) = build(&args.scene)?;
+    runtime()?.block_on(async {
+        let server = Server::start(loaded.scene, body, start, args.server.options()).await?;
+        tracing::info!("{}; {}; Ctrl-C ends it", args.server.describe(), server.measured().describe());
+        if let Some(warning) = server.warning() {
+            tracing::warn!("{warning}");
+        }
+        let time_up = async {
+            match args.seconds {
+                Some(seconds) => {
+                    tokio::time::sleep(std::time::Duration::try_from_secs_f64(seconds).unwrap_or_default()).await
+                }
+                None => std::future::pending().await,
+            }
+        };
+        let input_ends = async {
+            match args.until_input_ends {
+                // A thread of its own, that nobody joins: a read of standard input cannot be called off.
+                true => {
+                    let (ended, end) = tokio::sync::oneshot::channel();
+                    std::thread::spawn(move || {
+                        let _ = std::io::copy(&mut std::io::stdin(), &mut std::io::sink());
+                        let _ = ended.send(());
+                    });
+                    let _ = end.await;
+                }
+                false => std::future::pending().await,
+            }
+        };
+        let mut terminate = tokio::signal::unix::signal(tokio::signal::unix::SignalKind::terminate())?;
+        tokio::select! {
+            () = time_up => {}
+            () = input_ends => {}
+            _ = terminate.recv() => {}
+            interrupted = tokio::signal::ctrl_c() => interrupted?,
+        }
+        let status = server.stop().await?;
+        println!("{}", demo::summary(&status));
+        Ok(ExitCode::SUCCESS)
+    })
+}
+
+/// The viewer, which may start servers of bundled scenes as processes of their own: this one has no simulation.
+#[cfg(feature = "viewer")]
+fn view(args: palpate_viewer::Args) -> anyhow::Result<ExitCode> {
+    let scenes = palpate_viewer::Scenes {
+        program: std::env::current_exe().context("where this program is")?,
+        names: palpate::scene::BUNDLED.iter().map(|(name, _)| (*name).to_owned()).collect(),
+    };
+    palpate_viewer::run(args, Some(scenes))?;
+    Ok(ExitCode::SUCCESS)
+}
+
+fn simulate(args: &SimulateArgs) -> anyhow::Result<ExitCode> {
+    if !(args.seconds > 0.0 && args.seconds <= 1e6) {
+        bail!("--seconds {}: give a time from 0.001 to 1e6", args.seconds);
+    }
+    let scene = SceneArgs { scene: args.scene.clone(), set: args.set.clone() };
+    let (loaded, body, start) = build(&scene)?;
+    let trajectory = match &args.trajectory {
+        Some(path) => {
+            let text = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
+            Trajectory::parse(&text, &path.display().to_string(), loaded.scene.tool.len())?
+        }
+        None => Trajectory::default(),
+    };
+    std::fs::create_dir_all(&args.out).with_context(|| args.out.display().to_string())?;
+    let mut simulation =
+        Simulation::new(body.clone(), loaded.scene.settings(), start.clone()).map_err(anyhow::Error::msg)?;
+    let mut samples = SampleWriter::create(&args.out, &loaded.scene, &simulation, args.every)?;
+    let mut recording = match &args.record {
+        Some(path) => Some(RecordingWriter::create(path, &loaded.scene, &body, &start, &start.body)?),
+        None => None,
+    };
+    let ticks = (args.seconds / TICK).round() as u64;
+    let mut progress = progress::Progress::new();
+    let summary = offline::run(&mut simulation, &trajectory, ticks, |simulation, outputs| {
+        if outputs.tick.is_multiple_of(100) {
+            progress.show("simulating", outputs.tick as usize, ticks as usize);
+        }
+        if let Some(recording) = &mut recording {
+            let inputs: Inputs = trajectory.inputs(outputs.tick);
+            recording.tick(
+                outputs.tick,
+                &inputs,
+                &outputs.tools,
+                outputs.flags(),
+                outputs.frame.then_some(outputs.hash),
+            )?;
+            if outputs.frame {
+                let tools: Vec<_> = outputs.tools.iter().map(|t| t.state).collect();
+                recording.frame(outputs.tick, &outputs.skin, &outputs.levels, &tools)?;
+            }
+        }
+        samples.write(simulation, outputs)?;
+        anyhow::Ok(())
+    })?;
+    samples.finish()?;
+    if let Some(recording) = recording {
+        recording.finish()?;
+    }
+    progress.finish("simulated");
+    let text = serde_json::to_string_pretty(&summary)?;
+    std::fs::write(args.out.join("summary.json"), format!("{text}\n"))?;
+    println!("{text}");
+    Ok(ExitCode::SUCCESS)
+}
+
+fn record(args: &RecordArgs) -> anyhow::Result<ExitCode> {
+    use proto::control_request::Request;
+    let endpoints = palpate_sdk::Endpoints {
+        surface: args.surface_endpoint.clone(),
+        session: args.session.clone(),
+        ..Default::default()
+    };
+    let connection = palpate_sdk::Connection::open_surface(&endpoints)?;
+    let ask = |request| connection.control(proto::ControlRequest { request: Some(request) });
+    let started = ask(Request::StartRecording(proto::StartRecording { path: args.file.clone() }))?;
+    let path = started.recording.map(|r| r.path).unwrap_or_default();
+    eprintln!("recording into {path} on the server's machine; Ctrl-C stops it");
+    runtime()?.block_on(async {
+        match args.seconds {
+            Some(seconds) => {
+                let time = std::time::Duration::try_from_secs_f64(seconds).context("--seconds")?;
+                tokio::select! {
+                    () = tokio::time::sleep(time) => {}
+                    _ = tokio::signal::ctrl_c() => {}
+                }
+            }
+            None => tokio::signal::ctrl_c().await?,
+        }
+        anyhow::Ok(())
+    })?;
+    let done = ask(Request::StopRecording(proto::StopRecording {}))?.recording.unwrap_or_default();
+    if !done.fault.is_empty() {
+        bail!("{}: {}", done.path, done.fault);
+    }
+    println!("{}: {} ticks from {}, {:.1} MB", done.path, done.ticks, done.first_tick, done.bytes as f64 / 1e6);
+    Ok(ExitCode::SUCCESS)
+}
+
+fn replay_file(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
+    let paths = match args.kernel.as_deref() {
+        None => KernelPath::available(),
+        Some("portable") => vec![KernelPath::Portable],
+        Some("avx2") if KernelPath::available().contains(&KernelPath::Avx2) => vec![KernelPath::Avx2],
+        Some("avx2") => bail!("this CPU has no AVX2"),
+        Some(other) => bail!("--kernel {other}: portable or avx2"),
+    };
+    let recording = Recording::read(&args.file)?;
+    if let Some(cut) = &recording.cut {
+        println!("cut after tick {}: {cut}", recording.inputs.last().map_or(0, |i| i.0));
+    }
+    if let Some(path) = &args.trajectory_out {
+        write_trajectory(path, &recording)?;
+    }
+    let mut identical = true;
+    for path in paths {
+        let report = replay(&recording, path).map_err(anyhow::Error::msg)?;
+        println!("{path:?}: {}", report.verdict());
+        identical &= report.difference.is_none();
+    }
+    Ok(if identical { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
+
+fn write_trajectory(path: &Path, recording: &Recording) -> anyhow::Result<()> {
+    use palpate_core::contact::tool::ToolEvent;
+    let mut out = std::io::BufWriter::new(std::fs::File::create(path).with_context(|| path.display().to_string())?);
+    writeln!(out, "{}", offline::TRAJECTORY_HEADER)?;
+    let first = recording.inputs.first().map_or(1, |i| i.0);
+    for (tick, inputs) in &recording.inputs {
+        for (tool, event) in inputs.tools.iter().enumerate() {
+            if let Some(ToolEvent::Pose(sample)) = event {
+                offline::write_trajectory_row(&mut out, tick - first + 1, tool, sample)?;
+            }
+        }
+    }
+    out.flush().with_context(|| path.display().to_string())
+}

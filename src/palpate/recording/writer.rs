@@ -1,0 +1,179 @@
+//! Writes a recording; runs on a thread of its own and never on the simulation's.
+
+use super::{FORMAT, RecordingError};
+use crate::scene::Scene;
+use crate::wire;
+use crate::wire::surface::SurfaceEncoder;
+use mcap::records::MessageHeader;
+use palpate_core::contact::tool::{Phase, ToolState};
+use palpate_core::math::Vec3;
+use palpate_core::model::{Body, State};
+use palpate_core::simulation::{Inputs, Snapshot, TICK, TickFlags, ToolOutput};
+use palpate_proto::keys::topics;
+use palpate_proto::{self as proto, Message};
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::BufWriter;
+use std::path::{Path, PathBuf};
+
+/// A recording being written.
+pub struct RecordingWriter {
+    path: PathBuf,
+    mcap: mcap::Writer<BufWriter<File>>,
+    channels: BTreeMap<&'static str, u16>,
+    wrenches: Vec<u64>,
+    first_tick: u64,
+    ticks: u64,
+    surface: SurfaceEncoder,
+}
+
+/// What frames of a recording call its only surface.
+const TOPOLOGY: u32 = 1;
+
+impl RecordingWriter {
+    /// Creates the file and writes how the run starts: `start` is the state before the first recorded tick, at the end
+    /// of a frame; `reset` what a reset returns to.
+    ///
+    /// # Errors
+    /// Those of the file system.
+    pub fn create(
+        path: &Path,
+        scene: &Scene,
+        body: &Body,
+        start: &Snapshot,
+        reset: &State,
+    ) -> Result<Self, RecordingError> {
+        let io = |source| RecordingError::Io { path: path.display().to_string(), source };
+        let file = File::create(path).map_err(io)?;
+        // Chunks of a few hundred ticks: what a crash may cost.
+        let options = mcap::WriteOptions::new()
+            .compression(Some(mcap::Compression::Lz4))
+            .chunk_size(Some(256 * 1024))
+            .library(format!("palpate {}", env!("CARGO_PKG_VERSION")));
+        let mut mcap = options.create(BufWriter::new(file)).map_err(|e| fault(path, e))?;
+        let mut channels = BTreeMap::new();
+        for (topic, message) in [
+            (topics::START, "RecordingStart"),
+            (topics::INPUTS, "TickInputs"),
+            (topics::WRENCH, "ToolWrench"),
+            (topics::HASH, "StateHash"),
+            (topics::TOPOLOGY, "SurfaceTopology"),
+            (topics::SURFACE, "SurfaceFrame"),
+        ] {
+            let schema = mcap
+                .add_schema(&proto::schema_name(message), "protobuf", proto::DESCRIPTOR_SET)
+                .map_err(|e| fault(path, e))?;
+            let channel = mcap.add_channel(schema, topic, "protobuf", &BTreeMap::new()).map_err(|e| fault(path, e))?;
+            channels.insert(topic, channel);
+        }
+        let mut writer = Self {
+            path: path.to_owned(),
+            mcap,
+            channels,
+            wrenches: vec![0; start.tools.len()],
+            first_tick: start.tick + 1,
+            ticks: 0,
+            surface: SurfaceEncoder::new(body, TOPOLOGY),
+        };
+        let content =
+            |e: postcard::Error| RecordingError::Content { path: path.display().to_string(), what: e.to_string() };
+        let opening = proto::RecordingStart {
+            format: FORMAT,
+            palpate_version: env!("CARGO_PKG_VERSION").into(),
+            scene_toml: scene.to_toml(),
+            body: body.bytes().to_vec(),
+            body_checksum: body.checksum(),
+            state: postcard::to_stdvec(start).map_err(content)?,
+            reset_state: postcard::to_stdvec(reset).map_err(content)?,
+            first_tick: writer.first_tick,
+            session: Some(wire::session::describe(scene, body)),
+        };
+        writer.message(topics::START, start.tick, &opening)?;
+        for part in wire::surface::topology(body, TOPOLOGY) {
+            writer.message(topics::TOPOLOGY, start.tick, &part)?;
+        }
+        writer.mcap.flush().map_err(|e| fault(path, e))?;
+        Ok(writer)
+    }
+
+    /// Adds a tick: what it consumed and what each tool felt; at a frame the state's hash.
+    ///
+    /// # Errors
+    /// Those of the file system.
+    pub fn tick(
+        &mut self,
+        tick: u64,
+        inputs: &Inputs,
+        tools: &[ToolOutput],
+        flags: TickFlags,
+        hash: Option<u64>,
+    ) -> Result<(), RecordingError> {
+        self.message(topics::INPUTS, tick, &wire::inputs_to_message(tick, inputs))?;
+        for (i, tool) in tools.iter().enumerate() {
+            if tool.state.phase != Phase::Detached {
+                self.wrenches[i] += 1;
+                let wrench = wire::wrench(i as u32, tick, self.wrenches[i], tool, flags);
+                self.message(topics::WRENCH, tick, &wrench)?;
+            }
+        }
+        if let Some(hash) = hash {
+            self.message(topics::HASH, tick, &proto::StateHash { tick, hash })?;
+        }
+        self.ticks += 1;
+        Ok(())
+    }
+
+    /// Adds a frame's surface: display vertices [m] (vertices), their levels (vertices), and the tools.
+    ///
+    /// # Errors
+    /// Those of the file system, or when there is no memory.
+    pub fn frame(
+        &mut self,
+        tick: u64,
+        skin: &[Vec3],
+        levels: &[u8],
+        tools: &[ToolState],
+    ) -> Result<(), RecordingError> {
+        let coded = self.surface.frame(tick, skin, levels, tools);
+        let parts = coded.map_err(|e| RecordingError::Content {
+            path: self.path.display().to_string(),
+            what: format!("the surface of tick {tick}: {e}"),
+        })?;
+        parts.iter().try_for_each(|part| self.message(topics::SURFACE, tick, part))
+    }
+
+    fn message(&mut self, topic: &'static str, tick: u64, message: &impl Message) -> Result<(), RecordingError> {
+        let time = tick * (TICK * 1e9) as u64;
+        let header = MessageHeader {
+            channel_id: self.channels[topic],
+            sequence: tick as u32,
+            log_time: time,
+            publish_time: time,
+        };
+        self.mcap.write_to_known_channel(&header, &message.encode_to_vec()).map_err(|e| fault(&self.path, e))
+    }
+
+    /// Where the recording stands.
+    pub fn status(&self) -> proto::RecordingStatus {
+        proto::RecordingStatus {
+            path: self.path.display().to_string(),
+            first_tick: self.first_tick,
+            ticks: self.ticks,
+            bytes: std::fs::metadata(&self.path).map_or(0, |m| m.len()),
+            fault: String::new(),
+        }
+    }
+
+    /// Writes the index and closes the file.
+    ///
+    /// # Errors
+    /// Those of the file system.
+    pub fn finish(mut self) -> Result<proto::RecordingStatus, RecordingError> {
+        self.mcap.finish().map_err(|e| fault(&self.path, e))?;
+        Ok(self.status())
+    }
+}
+
+fn fault(path: &Path, source: mcap::McapError) -> RecordingError {
+    RecordingError::Mcap { path: path.display().to_string(), source }
+}

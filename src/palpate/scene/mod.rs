@@ -1,0 +1,581 @@
+//! Scenes: TOML text → checked parameters → a body and the settings of its simulation.
+//!
+//! Every key stands in `config/scenes/reference.toml` with its unit, range and default; a test holds the two together.
+//! A wrong key, a bad value or a bad mesh gets an error that names the file, the line and what to do.
+
+pub mod keys;
+pub mod organ_keys;
+pub mod prepared;
+pub mod tool_keys;
+
+pub use keys::Scene;
+
+use garde::Validate;
+use keys::Source;
+use palpate_body::geometry::{LabelledMesh, MeshError, mesh_io, primitives};
+use palpate_body::prepare::body_file::{self, BodyFileError};
+use palpate_body::prepare::merge::merge;
+use palpate_body::prepare::{self, PrepareError, Recipe};
+use palpate_core::contact::tool::Part;
+use palpate_core::geometry::Surface;
+use palpate_core::geometry::primitives::box_mesh;
+use palpate_core::math::{Pose, Real, Vec3};
+use palpate_core::model::Body;
+use std::path::{Path, PathBuf};
+
+/// Scenes that come with the program: name and text.
+pub const BUNDLED: [(&str, &str); 5] = [
+    ("liver", include_str!("../../../config/scenes/liver.toml")),
+    ("organs", include_str!("../../../config/scenes/organs.toml")),
+    ("toy", include_str!("../../../config/scenes/toy.toml")),
+    ("cube", include_str!("../../../config/scenes/cube.toml")),
+    ("organ", include_str!("../../../config/scenes/organ.toml")),
+];
+
+/// Why a scene cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum SceneError {
+    /// No such file, and no bundled scene of that name.
+    #[error("cannot read scene {}: {source}; bundled scenes are {}", path.display(), bundled_names())]
+    Read {
+        /// What was asked for.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// Not TOML, a wrong key or a wrong type; the text shows line and place.
+    #[error("{origin}: {message}")]
+    Syntax {
+        /// File or bundled scene.
+        origin: String,
+        /// What, with the line and a caret.
+        message: String,
+    },
+    /// Values out of range.
+    #[error("{}", .0.join("\n"))]
+    Values(
+        /// One line per value: file, line, key, range.
+        Vec<String>,
+    ),
+    /// A `key=value` override that is none.
+    #[error("--set {given}: {message}")]
+    Override {
+        /// As given.
+        given: String,
+        /// What to do.
+        message: String,
+    },
+    /// A mesh file that cannot be used.
+    #[error("{origin}: body: {}: {source}", path.display())]
+    Mesh {
+        /// File or bundled scene.
+        origin: String,
+        /// The mesh file.
+        path: PathBuf,
+        /// Why.
+        source: Box<MeshError>,
+    },
+    /// A file of a tool's shape that cannot be used.
+    #[error("{origin}: {key}: {}: {reason}", path.display())]
+    ToolFile {
+        /// File or bundled scene.
+        origin: String,
+        /// The key.
+        key: String,
+        /// The shape's file.
+        path: PathBuf,
+        /// Why.
+        reason: String,
+    },
+    /// A prepared body that cannot be used.
+    #[error("{origin}: body: {}: {source}", path.display())]
+    Prepared {
+        /// File or bundled scene.
+        origin: String,
+        /// The body's file.
+        path: PathBuf,
+        /// Why.
+        source: Box<BodyFileError>,
+    },
+    /// A key that the source needs.
+    #[error("{origin}: body.source = \"{source_name}\" needs {needs}")]
+    Missing {
+        /// File or bundled scene.
+        origin: String,
+        /// The source.
+        source_name: &'static str,
+        /// What is missing, with an example.
+        needs: &'static str,
+    },
+    /// A level that the body does not have.
+    #[error("{origin}: {key} is {level}, but the body has the levels 0 to {last}")]
+    NoSuchLevel {
+        /// File or bundled scene.
+        origin: String,
+        /// The key.
+        key: &'static str,
+        /// Level asked for.
+        level: u32,
+        /// Finest level.
+        last: usize,
+    },
+    /// Shapes and parameters that make no body.
+    #[error("{origin}: {source}")]
+    Prepare {
+        /// File or bundled scene.
+        origin: String,
+        /// Why.
+        source: Box<PrepareError>,
+    },
+}
+
+fn bundled_names() -> String {
+    BUNDLED.map(|b| b.0).join(", ")
+}
+
+/// A scene together with where it came from.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LoadedScene {
+    /// Its keys.
+    pub scene: Scene,
+    /// File or "bundled scene …", for messages.
+    pub origin: String,
+    /// Folder that its file names are relative to.
+    pub folder: PathBuf,
+}
+
+impl LoadedScene {
+    /// Reads the scene file at `path`, or the bundled scene of that name, or takes the scene that the prepared body at
+    /// `path` was made for, and applies `overrides` (`key=value`, dotted keys, TOML values; a bare word counts as a
+    /// string).
+    ///
+    /// # Errors
+    /// With file, line and remedy.
+    pub fn load(path: &Path, overrides: &[String]) -> Result<Self, SceneError> {
+        let bundled = BUNDLED.iter().find(|(name, _)| Path::new(name) == path);
+        let (text, origin, folder) = match bundled {
+            Some((name, text)) => ((*text).to_owned(), format!("bundled scene {name}"), PathBuf::new()),
+            None => {
+                let text = if path.extension().is_some_and(|e| e == body_file::EXTENSION) {
+                    prepared::scene_of(path)?
+                } else {
+                    std::fs::read_to_string(path)
+                        .map_err(|source| SceneError::Read { path: path.to_owned(), source })?
+                };
+                let folder = path.parent().unwrap_or(Path::new("")).to_owned();
+                (text, path.display().to_string(), folder)
+            }
+        };
+        let (text, origin) = if overrides.is_empty() {
+            (text, origin)
+        } else {
+            (override_keys(&text, &origin, overrides)?, format!("{origin} with --set"))
+        };
+        let mut scene = parse(&text, &origin)?;
+        if let Some(text) = prepared::completed(&text, &scene, &origin, &folder)? {
+            scene = parse(&text, &origin)?;
+        }
+        load_tools(&mut scene, &origin, &folder)?;
+        Ok(Self { scene, origin, folder })
+    }
+
+    /// Builds the body; `progress` hears what is done next, and its place among how many.
+    ///
+    /// # Errors
+    /// When a mesh is missing or broken, or the keys make no body.
+    pub fn build(&self, progress: &mut dyn FnMut(&str, usize, usize)) -> Result<Body, SceneError> {
+        let mut body = self.first_body(progress)?;
+        if !self.scene.organ.is_empty() {
+            let mut all = vec![(body, Pose::default())];
+            for organ in &self.scene.organ {
+                let origin = format!("{}: organ \"{}\"", self.origin, organ.name);
+                let alone = Self { scene: organ.alone(&self.scene), origin, folder: self.folder.clone() };
+                let mut told = |what: &str, done, of| progress(&format!("{}: {what}", organ.name), done, of);
+                all.push((alone.first_body(&mut told)?, organ.pose()));
+            }
+            body = merge(all, self.scene.material.damping_ratio).map_err(self.failed())?;
+        }
+        let keys =
+            [("active_level", self.scene.body.active_level), ("finest_level", self.scene.resolution.finest_level)];
+        for (key, level) in keys {
+            if let Some(level) = level.filter(|r| *r as usize > body.finest()) {
+                return Err(SceneError::NoSuchLevel { origin: self.origin.clone(), key, level, last: body.finest() });
+            }
+        }
+        Ok(body)
+    }
+
+    /// What `[body]` says, without the further organs.
+    fn first_body(&self, progress: &mut dyn FnMut(&str, usize, usize)) -> Result<Body, SceneError> {
+        progress("reading shapes", 0, 1);
+        match self.shape()? {
+            Some(shape) => prepare::prepare(&self.recipe(shape), progress).map_err(self.failed()),
+            None => self.prepared_body(progress),
+        }
+    }
+
+    fn failed(&self) -> impl Fn(PrepareError) -> SceneError {
+        |source| SceneError::Prepare { origin: self.origin.clone(), source: Box::new(source) }
+    }
+
+    /// A body of `shape`, of the scene's material and held as the scene says.
+    pub fn recipe(&self, shape: prepare::Shape) -> Recipe {
+        let bounds = shape.bounds();
+        Recipe {
+            name: self.scene.name.clone(),
+            shape,
+            material: self.scene.material(),
+            inclusions: self.scene.inclusions(),
+            holds: self.scene.hold.iter().map(|h| h.region(bounds)).collect(),
+            damping_ratio: self.scene.material.damping_ratio,
+        }
+    }
+
+    /// What the body is made of; `None` where it is made already.
+    fn shape(&self) -> Result<Option<prepare::Shape>, SceneError> {
+        let keys = &self.scene.body;
+        let missing = |source_name, needs| SceneError::Missing { origin: self.origin.clone(), source_name, needs };
+        let unit = |source_name| {
+            keys.unit.ok_or_else(|| missing(source_name, "body.unit, one of \"m\", \"cm\", \"mm\", \"in\""))
+        };
+        let at = |file: &PathBuf| self.folder.join(file);
+        let failed =
+            |path: PathBuf, source| SceneError::Mesh { origin: self.origin.clone(), path, source: Box::new(source) };
+        // A surface net at this spacing has about as many vertices as asked for (area over spacing squared).
+        let spacing = |area: Real| (area / keys.display_vertices as Real).sqrt();
+        let closed = |mut surface: Surface| {
+            surface.vertices.iter_mut().for_each(|v| *v *= keys.scale);
+            prepare::Shape::covered(surface, keys.spacings.clone(), None, keys.display_vertices)
+        };
+        Ok(Some(match keys.source {
+            Source::Prepared => return Ok(None),
+            Source::Liver => closed(primitives::liver_surface(spacing(LIVER_AREA))),
+            Source::Kidney => closed(primitives::kidney_surface(spacing(KIDNEY_AREA))),
+            Source::Toy => closed(primitives::toy_surface(spacing(TOY_AREA))),
+            Source::Box => {
+                let size = Vec3::from(keys.size) * keys.scale;
+                let meshes = keys.cells.iter().map(|c| box_mesh(size, *c).into()).collect();
+                prepare::Shape::Meshes { meshes, display_vertices: keys.display_vertices }
+            }
+            Source::Surface => {
+                let file = keys.file.as_ref().ok_or_else(|| missing("surface", "body.file, as in \"organ.stl\""))?;
+                let unit = unit("surface")?;
+                let surface = mesh_io::read_surface(&at(file), unit).map_err(|e| failed(at(file), e))?;
+                closed(surface)
+            }
+            Source::Volumes => {
+                if keys.files.is_empty() {
+                    return Err(missing("volumes", "body.files, a list of mesh files from coarse to fine"));
+                }
+                let unit = unit("volumes")?;
+                let read = |file: &PathBuf| {
+                    let labels = keys.labels.as_deref();
+                    let mut mesh = mesh_io::read_labelled(&at(file), unit, labels).map_err(|e| failed(at(file), e))?;
+                    mesh.mesh.nodes.iter_mut().for_each(|u| *u *= keys.scale);
+                    Ok(mesh)
+                };
+                let meshes = keys.files.iter().map(read).collect::<Result<Vec<LabelledMesh>, SceneError>>()?;
+                prepare::Shape::Meshes { meshes, display_vertices: keys.display_vertices }
+            }
+        }))
+    }
+}
+
+/// Areas of the bundled shapes [m²]: they turn a vertex count into a spacing.
+const LIVER_AREA: Real = 0.070;
+const KIDNEY_AREA: Real = 0.018;
+const TOY_AREA: Real = 0.060;
+
+/// Reads and checks a scene's text; `origin` names it in messages.
+///
+/// # Errors
+/// With line and remedy, all values out of range at once.
+pub fn parse(text: &str, origin: &str) -> Result<Scene, SceneError> {
+    let scene: Scene = toml::from_str(text)
+        .map_err(|e| SceneError::Syntax { origin: origin.to_owned(), message: e.to_string().trim_end().to_owned() })?;
+    let mut faults: Vec<(String, String)> = match scene.validate() {
+        Ok(()) => vec![],
+        Err(report) => report.iter().map(|(path, e)| (path.to_string(), e.to_string())).collect(),
+    };
+    // What belongs together is looked at once each value is in its range.
+    if faults.is_empty() {
+        let regions = scene.material.region.iter().enumerate();
+        regions.for_each(|(i, region)| region.faults(&format!("material.region[{i}]"), &mut faults));
+        scene.organ.iter().enumerate().for_each(|(i, organ)| organ.faults(&format!("organ[{i}]"), &mut faults));
+        scene.tool.iter().enumerate().for_each(|(i, tool)| tool.faults(&format!("tool[{i}]"), &mut faults));
+    }
+    let told = |(path, fault): &(String, String)| match line_of(text, path) {
+        Some(line) => format!("{origin}, line {line}: {path}: {fault}"),
+        None => format!("{origin}: {path}: {fault}"),
+    };
+    if !faults.is_empty() {
+        return Err(SceneError::Values(faults.iter().map(told).collect()));
+    }
+    Ok(scene)
+}
+
+/// Puts the shapes in tools' files in their files' place.
+fn load_tools(scene: &mut Scene, origin: &str, folder: &Path) -> Result<(), SceneError> {
+    for (i, tool) in scene.tool.iter_mut().enumerate() {
+        tool.load_files(&format!("tool[{i}]"), |key, file, unit, rounding| {
+            let path = folder.join(file);
+            let failed = |reason: String| SceneError::ToolFile {
+                origin: origin.to_owned(),
+                key: format!("{key}.file"),
+                path: path.clone(),
+                reason,
+            };
+            let surface = mesh_io::read_surface(&path, unit).map_err(|e| failed(e.to_string()))?;
+            let part = Part::convex(&surface.vertices, rounding);
+            let part = part.ok_or_else(|| failed("all its vertices lie in a plane".into()))?;
+            if part.bounding_radius() > LARGEST_TOOL {
+                return Err(failed(format!(
+                    "reaches {:.3} m, a tool {LARGEST_TOOL} m at most",
+                    part.bounding_radius()
+                )));
+            }
+            Ok(part.hull().0.into_iter().map(Into::into).collect())
+        })?;
+    }
+    Ok(())
+}
+
+/// How far a tool may reach from its reference point [m]: what scenes allow for points.
+const LARGEST_TOOL: Real = 1.0;
+
+/// Line (from 1) where the value of the dotted key `path` (with `[index]`) starts.
+fn line_of(text: &str, path: &str) -> Option<usize> {
+    use toml::de::{DeTable, DeValue};
+    let table = DeTable::parse(text).ok()?;
+    let mut parts = path.split('.').flat_map(|p| p.split('[')).map(|p| p.trim_end_matches(']'));
+    let first = parts.next()?;
+    let mut value = table.get_ref().iter().find(|(k, _)| k.get_ref() == first)?.1;
+    for part in parts {
+        // A key left out has no line of its own: its table's stands for it.
+        let next = match value.get_ref() {
+            DeValue::Table(table) => table.iter().find(|(k, _)| k.get_ref() == part).map(|(_, v)| v),
+            DeValue::Array(array) => array.get(part.parse::<usize>().ok()?),
+            _ => None,
+        };
+        value = match next {
+            Some(next) => next,
+            None => break,
+        };
+    }
+    Some(text[..value.span().start].matches('\n').count() + 1)
+}
+
+/// The scene text with each `key=value` put in its place.
+fn override_keys(text: &str, origin: &str, overrides: &[String]) -> Result<String, SceneError> {
+    let mut table: toml::Table = toml::from_str(text)
+        .map_err(|e| SceneError::Syntax { origin: origin.to_owned(), message: e.to_string().trim_end().to_owned() })?;
+    for given in overrides {
+        let fault = |message: &str| SceneError::Override { given: given.clone(), message: message.to_owned() };
+        let (key, value) =
+            given.split_once('=').ok_or_else(|| fault("write key=value, as in material.density=1000"))?;
+        let value = value.trim();
+        let parsed = toml::from_str::<toml::Table>(&format!("v = {value}"))
+            .ok()
+            .and_then(|mut t| t.remove("v"))
+            .unwrap_or_else(|| toml::Value::String(value.to_owned()));
+        let mut at = &mut table;
+        let mut parts = key.trim().split('.').peekable();
+        while let Some(part) = parts.next() {
+            if parts.peek().is_none() {
+                at.insert(part.to_owned(), parsed);
+                break;
+            }
+            let next = at.entry(part).or_insert_with(|| toml::Value::Table(toml::Table::new()));
+            at = match next {
+                toml::Value::Table(inner) => inner,
+                // `tool.radius=…` means the first tool, `tool.1.radius=…` the second.
+                toml::Value::Array(list) => {
+                    let index = parts.peek().and_then(|p| p.parse::<usize>().ok());
+                    if index.is_some() {
+                        parts.next();
+                    }
+                    list.get_mut(index.unwrap_or(0))
+                        .and_then(toml::Value::as_table_mut)
+                        .ok_or_else(|| fault("the list has no such entry"))?
+                }
+                _ => return Err(fault("the key runs through a value that is no table")),
+            };
+        }
+    }
+    Ok(table.to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::keys::{BodyKeys, MaterialKeys, ResolutionKeys};
+    use super::*;
+    use palpate_body::prepare::inclusions::Place;
+    use palpate_body::prepare::region::Reach;
+
+    #[test]
+    fn every_bundled_scene_is_valid() {
+        for (name, _) in BUNDLED {
+            LoadedScene::load(Path::new(name), &[]).unwrap();
+        }
+    }
+
+    #[test]
+    fn the_reference_names_every_key_with_its_default() {
+        let text = include_str!("../../../config/scenes/reference.toml");
+        let scene = parse(text, "reference.toml").unwrap();
+        // What is left out of a minimal scene is what the reference says.
+        let minimal = parse("name = \"reference\"\n[body]\nsource = \"box\"\n", "minimal").unwrap();
+        let optional = Scene {
+            hold: vec![],
+            organ: vec![],
+            probe: vec![],
+            material: MaterialKeys { phi: None, psi: None, region: vec![], ..scene.material.clone() },
+            resolution: ResolutionKeys { finest_level: None, ..scene.resolution.clone() },
+            body: BodyKeys {
+                file: None,
+                files: vec![],
+                unit: None,
+                active_level: None,
+                labels: None,
+                ..scene.body.clone()
+            },
+            tool: vec![scene.tool[0].clone()],
+            ..scene.clone()
+        };
+        assert_eq!(optional, minimal);
+        // Every key of a full scene stands in the reference, none is left out.
+        let full = scene.to_toml();
+        for key in full.lines().filter_map(|l| l.split_once(" = ")).map(|(k, _)| k) {
+            assert!(text.lines().any(|l| l.split_once(" = ").is_some_and(|(k, _)| k == key)), "{key}");
+        }
+        for key in
+            ["phi", "psi", "file", "files", "unit", "active_level", "finest_level", "stiffness", "rounding", "points"]
+        {
+            assert!(full.contains(&format!("{key} = ")), "the reference leaves out {key}");
+        }
+    }
+
+    #[test]
+    fn a_wrong_key_names_file_line_and_place() {
+        let e = parse("name = \"x\"\n[body]\nsource = \"box\"\nsise = [1, 1, 1]\n", "my.toml").unwrap_err().to_string();
+        assert!(e.contains("my.toml") && e.contains("line 4") && e.contains("sise") && e.contains("size"), "{e}");
+    }
+
+    #[test]
+    fn bad_values_are_reported_all_at_once_with_their_lines() {
+        let text = "name = \"x\"\n[body]\nsource = \"liver\"\nspacings = [0.01, 0.02]\n\n[material]\npoisson_ratio = 0.7\n\
+                    youngs_modulus = -3.0\n[[tool]]\nname = \"t\"\nradius = 7.0\n";
+        let e = parse(text, "my.toml").unwrap_err().to_string();
+        for part in ["line 7: material.poisson_ratio", "line 8: material.youngs_modulus", "line 11: tool[0].radius"] {
+            assert!(e.contains(part), "{e}");
+        }
+        assert!(e.contains("line 4: body.spacings") && e.contains("0.8 of the one before"), "{e}");
+    }
+
+    #[test]
+    fn a_region_of_the_material_is_a_ball_a_box_or_a_label() {
+        let regions = |text: &str| {
+            let head = "name = \"x\"\n[body]\nsource = \"liver\"\n[material]\npoisson_ratio = 0.4\n";
+            parse(&format!("{head}[[material.region]]\nyoungs_modulus = 5e4\n{text}"), "my.toml")
+        };
+        let found = regions("centre = [0.1, 0.0, 0.2]\nradius = 0.004\n").unwrap().inclusions();
+        assert_eq!(found[0].place, Reach::Ball(Vec3::new(0.1, 0.0, 0.2), 0.004).into());
+        assert_eq!((found[0].youngs_modulus, found[0].poisson_ratio), (5e4, 0.4));
+        regions("min = [0.0, 0.0, 0.0]\nmax = [0.1, 0.1, 0.1]\npoisson_ratio = 0.3\n").unwrap();
+        let found = regions("label = -2\ndensity = 1200.0\n").unwrap().inclusions();
+        assert_eq!((found[0].place, found[0].density), (Place::Labelled(-2), 1200.0));
+        for text in [
+            "",
+            "centre = [0.1, 0.0, 0.2]\n",
+            "min = [0.0, 0.0, 0.0]\nmax = [0.1, 0.0, 0.1]\n",
+            "label = 1\ncentre = [0.1, 0.0, 0.2]\nradius = 0.01\n",
+            "radius = 0.01\nmin = [0.0, 0.0, 0.0]\nmax = [0.1, 0.1, 0.1]\n",
+        ] {
+            let e = regions(text).unwrap_err().to_string();
+            assert!(e.contains("material.region[0]") && e.contains("give a ball"), "{e}");
+        }
+    }
+
+    fn tools(text: &str) -> Result<Scene, SceneError> {
+        parse(&format!("name = \"x\"\n[body]\nsource = \"liver\"\n{text}"), "my.toml")
+    }
+
+    #[test]
+    fn shapes_that_contradict_themselves_are_named_by_key_and_line() {
+        let corners = "points = [[0,0,0],[1,0,0],[0,1,0],[0,0,1]]";
+        let flat = "points = [[0,0,0],[1,0,0],[0,1,0],[1,1,0]]";
+        for (text, key, why) in [
+            ("shape = \"ball\"\nlength = 0.1", "length", "capsule"),
+            ("shape = \"cylinder\"", "length", "needs one"),
+            ("shape = \"cylinder\"\nlength = 0.01\nrounding = 0.006", "rounding", "half its length"),
+            ("shape = \"convex\"", "points", "file"),
+            ("shape = \"convex\"\nfile = \"a.stl\"", "unit", "mm"),
+            (&format!("shape = \"convex\"\n{flat}"), "points", "plane"),
+            (&format!("shape = \"convex\"\n{corners}\nfile = \"a.stl\"\nunit = \"m\""), "file", "either"),
+            (corners, "points", "convex"),
+            ("rounding = 0.001", "rounding", "cylinder"),
+            ("shape = \"convex\"\npoints = [[0,0,2]]", "points[0][2]", "1"),
+            ("shape = \"compound\"", "part", "1 to 8"),
+            ("[[tool.part]]\nradius = 0.01", "part", "compound"),
+            ("shape = \"compound\"\n[[tool.part]]\nshape = \"compound\"", "part[0].shape", "capsule"),
+            ("shape = \"compound\"\n[[tool.part]]\norientation = [1,1,0,0]", "part[0].orientation", "quaternion"),
+            ("shape = \"compound\"\n[[tool.part]]\n[[tool.part]]\nradius = 1.0", "part[1].radius", "0.1"),
+        ] {
+            let e = tools(&format!("[[tool]]\nname = \"t\"\n{text}\n")).unwrap_err().to_string();
+            assert!(e.contains("my.toml, line ") && e.contains(&format!("tool[0].{key}: ")) && e.contains(why), "{e}");
+        }
+        let e = tools("[[tool]]\nname = \"t\"\nshape = \"cone\"\n").unwrap_err().to_string();
+        assert!(e.contains("line 6") && e.contains("cylinder"), "{e}");
+    }
+
+    #[test]
+    fn a_tool_from_a_file_is_in_the_scene_that_is_recorded() {
+        let folder = tempfile::tempdir().unwrap();
+        let obj = "v 0 0 0\nv 10 0 0\nv 0 10 0\nv 0 0 10\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n";
+        std::fs::write(folder.path().join("tip.obj"), obj).unwrap();
+        let path = folder.path().join("my.toml");
+        let text = |file: &str| {
+            format!(
+                "name = \"x\"\n[body]\nsource = \"liver\"\n[[tool]]\nname = \"t\"\nshape = \"compound\"\n[[tool.part]]\n\
+                 radius = 0.003\n[[tool.part]]\nshape = \"convex\"\nfile = \"{file}\"\nunit = \"mm\"\nposition = [0, 0, 0.1]\n"
+            )
+        };
+        std::fs::write(&path, text("tip.obj")).unwrap();
+        let loaded = LoadedScene::load(&path, &[]).unwrap();
+        let again = parse(&loaded.scene.to_toml(), "recorded").unwrap();
+        assert_eq!(again, loaded.scene);
+        assert_eq!(again.settings(), loaded.scene.settings());
+        let shape = &again.settings().tools[0].shape;
+        assert_eq!(shape.parts()[1].hull().0.len(), 4);
+        assert!((shape.bounding_radius() - 0.1105).abs() < 2e-3, "{}", shape.bounding_radius());
+        std::fs::write(&path, text("lost.obj")).unwrap();
+        let e = LoadedScene::load(&path, &[]).unwrap_err().to_string();
+        assert!(e.contains("my.toml: tool[0].part[1].file") && e.contains("lost.obj"), "{e}");
+    }
+
+    #[test]
+    fn overrides_reach_tables_lists_and_strings() {
+        let given = ["material.density=900", "tool.0.radius=0.02", "body.file=a b.stl", "world.gravity=[0, -9.81, 0]"];
+        let given = given.map(String::from);
+        let loaded = LoadedScene::load(Path::new("liver"), &given).unwrap();
+        assert_eq!(loaded.scene.material.density, 900.0);
+        assert_eq!(loaded.scene.tool[0].radius, 0.02);
+        assert_eq!(loaded.scene.body.file, Some(PathBuf::from("a b.stl")));
+        let e = LoadedScene::load(Path::new("liver"), &["material.densty=900".into()]).unwrap_err().to_string();
+        assert!(e.contains("densty") && e.contains("--set"), "{e}");
+    }
+
+    #[test]
+    fn a_missing_unit_or_file_says_what_to_write() {
+        let scene = |extra: &str| {
+            let text = format!("name = \"x\"\n[body]\nsource = \"surface\"\n{extra}");
+            LoadedScene { scene: parse(&text, "s.toml").unwrap(), origin: "s.toml".into(), folder: PathBuf::new() }
+        };
+        let e = scene("").build(&mut |_, _, _| {}).unwrap_err().to_string();
+        assert!(e.contains("body.file"), "{e}");
+        let e = scene("file = \"a.stl\"\n").build(&mut |_, _, _| {}).unwrap_err().to_string();
+        assert!(e.contains("body.unit"), "{e}");
+        let e = scene("file = \"a.stl\"\nunit = \"mm\"\n").build(&mut |_, _, _| {}).unwrap_err().to_string();
+        assert!(e.contains("a.stl") && e.contains("s.toml"), "{e}");
+    }
+}

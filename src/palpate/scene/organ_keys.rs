@@ -1,0 +1,106 @@
+//! Further bodies of a scene, beside `[body]`: the keys of each, and the scene that it would be alone.
+
+use super::keys::{BodyKeys, HoldKeys, MaterialKeys, RegionKeys, Scene};
+use super::tool_keys::{unit_quaternion, upright};
+use garde::Validate;
+use palpate_core::math::{Pose, Real, Vec3, normalized_quaternion};
+use serde::{Deserialize, Serialize};
+
+/// `[[organ]]`: as `[body]`, `[material]` and `[[hold]]` of a scene of its own, and where it is.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Validate)]
+#[serde(deny_unknown_fields)]
+#[garde(allow_unvalidated)]
+pub struct OrganKeys {
+    /// For people.
+    #[garde(length(min = 1, max = 64))]
+    pub name: String,
+    /// Where the origin of its own frame is [m].
+    #[serde(default)]
+    #[garde(inner(range(min = -1e3, max = 1e3)))]
+    pub position: [Real; 3],
+    /// How its own frame is turned: unit quaternion x, y, z, w.
+    #[serde(default = "upright")]
+    #[garde(custom(unit_quaternion))]
+    pub orientation: [Real; 4],
+    /// Its shape and levels; lengths are in its own frame.
+    #[garde(dive)]
+    pub body: BodyKeys,
+    /// Its material.
+    #[serde(default)]
+    #[garde(dive)]
+    pub material: TissueKeys,
+    /// Regions held in space.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    #[garde(dive, length(max = 64))]
+    pub hold: Vec<HoldKeys>,
+}
+
+/// `[organ.material]`: a material without damping, which is the same for the whole scene.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Validate)]
+#[serde(deny_unknown_fields, default)]
+#[garde(allow_unvalidated)]
+pub struct TissueKeys {
+    /// As [`MaterialKeys::youngs_modulus`].
+    #[garde(range(min = 10.0, max = 1e9))]
+    pub youngs_modulus: Real,
+    /// As [`MaterialKeys::poisson_ratio`].
+    #[garde(range(min = 0.0, max = 0.49))]
+    pub poisson_ratio: Real,
+    /// As [`MaterialKeys::density`].
+    #[garde(range(min = 1.0, max = 2e4))]
+    pub density: Real,
+    /// As [`MaterialKeys::region`].
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    #[garde(dive, length(max = 16))]
+    pub region: Vec<RegionKeys>,
+}
+
+impl TissueKeys {
+    /// Names of its keys: what is taken over from a prepared body.
+    pub(super) const KEYS: [&str; 4] = ["youngs_modulus", "poisson_ratio", "density", "region"];
+}
+
+impl Default for TissueKeys {
+    fn default() -> Self {
+        let MaterialKeys { youngs_modulus, poisson_ratio, density, region, .. } = MaterialKeys::default();
+        Self { youngs_modulus, poisson_ratio, density, region }
+    }
+}
+
+impl OrganKeys {
+    /// Where it is.
+    pub fn pose(&self) -> Pose {
+        let orientation = normalized_quaternion(self.orientation).unwrap_or_else(upright);
+        Pose { position: Vec3::from(self.position), orientation }
+    }
+
+    /// The scene of this body alone, in its own frame; all else is as in `scene`.
+    pub fn alone(&self, scene: &Scene) -> Scene {
+        let TissueKeys { youngs_modulus, poisson_ratio, density, region } = self.material.clone();
+        let mut material = MaterialKeys { youngs_modulus, poisson_ratio, density, region, ..scene.material.clone() };
+        // Viscosities that the scene gives stand for relaxation times, which are the same in every organ.
+        let (own, first) = (material.elastic(), scene.material.elastic());
+        let as_stiff = |viscosity: Option<Real>, own: Real, first: Real| {
+            viscosity.map(|viscosity| if first > 0.0 { viscosity * own / first } else { 0.0 })
+        };
+        material.phi = as_stiff(scene.material.phi, own.lambda, first.lambda);
+        material.psi = as_stiff(scene.material.psi, own.mu, first.mu);
+        Scene {
+            name: self.name.clone(),
+            body: self.body.clone(),
+            material,
+            hold: self.hold.clone(),
+            organ: Vec::new(),
+            ..scene.clone()
+        }
+    }
+
+    /// Adds what is wrong with the keys together, under `path`.
+    pub(super) fn faults(&self, path: &str, out: &mut Vec<(String, String)>) {
+        let regions = self.material.region.iter().enumerate();
+        regions.for_each(|(i, region)| region.faults(&format!("{path}.material.region[{i}]"), out));
+        if self.body.active_level.is_some() {
+            out.push((format!("{path}.body.active_level"), "is for [body], and means every organ".into()));
+        }
+    }
+}

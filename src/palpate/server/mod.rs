@@ -1,0 +1,332 @@
+//! The server: postman between the network and the simulation thread.
+//!
+//! Two zenoh sessions, so that no viewer can hold up a force: one for poses and wrenches, one for everything else.
+//! Nothing in here decides physics; what arrives becomes an input of some tick, and the tick records it.
+
+mod control;
+mod force_output;
+mod local_model;
+mod recorder;
+mod status;
+mod surface_output;
+mod tool_input;
+
+use crate::realtime::clock::Monotonic;
+use crate::realtime::mailbox::{Command, ServerEnds, mailboxes};
+use crate::realtime::scheduling::{self, Granted};
+use crate::realtime::sim_thread::{Measured, SimThread};
+use crate::scene::Scene;
+use palpate_core::model::{Body, State};
+use palpate_core::simulation::{Simulation, Snapshot};
+use palpate_proto as proto;
+use palpate_proto::keys;
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use tokio::sync::watch;
+use zenoh::Wait;
+
+/// Where a server listens and what else it is told.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// Session name, a key chunk.
+    pub session: String,
+    /// Endpoint of the force channel.
+    pub force_endpoint: String,
+    /// Endpoint of everything else.
+    pub surface_endpoint: String,
+    /// CPU to bind the simulation thread to.
+    pub cpu: Option<usize>,
+    /// Record from the first tick into this file.
+    pub record: Option<PathBuf>,
+    /// Folder that clients' recordings go to.
+    pub recordings: PathBuf,
+}
+
+impl Default for Options {
+    /// Loopback, the default ports, nothing recorded.
+    fn default() -> Self {
+        Self {
+            session: keys::DEFAULT_SESSION.into(),
+            force_endpoint: keys::DEFAULT_FORCE_ENDPOINT.into(),
+            surface_endpoint: keys::DEFAULT_SURFACE_ENDPOINT.into(),
+            cpu: None,
+            record: None,
+            recordings: "recordings".into(),
+        }
+    }
+}
+
+/// Why a server does not start.
+#[derive(Debug, thiserror::Error)]
+pub enum ServerError {
+    /// The name cannot be part of a key.
+    #[error("session name {0:?}: use letters, digits, '-' and '_'")]
+    SessionName(String),
+    /// zenoh refused.
+    #[error("cannot listen on {endpoint}: {message}; is another server running, or the address not of this machine?")]
+    Listen {
+        /// The endpoint.
+        endpoint: String,
+        /// zenoh's words.
+        message: String,
+    },
+    /// zenoh refused something later.
+    #[error("network: {0}")]
+    Network(String),
+    /// The system has no thread or eventfd to give.
+    #[error("system: {0}")]
+    System(#[from] std::io::Error),
+    /// The starting state does not fit.
+    #[error("{0}")]
+    Simulation(String),
+    /// The machine is too slow for it.
+    #[error(
+        "this machine cannot serve it at 1 kHz: as coarse as it can be and untouched, the body takes {floor} µs of \
+         each tick, and {limit} µs are there. Remedy: a coarser body (a larger first number in body.spacings, or in \
+         --levels of `palpate prepare`), or no body.active_level"
+    )]
+    TooSlow {
+        /// [µs].
+        floor: u32,
+        /// [µs].
+        limit: u32,
+    },
+    /// The recording could not be started.
+    #[error("recording: {0}")]
+    Recording(String),
+}
+
+/// What the server's parts share, all of it away from the simulation thread.
+struct Shared {
+    scene: Scene,
+    body: Arc<Body>,
+    /// What a reset returns to.
+    reset: State,
+    options: Options,
+    commands: Mutex<rtrb::Producer<Command>>,
+    input: tool_input::ToolInput,
+    holders: control::Holders,
+    recorder: recorder::Recorder,
+    counters: status::Counters,
+    scheduling: String,
+    measured: Measured,
+}
+
+impl Shared {
+    /// Sends a command to the simulation thread.
+    fn command(&self, command: Command) -> Result<(), String> {
+        lock(&self.commands).push(command).map_err(|_| "the simulation is busy: try again".to_owned())
+    }
+}
+
+/// A lock's content, whether or not another thread panicked holding it.
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// A running server.
+pub struct Server {
+    shared: Arc<Shared>,
+    warning: Option<String>,
+    stop: Arc<AtomicBool>,
+    simulation: std::thread::JoinHandle<SimThread>,
+    force_output: force_output::ForceOutput,
+    local_models: local_model::LocalModels,
+    tasks: Vec<tokio::task::JoinHandle<()>>,
+    sessions: [zenoh::Session; 2],
+    live: watch::Receiver<proto::Status>,
+    flush_status: tokio::sync::mpsc::Sender<tokio::sync::oneshot::Sender<()>>,
+}
+
+impl Server {
+    /// Starts serving `body` of `scene` in the state `start`.
+    ///
+    /// # Errors
+    /// When an endpoint is taken, a thread cannot be had, or the recording cannot be written.
+    pub async fn start(
+        scene: Scene,
+        body: Arc<Body>,
+        start: Snapshot,
+        options: Options,
+    ) -> Result<Server, ServerError> {
+        if !keys::is_session_name(&options.session) {
+            return Err(ServerError::SessionName(options.session));
+        }
+        let simulation = Simulation::new(body.clone(), scene.settings(), start).map_err(ServerError::Simulation)?;
+        let reset = simulation.reset_state().clone();
+        let (sim_ends, ends) = mailboxes(scene.tool.len(), body.surface().vertices.len(), || {
+            Snapshot::with_room(&body, simulation.settings())
+        })?;
+        let ServerEnds { poses, commands, retired, reports, wake, timings, frames, copies, dropped, others } = ends;
+
+        // The force session first, and from a real-time thread: zenoh's threads inherit its class.
+        let force_session = open_force_session(&options)?;
+        let surface_session = open(&options.surface_endpoint)?;
+
+        let stop = Arc::new(AtomicBool::new(false));
+        let (simulation, granted, measured) =
+            spawn_simulation(SimThread::new(simulation, sim_ends), options.cpu, stop.clone())?;
+        if !measured.fits() {
+            let _ = simulation.join();
+            return Err(ServerError::TooSlow { floor: measured.floor / 1000, limit: measured.planned / 1000 });
+        }
+        let shared = Arc::new(Shared {
+            input: tool_input::ToolInput::new(poses, scene.workspace(&body)),
+            holders: control::Holders::new(scene.tool.len()),
+            recorder: recorder::Recorder::new(),
+            counters: status::Counters::default(),
+            scheduling: granted.describe(),
+            measured,
+            reset,
+            commands: Mutex::new(commands),
+            scene,
+            body,
+            options,
+        });
+        if let Some(path) = shared.options.record.clone() {
+            recorder::start(&shared, path).await.map_err(ServerError::Recording)?;
+        }
+        let (local_models, models) = local_model::LocalModels::start(&shared, copies)?;
+        let force_output = force_output::ForceOutput::start(&shared, &force_session, reports, models, wake)?;
+        tool_input::listen(&shared, &force_session)?;
+        let (live_in, live) = watch::channel(proto::Status::default());
+        let (flush_status, flush_requests) = tokio::sync::mpsc::channel(1);
+        let mut tasks = vec![
+            control::serve(&shared, &surface_session).await?,
+            control::watch_presence(&shared, &surface_session).await?,
+            status::publish(
+                &shared,
+                &surface_session,
+                status::Sources { timings, retired, dropped, others },
+                live_in,
+                flush_requests,
+            )
+            .await?,
+        ];
+        tasks.extend(surface_output::publish(&shared, &surface_session, frames).await?);
+        Ok(Server {
+            shared,
+            warning: granted.warning(),
+            stop,
+            simulation,
+            force_output,
+            local_models,
+            tasks,
+            sessions: [force_session, surface_session],
+            live,
+            flush_status,
+        })
+    }
+
+    /// What the system refused the simulation thread, with the remedy.
+    pub fn warning(&self) -> Option<&str> {
+        self.warning.as_deref()
+    }
+
+    /// What the machine was found to be able to do with the body.
+    pub fn measured(&self) -> &Measured {
+        &self.shared.measured
+    }
+
+    /// The status as it changes, about ten times a second.
+    pub fn live(&self) -> watch::Receiver<proto::Status> {
+        self.live.clone()
+    }
+
+    /// Ends the simulation, closes the recording and the sessions; returns the last status.
+    ///
+    /// # Errors
+    /// When the simulation thread died, which it must not.
+    pub async fn stop(self) -> Result<proto::Status, ServerError> {
+        recorder::expect_end(&self.shared);
+        self.stop.store(true, Ordering::Relaxed);
+        let died = || ServerError::System(std::io::Error::other("the simulation thread panicked"));
+        let thread = tokio::task::spawn_blocking(move || self.simulation.join())
+            .await
+            .map_err(|_| died())?
+            .map_err(|_| died())?;
+        self.force_output.stop();
+        self.local_models.stop();
+        // The last ticks and the retired tap are still in their rings.
+        let (done, wait) = tokio::sync::oneshot::channel();
+        if self.flush_status.send(done).await.is_ok() {
+            let _ = wait.await;
+        }
+        drop(thread);
+        let fault = recorder::finish(&self.shared).await;
+        self.tasks.iter().for_each(tokio::task::JoinHandle::abort);
+        for session in self.sessions {
+            let _ = session.close().await;
+        }
+        let mut status = self.live.borrow().clone();
+        status.recording = fault.or(status.recording);
+        Ok(status)
+    }
+}
+
+fn spawn_simulation(
+    mut thread: SimThread,
+    cpu: Option<usize>,
+    stop: Arc<AtomicBool>,
+) -> std::io::Result<(std::thread::JoinHandle<SimThread>, Granted, Measured)> {
+    let (tell, told) = std::sync::mpsc::sync_channel(1);
+    let name = scheduling::SIMULATION_THREAD.into();
+    let handle = std::thread::Builder::new().name(name).stack_size(4 << 20).spawn(move || {
+        let granted = Granted::ask(cpu);
+        let measured = thread.measure(&mut Monotonic);
+        let _ = tell.send((granted, measured));
+        drop(tell);
+        if measured.fits() {
+            thread.run(Monotonic, &stop);
+        }
+        thread
+    })?;
+    let (granted, measured) = told.recv().map_err(|_| std::io::Error::other("the simulation thread died at start"))?;
+    Ok((handle, granted, measured))
+}
+
+fn open_force_session(options: &Options) -> Result<zenoh::Session, ServerError> {
+    let endpoint = options.force_endpoint.clone();
+    let opened = std::thread::spawn(move || {
+        if scheduling::fifo(scheduling::FORCE_NETWORK).is_err() {
+            tracing::debug!("the force network's threads run at normal priority");
+        }
+        open(&endpoint)
+    });
+    opened.join().map_err(|_| ServerError::Network("zenoh panicked while opening".into()))?
+}
+
+/// A session that routes for its clients: no router has to run beside it.
+fn open(endpoint: &str) -> Result<zenoh::Session, ServerError> {
+    let mut config = zenoh::Config::default();
+    for (key, value) in [
+        ("mode", "\"router\"".to_owned()),
+        ("listen/endpoints", format!("[{endpoint:?}]")),
+        ("listen/exit_on_failure", "true".into()),
+        ("scouting/multicast/enabled", "false".into()),
+        ("scouting/gossip/enabled", "false".into()),
+        // There is nobody to look for: without this, opening waits half a second.
+        ("scouting/delay", "0".into()),
+        ("timestamping/enabled", "false".into()),
+        // A client that stops answering is noticed after this long [ms]; safety does not wait for it.
+        ("transport/link/tx/lease", "1500".into()),
+        // A message that does not fit the queue at once is dropped: a slow viewer holds up nobody.
+        ("transport/link/tx/queue/congestion_control/drop/wait_before_drop", "0".into()),
+        // Batches of 64 KiB that may wait for a viewer: a frame of the largest surface has more parts than the default of two.
+        ("transport/link/tx/queue/size/data_low", "16".into()),
+    ] {
+        config.insert_json5(key, &value).map_err(|e| ServerError::Network(format!("{key}: {e}")))?;
+    }
+    zenoh::open(config).wait().map_err(|e| ServerError::Listen { endpoint: endpoint.to_owned(), message: words(&e) })
+}
+
+fn network(e: zenoh::Error) -> ServerError {
+    ServerError::Network(words(&e))
+}
+
+/// zenoh's message without the places in its source that it appends.
+fn words(e: &zenoh::Error) -> String {
+    let text = e.to_string();
+    text.split(" at ").filter(|part| !part.contains(".rs:")).collect::<Vec<_>>().join(" at ")
+}

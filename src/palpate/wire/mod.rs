@@ -1,0 +1,356 @@
+//! Messages to core types and back; what is malformed, not finite, out of range or stale is refused, with its reason.
+
+pub mod session;
+pub mod surface;
+
+use palpate_core::contact::safety::Limited;
+use palpate_core::contact::tool::{Coupling, MOST_TOOLS, Phase, PoseSample, ToolEvent, ToolState};
+use palpate_core::feedback::LocalModel;
+use palpate_core::math::{Pose, Real, Vec3, normalized_quaternion};
+use palpate_core::simulation::{Budget, Inputs, Prices, TickFlags, ToolOutput};
+use palpate_proto as proto;
+use palpate_proto::Message;
+
+/// Why a pose is refused.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Refusal {
+    /// The bytes are no pose, or a list has another length than documented.
+    Malformed,
+    /// The key names no tool of this session.
+    UnknownTool,
+    /// Nobody holds the tool under this epoch.
+    WrongEpoch,
+    /// A number is infinite or not a number.
+    NotFinite,
+    /// The orientation's length is not one within 1 %.
+    BadOrientation,
+    /// The position lies outside the workspace, or a velocity is beyond 1 km/s.
+    OutOfRange,
+    /// An older or repeated sequence number.
+    Stale,
+}
+
+impl Refusal {
+    /// Every reason, in the order in which they are counted.
+    pub const ALL: [Refusal; 7] = [
+        Refusal::Malformed,
+        Refusal::UnknownTool,
+        Refusal::WrongEpoch,
+        Refusal::NotFinite,
+        Refusal::BadOrientation,
+        Refusal::OutOfRange,
+        Refusal::Stale,
+    ];
+
+    /// As the status message names it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Refusal::Malformed => "malformed",
+            Refusal::UnknownTool => "unknown tool",
+            Refusal::WrongEpoch => "wrong epoch",
+            Refusal::NotFinite => "not finite",
+            Refusal::BadOrientation => "bad orientation",
+            Refusal::OutOfRange => "out of range",
+            Refusal::Stale => "stale",
+        }
+    }
+}
+
+/// What a pose has to pass: who holds the tool, and how far the client's numbers have come.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Gate {
+    /// Of the holder; 0 while nobody holds the tool.
+    pub epoch: u32,
+    /// Last sequence number that passed, 0 before the first.
+    pub sequence: u32,
+    /// Least and greatest corner of where a tool may be [m].
+    pub workspace: (Vec3, Vec3),
+}
+
+impl Gate {
+    /// Decodes a pose and lets it pass, or says why not.
+    ///
+    /// # Errors
+    /// The reason of the refusal.
+    pub fn pass(&mut self, bytes: &[u8]) -> Result<PoseSample, Refusal> {
+        let message = proto::ToolPose::decode(bytes).map_err(|_| Refusal::Malformed)?;
+        if self.epoch == 0 || message.epoch != self.epoch {
+            return Err(Refusal::WrongEpoch);
+        }
+        let position = vec3(&message.position)?;
+        let orientation: [f32; 4] = message.orientation.as_slice().try_into().map_err(|_| Refusal::Malformed)?;
+        let orientation = orientation.map(Real::from);
+        let velocity = |v: &[f32]| if v.is_empty() { Ok(Vec3::zeros()) } else { vec3(v) };
+        let (linear_velocity, angular_velocity) =
+            (velocity(&message.linear_velocity)?, velocity(&message.angular_velocity)?);
+        let finite = |v: &Vec3| v.iter().all(|c| c.is_finite());
+        if !(finite(&position) && finite(&linear_velocity) && finite(&angular_velocity))
+            || orientation.iter().any(|c| !c.is_finite())
+        {
+            return Err(Refusal::NotFinite);
+        }
+        let length_squared: Real = orientation.iter().map(|c| c * c).sum();
+        let orientation = normalized_quaternion(orientation)
+            .filter(|_| (length_squared - 1.0).abs() < 0.02)
+            .ok_or(Refusal::BadOrientation)?;
+        let (low, high) = self.workspace;
+        let inside = (0..3).all(|c| position[c] >= low[c] && position[c] <= high[c]);
+        if !inside || linear_velocity.norm() > 1e3 || angular_velocity.norm() > 1e4 {
+            return Err(Refusal::OutOfRange);
+        }
+        // Wrapping difference: a device at 1 kHz takes 49 days to get round.
+        if self.sequence != 0 && (message.sequence.wrapping_sub(self.sequence) as i32) <= 0 || message.sequence == 0 {
+            return Err(Refusal::Stale);
+        }
+        self.sequence = message.sequence;
+        Ok(PoseSample {
+            sequence: message.sequence,
+            time_ns: message.time_ns,
+            pose: Pose { position, orientation },
+            linear_velocity,
+            angular_velocity,
+            buttons: message.buttons,
+        })
+    }
+}
+
+fn vec3(values: &[f32]) -> Result<Vec3, Refusal> {
+    let v: [f32; 3] = values.try_into().map_err(|_| Refusal::Malformed)?;
+    Ok(Vec3::from(v.map(Real::from)))
+}
+
+fn f32s(v: &Vec3) -> Vec<f32> {
+    v.iter().map(|c| *c as f32).collect()
+}
+
+fn f32s4(q: &[Real; 4]) -> Vec<f32> {
+    q.iter().map(|c| *c as f32).collect()
+}
+
+fn phase(phase: Phase) -> i32 {
+    let phase = match phase {
+        Phase::Detached => proto::ToolPhase::Detached,
+        Phase::Waiting => proto::ToolPhase::Waiting,
+        Phase::Engaged => proto::ToolPhase::Engaged,
+        Phase::Holding => proto::ToolPhase::Holding,
+    };
+    phase.into()
+}
+
+/// The wrench of tool `tool` after `tick`; `sequence` counts this tool's wrenches.
+pub fn wrench(tool: u32, tick: u64, sequence: u64, output: &ToolOutput, flags: TickFlags) -> proto::ToolWrench {
+    let t = &output.state;
+    let Limited { clamped, slew, ramping } = output.limited;
+    let bits = [
+        (clamped, proto::WrenchFlag::Clamped),
+        (slew, proto::WrenchFlag::SlewLimited),
+        (ramping, proto::WrenchFlag::Ramping),
+        (t.speed_limited, proto::WrenchFlag::SpeedLimited),
+        (flags.restored, proto::WrenchFlag::StateRestored),
+        (flags.substeps_dropped, proto::WrenchFlag::SubstepsDropped),
+    ];
+    proto::ToolWrench {
+        tool,
+        epoch: t.epoch,
+        sequence,
+        tick,
+        pose_sequence: t.sequence,
+        pose_time_ns: t.time_ns,
+        pose_age_ticks: t.age_ticks,
+        position: f32s(&t.pose.position),
+        orientation: f32s4(&t.pose.orientation),
+        physical_force: f32s(&t.physical_force),
+        physical_torque: f32s(&t.physical_torque),
+        force: f32s(&t.force),
+        torque: f32s(&t.torque),
+        contact_points: output.contact_points,
+        phase: phase(t.phase),
+        flags: bits.iter().filter(|b| b.0).map(|b| b.1 as u32).sum(),
+        ..Default::default()
+    }
+}
+
+/// Puts a local model into a wrench, if there is one.
+pub fn add_model(wrench: &mut proto::ToolWrench, model: &LocalModel) {
+    if model.range == 0.0 {
+        return;
+    }
+    wrench.model_position = f32s(&model.position);
+    wrench.model_force = f32s(&model.force);
+    wrench.model_normal = f32s(&model.normal);
+    wrench.model_stiffness = model.stiffness.iter().map(|k| *k as f32).collect();
+    wrench.model_range = model.range as f32;
+}
+
+/// A tool as viewers see it.
+pub fn tool_state(tool: u32, t: &ToolState) -> proto::ToolState {
+    proto::ToolState {
+        tool,
+        position: f32s(&t.pose.position),
+        orientation: f32s4(&t.pose.orientation),
+        force: f32s(&t.force),
+        phase: phase(t.phase),
+    }
+}
+
+/// What tick `tick` consumed, as a recording keeps it.
+pub fn inputs_to_message(tick: u64, inputs: &Inputs) -> proto::TickInputs {
+    use proto::tool_input::Event;
+    let list = |v: &Vec3| v.iter().copied().collect();
+    let event = |event: &ToolEvent| match event {
+        ToolEvent::Attach { epoch, period_ticks, coupling } => Event::Attach(proto::RecordedAttach {
+            epoch: *epoch,
+            period_ticks: *period_ticks,
+            coupling: coupling.compliance,
+            angular_coupling: coupling.angular_compliance,
+        }),
+        ToolEvent::Detach => Event::Detach(true),
+        ToolEvent::Pose(p) => Event::Pose(proto::RecordedPose {
+            sequence: p.sequence,
+            time_ns: p.time_ns,
+            position: list(&p.pose.position),
+            orientation: p.pose.orientation.to_vec(),
+            linear_velocity: list(&p.linear_velocity),
+            angular_velocity: list(&p.angular_velocity),
+            buttons: p.buttons,
+        }),
+    };
+    let tools = inputs.tools.iter().enumerate();
+    proto::TickInputs {
+        tick,
+        lapsed: inputs.lapsed,
+        budget: inputs.budget.limit,
+        planned: inputs.budget.planned,
+        frame: inputs.budget.frame,
+        change: inputs.budget.change,
+        prices: inputs.prices.map_or(vec![], |prices| prices.0.to_vec()),
+        commands: u32::from(inputs.reset),
+        tools: tools
+            .filter_map(|(i, e)| e.as_ref().map(|e| proto::ToolInput { tool: i as u32, event: Some(event(e)) }))
+            .collect(),
+    }
+}
+
+/// The inputs that a recording kept; `None` when the message contradicts the format.
+pub fn inputs_from_message(message: &proto::TickInputs) -> Option<Inputs> {
+    use proto::tool_input::Event;
+    let list = |v: &[Real]| <[Real; 3]>::try_from(v).ok().map(Vec3::from);
+    let mut inputs = Inputs {
+        lapsed: message.lapsed,
+        budget: Budget {
+            limit: message.budget,
+            planned: message.planned,
+            frame: message.frame,
+            change: message.change,
+        },
+        prices: match message.prices.as_slice() {
+            [] => None,
+            prices => Some(Prices(prices.try_into().ok()?)),
+        },
+        reset: message.commands & 1 == 1,
+        tools: [None; MOST_TOOLS],
+    };
+    for tool in &message.tools {
+        let event = match tool.event.as_ref()? {
+            Event::Attach(a) => ToolEvent::Attach {
+                epoch: a.epoch,
+                period_ticks: a.period_ticks,
+                coupling: Coupling { compliance: a.coupling, angular_compliance: a.angular_coupling },
+            },
+            Event::Detach(_) => ToolEvent::Detach,
+            Event::Pose(p) => ToolEvent::Pose(PoseSample {
+                sequence: p.sequence,
+                time_ns: p.time_ns,
+                pose: Pose { position: list(&p.position)?, orientation: p.orientation.as_slice().try_into().ok()? },
+                linear_velocity: list(&p.linear_velocity)?,
+                angular_velocity: list(&p.angular_velocity)?,
+                buttons: p.buttons,
+            }),
+        };
+        *inputs.tools.get_mut(tool.tool as usize)? = Some(event);
+    }
+    Some(inputs)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn gate() -> Gate {
+        Gate { epoch: 7, sequence: 0, workspace: (Vec3::repeat(-1.0), Vec3::repeat(1.0)) }
+    }
+
+    fn pose(change: impl Fn(&mut proto::ToolPose)) -> Vec<u8> {
+        let mut message = proto::ToolPose {
+            epoch: 7,
+            sequence: 1,
+            time_ns: 5,
+            position: vec![0.1, 0.2, 0.3],
+            orientation: vec![0.0, 0.0, 0.0, 1.0],
+            ..Default::default()
+        };
+        change(&mut message);
+        message.encode_to_vec()
+    }
+
+    #[test]
+    fn each_fault_is_refused_for_its_own_reason() {
+        let refused = |bytes: &[u8]| gate().pass(bytes).unwrap_err();
+        assert!(gate().pass(&pose(|_| {})).is_ok());
+        assert_eq!(refused(b"\xff\xff\xff garbage"), Refusal::Malformed);
+        assert_eq!(refused(&pose(|p| p.position.truncate(2))), Refusal::Malformed);
+        assert_eq!(refused(&pose(|p| p.epoch = 8)), Refusal::WrongEpoch);
+        assert_eq!(refused(&pose(|p| p.position[1] = f32::NAN)), Refusal::NotFinite);
+        assert_eq!(refused(&pose(|p| p.linear_velocity = vec![0.0, f32::INFINITY, 0.0])), Refusal::NotFinite);
+        assert_eq!(refused(&pose(|p| p.orientation = vec![0.0; 4])), Refusal::BadOrientation);
+        assert_eq!(refused(&pose(|p| p.orientation = vec![0.0, 0.0, 0.0, 2.0])), Refusal::BadOrientation);
+        assert_eq!(refused(&pose(|p| p.position[0] = 1.5)), Refusal::OutOfRange);
+        assert_eq!(refused(&pose(|p| p.sequence = 0)), Refusal::Stale);
+    }
+
+    #[test]
+    fn repeated_and_older_poses_are_stale_and_the_counter_may_wrap() {
+        let mut gate = gate();
+        let numbered = |n: u32| pose(move |p| p.sequence = n);
+        assert!(gate.pass(&numbered(5)).is_ok());
+        assert_eq!(gate.pass(&numbered(5)), Err(Refusal::Stale));
+        assert_eq!(gate.pass(&numbered(4)), Err(Refusal::Stale));
+        gate.sequence = u32::MAX;
+        assert!(gate.pass(&numbered(3)).is_ok());
+    }
+
+    proptest! {
+        #[test]
+        fn garbage_never_passes_and_never_panics(bytes in prop::collection::vec(any::<u8>(), 0..200)) {
+            if let Ok(sample) = gate().pass(&bytes) {
+                prop_assert!(sample.pose.position.iter().all(|c| c.is_finite()));
+            }
+        }
+
+        #[test]
+        fn inputs_survive_the_way_into_a_recording_bit_for_bit(
+            numbers in prop::array::uniform7(-1e3..1e3f64), epoch in 1u32.., lapsed in 0u32.., limit in 0u32.., planned in 0u32.., frame in 0u32.., change in 0u32..,
+        ) {
+            let budget = Budget { limit, planned, frame, change };
+            let sample = PoseSample {
+                sequence: 9,
+                time_ns: 77,
+                pose: Pose {
+                    position: Vec3::new(numbers[0], numbers[1], numbers[2]),
+                    orientation: [numbers[3], numbers[4], numbers[5], numbers[6]],
+                },
+                linear_velocity: Vec3::new(numbers[6], numbers[5], numbers[4]),
+                angular_velocity: Vec3::zeros(),
+                buttons: 3,
+            };
+            let mut inputs = Inputs { lapsed, budget, prices: Some(Prices::COMMON), reset: true, ..Inputs::default() };
+            inputs.tools[0] = Some(ToolEvent::Pose(sample));
+            inputs.tools[3] = Some(ToolEvent::Attach { epoch, period_ticks: 14, coupling: Coupling { compliance: 2.5e-3, angular_compliance: 3.0 } });
+            inputs.tools[7] = Some(ToolEvent::Detach);
+            let bytes = inputs_to_message(12, &inputs).encode_to_vec();
+            let back = inputs_from_message(&proto::TickInputs::decode(&bytes[..]).unwrap());
+            prop_assert_eq!(back, Some(inputs));
+        }
+    }
+}

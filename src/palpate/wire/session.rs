@@ -1,0 +1,133 @@
+//! What is simulated, for clients and for whoever opens a recording.
+
+use crate::scene::Scene;
+use crate::scene::tool_keys::{ToolKeys, ToolKind};
+use palpate_core::contact::tool::MOST_TOOLS;
+use palpate_core::math::Vec3;
+use palpate_core::model::{Body, Organ};
+use palpate_core::simulation::{TICK, TICKS_PER_FRAME};
+use palpate_proto as proto;
+
+/// A session of `scene` with `body`, whose tools nobody holds; who serves it, where and at what tick is left open.
+pub fn describe(scene: &Scene, body: &Body) -> proto::Session {
+    let material = body.material();
+    let corners = |(low, high): (Vec3, Vec3)| low.iter().chain(high.iter()).copied().collect();
+    proto::Session {
+        version_major: proto::VERSION_MAJOR,
+        version_minor: proto::VERSION_MINOR,
+        frame: "world: right-handed, metres; gravity as the scene says".into(),
+        tick_s: TICK,
+        ticks_per_frame: TICKS_PER_FRAME as u32,
+        body: Some(proto::BodyDescription {
+            name: body.name().into(),
+            levels: body.levels().len() as u32,
+            nodes: body.levels().iter().map(|l| l.mesh.nodes.len() as u32).collect(),
+            elements: body.levels().iter().map(|l| l.mesh.elements.len() as u32).collect(),
+            mass_kg: body.mass(),
+            density: material.density,
+            youngs_modulus: material.youngs_modulus(),
+            poisson_ratio: material.poisson_ratio(),
+            bounds: corners(body.surface().bounds()),
+            checksum: body.checksum(),
+            organs: organs(body),
+        }),
+        tools: (0..).zip(scene.tool.iter().take(MOST_TOOLS)).map(|(number, keys)| tool(number, keys)).collect(),
+        limits: Some(proto::Limits {
+            force: scene.safety.force_limit,
+            torque: scene.safety.torque_limit,
+            slew: scene.safety.slew_limit,
+            tool_speed: scene.safety.tool_speed,
+            workspace: corners(scene.workspace(body)),
+        }),
+        ..proto::Session::default()
+    }
+}
+
+/// The organs of `body`.
+pub fn organs(body: &Body) -> Vec<proto::Organ> {
+    let organ = |organ: &Organ| {
+        let material = &body.parts().materials[usize::from(organ.material)];
+        let triangles = organ.triangles.start as usize..organ.triangles.end as usize;
+        proto::Organ {
+            name: organ.name.clone(),
+            vertices: organ.vertices.len() as u32,
+            triangles: organ.triangles.len() as u32,
+            volume: body.surface().volume_within(triangles),
+            mass_kg: organ.mass,
+            density: material.density,
+            youngs_modulus: material.youngs_modulus(),
+            poisson_ratio: material.poisson_ratio(),
+        }
+    };
+    body.organs().iter().map(organ).collect()
+}
+
+fn tool(tool: u32, keys: &ToolKeys) -> proto::ToolDescription {
+    let (kind, shape) = (keys.kind(), keys.shape());
+    let parts = shape.parts().iter().map(|part| {
+        let (corners, disc) = part.hull();
+        proto::ToolPart {
+            corners: corners.iter().flatten().copied().collect(),
+            rounding: part.radius(),
+            disc: disc.map_or(0.0, |(radius, _)| radius),
+            axis: disc.map_or_else(Vec::new, |(_, axis)| axis.iter().copied().collect()),
+        }
+    });
+    proto::ToolDescription {
+        tool,
+        name: keys.name.clone(),
+        shape: kind.name().into(),
+        radius: match kind {
+            ToolKind::Convex | ToolKind::Compound => shape.bounding_radius(),
+            ToolKind::Ball | ToolKind::Capsule | ToolKind::Cylinder => keys.radius,
+        },
+        length: match kind {
+            ToolKind::Capsule | ToolKind::Cylinder => keys.length,
+            ToolKind::Ball | ToolKind::Convex | ToolKind::Compound => 0.0,
+        },
+        taken: false,
+        parts: parts.collect(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn described(toml: &str) -> proto::ToolDescription {
+        tool(3, &toml::from_str(&format!("name = 'probe'\n{toml}")).unwrap())
+    }
+
+    #[test]
+    fn every_shape_is_described_by_what_it_is_made_of() {
+        let ball = described("radius = 0.01");
+        assert_eq!((ball.tool, ball.name.as_str(), ball.shape.as_str()), (3, "probe", "ball"));
+        let part =
+            |corners: &[f64], rounding| proto::ToolPart { corners: corners.into(), rounding, ..Default::default() };
+        assert_eq!(ball.parts, [part(&[0.0; 3], 0.01)]);
+        let capsule = described("radius = 0.01\nlength = 0.1");
+        assert_eq!((capsule.radius, capsule.length), (0.01, 0.1));
+        assert_eq!(capsule.parts, [part(&[0.0, 0.0, 0.0, 0.0, 0.0, 0.1], 0.01)]);
+        let cylinder = described("shape = 'cylinder'\nradius = 0.01\nlength = 0.1\nrounding = 0.001");
+        let ends = part(&[0.0, 0.0, 0.001, 0.0, 0.0, 0.1 - 0.001], 0.001);
+        assert_eq!(cylinder.parts, [proto::ToolPart { disc: 0.01 - 0.001, axis: vec![0.0, 0.0, 1.0], ..ends }]);
+        let points = "points = [[0.0, 0.0, 0.0], [0.02, 0.0, 0.0], [0.0, 0.02, 0.0], [0.0, 0.0, 0.02]]";
+        let convex = described(&format!("shape = 'convex'\nrounding = 0.001\n{points}"));
+        assert_eq!((convex.parts[0].corners.len(), convex.parts[0].rounding), (12, 0.001));
+        assert!(convex.radius > 0.02 && convex.parts[0].axis.is_empty());
+    }
+
+    #[test]
+    fn parts_of_a_compound_stand_where_they_are_in_the_tool() {
+        let turned = "orientation = [0.0, 0.7071067811865476, 0.0, 0.7071067811865476]";
+        let parts = format!(
+            "[[part]]\nradius = 0.004\n[[part]]\nradius = 0.005\nlength = 0.1\nposition = [0.0, 0.02, 0.0]\n{turned}"
+        );
+        let forceps = described(&format!("shape = 'compound'\n{parts}"));
+        assert_eq!(forceps.parts.len(), 2);
+        // The quarter turn about +y lays the shaft along +x.
+        let expected = [0.0, 0.02, 0.0, 0.1, 0.02, 0.0];
+        let corners = &forceps.parts[1].corners;
+        assert!(corners.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-9), "{corners:?}");
+    }
+}

@@ -1,0 +1,159 @@
+//! The surface on its way to viewers and into recordings; how its bytes are coded stands in [`palpate_proto::surface`].
+
+use super::session::organs;
+use super::tool_state;
+use palpate_core::contact::tool::{Phase, ToolState};
+use palpate_core::math::{Real, Vec3};
+use palpate_core::model::Body;
+use palpate_proto as proto;
+use palpate_proto::surface::{CodeError, GridPoint, KEY_INTERVAL, SurfaceCode};
+
+/// Codes the frames of one surface, one after another.
+#[derive(Debug)]
+pub struct SurfaceEncoder {
+    topology: u32,
+    code: SurfaceCode,
+    sequence: u64,
+    key: (u64, Vec<GridPoint>),
+    now: Vec<GridPoint>,
+}
+
+/// Triangles and vertices in one part of a topology: 60,000 bytes.
+const TRIANGLES_PER_PART: usize = 3_000;
+const POSITIONS_PER_PART: usize = 2_000;
+
+/// The surface of `body` at rest, in parts; frames of it carry the number `topology`.
+pub fn topology(body: &Body, topology: u32) -> Vec<proto::SurfaceTopology> {
+    let (triangles, rest) = (&body.surface().triangles, rest(body));
+    let parts = triangles.len().div_ceil(TRIANGLES_PER_PART).max(rest.len().div_ceil(POSITIONS_PER_PART));
+    let part = |part: usize| proto::SurfaceTopology {
+        topology,
+        vertices: rest.len() as u32,
+        triangles: chunk(triangles, TRIANGLES_PER_PART, part)
+            .as_flattened()
+            .iter()
+            .flat_map(|v| v.to_le_bytes())
+            .collect(),
+        rest_positions: chunk(&rest, POSITIONS_PER_PART, part)
+            .as_flattened()
+            .iter()
+            .flat_map(|x| x.to_le_bytes())
+            .collect(),
+        part: part as u32,
+        parts: parts as u32,
+        step: grid_step(body),
+        organs: if part == 0 { organs(body) } else { Vec::new() },
+    };
+    (0..parts).map(part).collect()
+}
+
+fn chunk<T>(of: &[T], size: usize, part: usize) -> &[T] {
+    of.chunks(size).nth(part).unwrap_or_default()
+}
+
+/// Vertices as the topology has them.
+fn rest(body: &Body) -> Vec<[f32; 3]> {
+    body.surface().vertices.iter().map(|v| [v.x as f32, v.y as f32, v.z as f32]).collect()
+}
+
+/// Vertices [m] of a frame, given its parts and those of its key frame; `None` where some are missing or not of `body`.
+pub fn vertices(body: &Body, key: &[proto::SurfaceFrame], frame: &[proto::SurfaceFrame]) -> Option<Vec<Vec3>> {
+    let code = code(body);
+    let read = |parts: &[proto::SurfaceFrame], reference: &[GridPoint]| {
+        let mut points = reference.to_vec();
+        for part in 0..code.parts() {
+            let of = parts.iter().find(|frame| frame.part as usize == part)?;
+            code.decode(part, reference, &of.displacements, &mut points).ok()?;
+        }
+        Some(points)
+    };
+    let mut points = read(key, code.rest())?;
+    if frame.first()?.sequence != frame.first()?.key {
+        points = read(frame, &points)?;
+    }
+    Some(points.into_iter().map(|point| Vec3::from(code.position(point).map(Real::from))).collect())
+}
+
+fn code(body: &Body) -> SurfaceCode {
+    SurfaceCode::new(&body.surface().triangles, &rest(body), grid_step(body))
+        .unwrap_or_else(|| unreachable!("a body's triangles name its vertices"))
+}
+
+/// A coordinate is off by half of this part of the surface's diagonal at most: 0.03 mm on an organ of 0.25 m.
+const OF_DIAGONAL: Real = 1.0 / 4096.0;
+/// Steps are no shorter than this part of the diagonal, whatever the triangles: the grid has to reach far.
+const FINEST: Real = 1.0 / (1 << 20) as Real;
+/// Most that the grid tilts the normal of a vertex at rest if all errors conspire [rad]: on bodies that move, normals are
+/// then off by less than 1°, but where the surface is crushed. Half the step takes half a byte a vertex more.
+const MOST_TILT: Real = 1.4 * std::f64::consts::PI / 180.0;
+
+/// Step of the grid on which frames of the surface of `body` stand [m].
+///
+/// The normal of a vertex is the sum N of its triangles' area vectors. Neighbours that are off by δ change it by at most
+/// δ P, P the sum of the edges opposite to the vertex; and δ is at most √3/2 steps.
+pub fn grid_step(body: &Body) -> Real {
+    let surface = body.surface();
+    let (low, high) = surface.bounds();
+    let diagonal = (high - low).norm();
+    let mut ring = vec![(Vec3::zeros(), 0.0); surface.vertices.len()];
+    for t in &surface.triangles {
+        let corner = t.map(|v| surface.vertices[v as usize]);
+        let area = (corner[1] - corner[0]).cross(&(corner[2] - corner[0])) * 0.5;
+        for c in 0..3 {
+            let (normal, around) = &mut ring[t[c] as usize];
+            *normal += area;
+            *around += (corner[(c + 1) % 3] - corner[(c + 2) % 3]).norm();
+        }
+    }
+    let breadth = ring.iter().filter(|r| r.1 > 0.0).map(|(normal, around)| normal.norm() / around);
+    let finest_needed = breadth.fold(Real::INFINITY, Real::min) * MOST_TILT / (0.5 * (3.0 as Real).sqrt());
+    finest_needed.clamp(diagonal * FINEST, diagonal * OF_DIAGONAL)
+}
+
+impl SurfaceEncoder {
+    /// For frames of the surface of `body`; they carry the number `topology`.
+    pub fn new(body: &Body, topology: u32) -> Self {
+        let code = code(body);
+        let (key, now) = ((0, code.rest().to_vec()), code.rest().to_vec());
+        Self { topology, code, sequence: 0, key, now }
+    }
+
+    /// The frame of `tick` in parts: display vertices `skin` [m] (vertices), their `levels` (vertices), and of `tools` those
+    /// that somebody holds. Every [`KEY_INTERVAL`]-th, and the first, is a key frame.
+    ///
+    /// # Errors
+    /// [`CodeError::Compression`] when there is no memory.
+    pub fn frame(
+        &mut self,
+        tick: u64,
+        skin: &[Vec3],
+        levels: &[u8],
+        tools: &[ToolState],
+    ) -> Result<Vec<proto::SurfaceFrame>, CodeError> {
+        let sequence = self.sequence;
+        self.sequence += 1;
+        self.now.iter_mut().zip(skin).for_each(|(to, x)| *to = self.code.on_grid([x.x, x.y, x.z]));
+        let is_key = sequence.is_multiple_of(KEY_INTERVAL);
+        let reference = if is_key { self.code.rest() } else { &self.key.1[..] };
+        let held = tools.iter().enumerate().filter(|(_, t)| t.phase != Phase::Detached);
+        let mut held: Vec<_> = held.map(|(i, t)| tool_state(i as u32, t)).collect();
+        let frame = |part: usize| {
+            Ok(proto::SurfaceFrame {
+                topology: self.topology,
+                tick,
+                sequence,
+                tools: std::mem::take(&mut held),
+                key: if is_key { sequence } else { self.key.0 },
+                part: part as u32,
+                displacements: self.code.encode(part, reference, &self.now)?,
+                levels: self.code.encode_levels(part, levels)?,
+            })
+        };
+        let frames = (0..self.code.parts()).map(frame).collect::<Result<Vec<_>, CodeError>>()?;
+        if is_key {
+            self.key.0 = sequence;
+            self.key.1.copy_from_slice(&self.now);
+        }
+        Ok(frames)
+    }
+}

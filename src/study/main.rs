@@ -1,0 +1,61 @@
+//! The command line of the studies.
+
+use anyhow::{Context, bail};
+use clap::Parser;
+use palpate_body::geometry::mesh_io::{LengthUnit, read_surface};
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Regenerate the comparisons and the paper's figures, as CSV and pictures
+#[derive(Parser)]
+#[command(name = "palpate-study", version)]
+struct Args {
+    /// One of them; all when left out. `list` names them
+    name: Option<String>,
+    /// Folder for tables and pictures
+    #[arg(long, default_value = "study")]
+    out: PathBuf,
+    /// File of an organ's closed surface to run the study `speed` on instead
+    #[arg(long)]
+    surface: Option<PathBuf>,
+    /// Its unit of length: m, cm, mm or in
+    #[arg(long, default_value = "m")]
+    unit: LengthUnit,
+}
+
+fn main() -> ExitCode {
+    let Err(e) = run(&Args::parse()) else { return ExitCode::SUCCESS };
+    // Most errors tell what caused them themselves.
+    let mut text = String::new();
+    for cause in e.chain().map(|cause| cause.to_string()).filter(|cause| !cause.is_empty()) {
+        if !text.contains(&cause) {
+            text += if text.is_empty() { "" } else { ": " };
+            text += &cause;
+        }
+    }
+    eprintln!("palpate-study: {text}");
+    ExitCode::FAILURE
+}
+
+fn run(args: &Args) -> anyhow::Result<()> {
+    if args.name.as_deref() == Some("list") {
+        for study in palpate_study::STUDIES {
+            println!("{:<12} {}", study.name, study.about);
+        }
+        return Ok(());
+    }
+    let progress = |what: &str| eprintln!("{what}");
+    let text = match &args.surface {
+        None => palpate_study::run(args.name.as_deref(), &args.out, &progress)?,
+        Some(_) if args.name.as_deref() != Some("speed") => {
+            bail!("--surface is for the study 'speed' alone: palpate-study speed --surface FILE --unit mm")
+        }
+        Some(file) => {
+            let surface = read_surface(file, args.unit).with_context(|| file.display().to_string())?;
+            std::fs::create_dir_all(&args.out).with_context(|| args.out.display().to_string())?;
+            palpate_study::touch::speed_on(&surface, &args.out, &progress)?
+        }
+    };
+    println!("{text}pictures and tables: {}", args.out.display());
+    Ok(())
+}
