@@ -27,7 +27,7 @@ pub fn run(args: &DoctorArgs) -> anyhow::Result<ExitCode> {
     let touched = body.clone();
     let (granted, lateness, forecast) = std::thread::spawn(move || {
         let granted = Granted::ask(None);
-        (granted, lateness(seconds), forecast(&touched))
+        (granted, lateness(seconds), forecast(&touched, || Monotonic.computed()))
     })
     .join()
     .map_err(|_| anyhow::anyhow!("the trial panicked"))?;

@@ -3,6 +3,7 @@
 use crate::progress::Progress;
 use anyhow::{Context, bail};
 use clap::Args;
+use palpate::realtime::clock::{Clock, Monotonic};
 use palpate::scene::LoadedScene;
 use palpate::scene::prepared::body_keys;
 use palpate_body::geometry::mesh_io::LengthUnit;
@@ -142,7 +143,7 @@ pub fn run(args: &PrepareArgs) -> anyhow::Result<ExitCode> {
     };
     progress.show("touching it", 1, 1);
     let shared = Arc::new(body);
-    let forecast = forecast(&shared).map_err(anyhow::Error::msg)?;
+    let forecast = forecast(&shared, || Monotonic.computed()).map_err(anyhow::Error::msg)?;
     let body = Arc::into_inner(shared).context("the forecast keeps the body")?;
     let file = BodyFile { provenance, body };
     let body = &file.body;

@@ -115,18 +115,19 @@ impl Touch {
     }
 }
 
-/// What of `body` runs on this machine: a touch that takes as long as it would, about four seconds.
+/// What of `body` runs on this machine: a touch that takes as long as it would, about four seconds. `computed` tells how long
+/// this thread has had a processor [ns].
 ///
 /// # Errors
 /// When the body's coarsest level is too large to be simulated at all.
-pub fn forecast(body: &Arc<Body>) -> Result<Forecast, String> {
+pub fn forecast(body: &Arc<Body>, mut computed: impl FnMut() -> u64) -> Result<Forecast, String> {
     let mut touch = Touch::of(body)?;
     let mut copy = touch.simulation.snapshot();
     let mut governor = Governor::new();
     let (mut elements, mut evaluations, mut planned) = (0, 0, 0);
     let mut deadline = Instant::now();
     for tick in 0..TICKS {
-        let (began, prices) = (Instant::now(), governor.prices());
+        let (began, had, prices) = (Instant::now(), computed(), governor.prices());
         let inputs = Inputs { budget: governor.budget(), prices: Some(prices), ..Inputs::default() };
         let mut timed = Timed { last: began, governor: &mut governor };
         touch.tick(inputs, &mut timed);
@@ -145,7 +146,8 @@ pub fn forecast(body: &Arc<Body>) -> Result<Forecast, String> {
             timed.lap(Part::Copy, 1);
             whole += prices.of(Part::Copy, 1);
         }
-        governor.end_tick(whole, kind, began.elapsed().as_nanos() as u64, 0);
+        let computed = computed() - had;
+        governor.end_tick(whole, kind, computed, (began.elapsed().as_nanos() as u64).saturating_sub(computed));
         // Between ticks other threads take the caches, as they will.
         deadline += Duration::from_nanos(TICK_NS);
         let now = Instant::now();
@@ -210,7 +212,8 @@ mod tests {
         let all = |elements: [usize; 3]| elements.iter().sum::<usize>();
         assert!(all(fast) > all(slow) && slow[2] > 0, "{fast:?}, {slow:?}");
         assert_eq!((slowest[1], slowest[2]), (0, 0));
-        let forecast = forecast(&body).unwrap();
+        let began = Instant::now();
+        let forecast = forecast(&body, || began.elapsed().as_nanos() as u64).unwrap();
         assert!(forecast.floor > 0.0, "{forecast:?}");
         assert!(forecast.tick <= 900e-6 && forecast.evaluations >= forecast.elements, "{forecast:?}");
     }
