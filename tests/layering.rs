@@ -41,6 +41,7 @@ const BODY: Rules = &[
 ];
 
 const PRODUCT: Rules = &[
+    ("guide", &[]),
     ("picture", &[]),
     (
         "scene",

@@ -33,8 +33,7 @@
 //! paper's ε is 2E), `S` second Piola–Kirchhoff stress (the paper's σ is 2S), `λ, μ` Lamé parameters, `φ, ψ` the
 //! viscosities that go with them.
 //!
-//! `[DDCB01]`: G. Debunne, M. Desbrun, M.-P. Cani, A. H. Barr, *Dynamic Real-Time Deformations using Space & Time
-//! Adaptive Sampling*, SIGGRAPH 2001.
+//! The [`glossary`] has all terms and symbols, and the sources: `[DDCB01]`, `[Hertz 1881]`, `[Johnson 1985]` and others.
 //!
 //! # Example
 //! A ball pressed 5 mm into a cube that stands on a table:
@@ -87,6 +86,8 @@ pub mod adaptation;
 pub mod contact;
 pub mod feedback;
 pub mod geometry;
+#[doc = include_str!("glossary.md")]
+pub mod glossary {}
 pub mod hierarchy;
 pub mod math;
 pub mod model;

@@ -3,6 +3,9 @@
 //! A haptic device or a VR controller sends the pose of a tool; Palpate simulates the organ under it and answers with
 //! the force, a thousand times a second, and streams the deforming surface to every viewer.
 //!
+//! The [`guide`] explains the use: scenes, bodies, commands, clients, recordings, method. What follows is for those who
+//! change the code.
+//!
 //! # The map
 //! Four crates, cut where their dependencies differ, each with a map of its own:
 //! - [`palpate_core`], the physics: a function without a clock, file, network, thread or log;
@@ -15,6 +18,7 @@
 //!
 //! | module | is | does not know |
 //! |---|---|---|
+//! | [`guide`] | pages of the manual, no code | all else |
 //! | `picture` | panels of a picture, and cuts through the levels of a body on them | scenes |
 //! | [`scene`] | scene text to checked parameters, a body and settings | networks |
 //! | [`offline`] | a simulation under a trajectory, as fast as it goes | networks, clocks |
@@ -31,6 +35,7 @@
 
 #![allow(rustdoc::broken_intra_doc_links, reason = "units stand in square brackets, as in `[m]`")]
 
+pub mod guide;
 pub mod offline;
 #[cfg(feature = "pictures")]
 pub mod picture;

@@ -132,7 +132,7 @@ struct SimulateArgs {
     /// Simulated time [s]
     #[arg(long)]
     seconds: f64,
-    /// Tool trajectory (CSV): see README
+    /// Tool trajectory (CSV): columns time_s,tool,x_m,y_m,z_m,qx,qy,qz,qw,buttons
     #[arg(long)]
     trajectory: Option<PathBuf>,
     /// Folder for samples.csv and summary.json
