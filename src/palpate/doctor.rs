@@ -4,7 +4,7 @@ use crate::SceneArgs;
 use clap::Args;
 use hdrhistogram::Histogram;
 use palpate::realtime::clock::{Clock, Monotonic};
-use palpate::realtime::scheduling::Granted;
+use palpate::realtime::scheduling::{self, Granted};
 use palpate_body::prepare::forecast::forecast;
 use palpate_core::model::step_class::TICK_NS;
 use palpate_core::simulation::Part;
@@ -21,7 +21,7 @@ pub struct DoctorArgs {
 
 pub fn run(args: &DoctorArgs) -> anyhow::Result<ExitCode> {
     let (loaded, body, _) = crate::build(&args.scene)?;
-    println!("machine: {}", machine());
+    println!("machine: {}", scheduling::machine());
     // On a thread of its own, which has the rights of the simulation thread and ends with them.
     let seconds = args.seconds.clamp(0.0, 600.0);
     let touched = body.clone();
@@ -68,18 +68,6 @@ pub fn run(args: &DoctorArgs) -> anyhow::Result<ExitCode> {
         println!("this machine cannot serve it at 1 kHz: choose a coarser first level");
     }
     Ok(if fits { ExitCode::SUCCESS } else { ExitCode::FAILURE })
-}
-
-/// Processor, how many of them, and kernel.
-fn machine() -> String {
-    let read = |path: &str| std::fs::read_to_string(path).unwrap_or_default();
-    let info = read("/proc/cpuinfo");
-    let model = info.lines().find_map(|line| line.strip_prefix("model name")?.split(':').nth(1));
-    let cores = std::thread::available_parallelism().map_or(1, usize::from);
-    let kernel = read("/proc/sys/kernel/osrelease");
-    let system = read("/proc/sys/kernel/ostype");
-    let model = model.unwrap_or("unknown processor").trim();
-    format!("{model}, {cores} processors, {} {}", system.trim(), kernel.trim())
 }
 
 /// Part of a processor that the kernel lets real-time threads have; `None` where it does not tell, or has no limit.

@@ -1,7 +1,7 @@
 //! The paper's figures, the printed variants and the comparisons behind what the project ships, in plain code off the
 //! hot path.
 //!
-//! `cargo run --release -p palpate-study -- list` names them. It may use all the rest, the clients with it; nothing uses
+//! `cargo run --release -p palpate-study -- list` names them, `-- all` runs them all and writes `REPORT.md`. It may use all the rest, the clients with it; nothing uses
 //! it.
 //!
 //! | module | is |
@@ -21,6 +21,7 @@
 //! | [`lockstep`] | hands on one body, with device, client library and network in one loop, in simulated time |
 //! | [`stability`] | how stiff a body may be before a hand far away shakes |
 //! | [`plot`] | pictures and tables |
+//! | [`report`] | what all of them found, in one file |
 
 #![allow(rustdoc::broken_intra_doc_links, reason = "units stand in square brackets, as in `[m]`")]
 
@@ -36,6 +37,7 @@ pub mod plot;
 pub mod press;
 pub mod printed;
 pub mod relax;
+pub mod report;
 pub mod rows;
 pub mod stability;
 pub mod touch;
@@ -115,7 +117,8 @@ pub enum StudyError {
 }
 
 /// Runs the study `name`, or all of them, and writes its pictures and tables into the folder `out`, which is made if
-/// need be. The text that comes back is for reading: every table, under the name of its study.
+/// need be; all of them write a [`report`], too. The text that comes back is for reading: every table, under the name of its
+/// study.
 pub fn run(name: Option<&str>, out: &Path, progress: Progress) -> Result<String, StudyError> {
     let chosen: Vec<Study> = STUDIES.into_iter().filter(|s| name.is_none_or(|n| n == s.name)).collect();
     if chosen.is_empty() {
@@ -123,12 +126,19 @@ pub fn run(name: Option<&str>, out: &Path, progress: Progress) -> Result<String,
     }
     let failed = |source| StudyError::Write { path: out.into(), source };
     std::fs::create_dir_all(out).map_err(failed)?;
-    let mut text = String::new();
+    let (mut text, mut report) = (String::new(), report::head());
     for study in chosen {
         progress(study.about);
-        text += &format!("## {}: {}\n{}\n", study.name, study.about, (study.work)(out, progress).map_err(failed)?);
+        let began = std::time::SystemTime::now();
+        let tables = (study.work)(out, progress).map_err(failed)?;
+        report += &report::section(&study, &tables, &report::pictures_since(out, began).map_err(failed)?);
+        text += &format!("## {}: {}\n{tables}\n", study.name, study.about);
     }
-    std::fs::write(out.join(format!("{}.txt", name.unwrap_or("study"))), &text).map_err(failed)?;
+    match name {
+        Some(name) => std::fs::write(out.join(format!("{name}.txt")), &text),
+        None => std::fs::write(out.join("REPORT.md"), report),
+    }
+    .map_err(failed)?;
     Ok(text)
 }
 

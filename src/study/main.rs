@@ -10,8 +10,9 @@ use std::process::ExitCode;
 #[derive(Parser)]
 #[command(name = "palpate-study", version)]
 struct Args {
-    /// One of them; all when left out. `list` names them
-    name: Option<String>,
+    /// One of them, or `all`, which write a report; `list` names them
+    #[arg(default_value = "all")]
+    name: String,
     /// Folder for tables and pictures
     #[arg(long, default_value = "study")]
     out: PathBuf,
@@ -38,7 +39,8 @@ fn main() -> ExitCode {
 }
 
 fn run(args: &Args) -> anyhow::Result<()> {
-    if args.name.as_deref() == Some("list") {
+    let name = Some(args.name.as_str()).filter(|name| *name != "all");
+    if name == Some("list") {
         for study in palpate_study::STUDIES {
             println!("{:<12} {}", study.name, study.about);
         }
@@ -46,8 +48,8 @@ fn run(args: &Args) -> anyhow::Result<()> {
     }
     let progress = |what: &str| eprintln!("{what}");
     let text = match &args.surface {
-        None => palpate_study::run(args.name.as_deref(), &args.out, &progress)?,
-        Some(_) if args.name.as_deref() != Some("speed") => {
+        None => palpate_study::run(name, &args.out, &progress)?,
+        Some(_) if name != Some("speed") => {
             bail!("--surface is for the study 'speed' alone: palpate-study speed --surface FILE --unit mm")
         }
         Some(file) => {

@@ -26,6 +26,18 @@ pub fn fifo(priority: u8) -> Result<(), String> {
     .map_err(|e| format!("{e:?}"))
 }
 
+/// The machine in words: processor, how many of them, and kernel.
+pub fn machine() -> String {
+    let read = |path: &str| std::fs::read_to_string(path).unwrap_or_default();
+    let info = read("/proc/cpuinfo");
+    let model = info.lines().find_map(|line| line.strip_prefix("model name")?.split(':').nth(1));
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let kernel = read("/proc/sys/kernel/osrelease");
+    let system = read("/proc/sys/kernel/ostype");
+    let model = model.unwrap_or("unknown processor").trim();
+    format!("{model}, {cores} processors, {} {}", system.trim(), kernel.trim())
+}
+
 /// What the simulation thread got.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Granted {
