@@ -185,3 +185,90 @@ fn record_starts_and_stops_a_recording_on_a_running_server() {
     let gone = stderr(&palpate(&["record", "x.mcap", "--surface-endpoint", &surface]).failure());
     assert!(gone.contains(&surface), "{gone}");
 }
+
+/// Two endpoints of this machine that nobody listens on.
+fn free_endpoints() -> (String, String) {
+    let port = || std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+    (format!("tcp/127.0.0.1:{}", port()), format!("tcp/127.0.0.1:{}", port()))
+}
+
+const SMALL: [&str; 6] = ["--scene", "cube", "--set", "body.active_level=0", "--set", "world.settle=0"];
+
+#[test]
+fn a_log_in_a_file_has_no_colours() {
+    let (force, surface) = free_endpoints();
+    let ends = ["--force-endpoint", &force, "--surface-endpoint", &surface, "--seconds", "0.2"];
+    let said = stderr(&palpate(&[&["serve"], &SMALL[..], &ends].concat()).success());
+    assert!(said.contains("INFO palpate") && !said.contains('\x1b'), "{said:?}");
+}
+
+#[test]
+fn a_second_server_on_a_taken_port_says_which_option_gives_another() {
+    let other = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let taken = format!("tcp/{}", other.local_addr().unwrap());
+    let (force, surface) = free_endpoints();
+    for (force, surface, option) in [(&taken, &surface, "--force-endpoint"), (&force, &taken, "--surface-endpoint")] {
+        let ends = ["--force-endpoint", force, "--surface-endpoint", surface, "--seconds", "0.2"];
+        let e = stderr(&palpate(&[&["serve"], &SMALL[..], &ends].concat()).failure());
+        let e = e.lines().last().unwrap_or_default();
+        assert!(e.contains(&format!("cannot listen on {taken}: Address already in use")), "{e}");
+        assert!(e.contains(&format!("give another with {option}")), "{e}");
+    }
+}
+
+#[test]
+fn places_that_cannot_be_written_are_refused_before_the_work_with_a_remedy() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).display().to_string();
+    fs::write(at("plain"), "kept").unwrap();
+    fs::write(at("ball.obj"), "v 0 0 0\n").unwrap();
+    let refused = |arguments: &[&str], option: &str, remedy: &str| {
+        let e = stderr(&palpate(arguments).failure());
+        assert_eq!(e.lines().count(), 1, "no work before it: {e}");
+        assert!(e.contains(option) && e.contains("Remedy: ") && e.contains(remedy), "{e}");
+    };
+    let simulate = ["simulate", "cube", "--seconds", "0.01", "--out"];
+    for (record, remedy) in
+        [("lost/x.mcap", "make the folder"), ("plain/x.mcap", "is no folder"), ("", "name a file in it")]
+    {
+        let record = at(record);
+        refused(&[&["serve"], &SMALL[..], &["--record", &record]].concat(), "--record", remedy);
+        refused(&["demo", "--scene", "cube", "--plain", "--record", &record], "--record", remedy);
+        refused(&[&simulate[..], &[&at("out"), "--record", &record]].concat(), "--record", remedy);
+        refused(&["prepare", &at("ball.obj"), "--unit", "mm", "-o", &record], "-o", remedy);
+    }
+    refused(&[&simulate[..], &[&at("plain")]].concat(), "--out", "must not be a file");
+    refused(&[&simulate[..], &[&at("plain/out")]].concat(), "--out", "must not be a file");
+    assert_eq!(fs::read_to_string(at("plain")).unwrap(), "kept");
+}
+
+#[test]
+fn an_unknown_key_is_named_where_it_was_given_with_those_that_there_are() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out").display().to_string();
+    let run = |scene: &str, set: &[&str]| {
+        let set = set.iter().flat_map(|s| ["--set", s]).collect::<Vec<_>>();
+        stderr(&palpate(&[&["simulate", scene, "--seconds", "0.01", "--out", &out], &set[..]].concat()).failure())
+    };
+    for (given, known) in [
+        ("material.densty=900", "`density`"),
+        ("tool.radus=0.01", "`radius`"),
+        ("materials.density=900", "`material`"),
+        ("foo=1", "`world`"),
+    ] {
+        // It is the wrong one of several that is named, and no line of a text that nobody wrote.
+        let e = run("cube", &["world.settle=0", given]);
+        assert!(
+            e.contains(&format!("--set {given}: unknown field")) && e.contains(known) && !e.contains("line"),
+            "{e}"
+        );
+    }
+    let e = run("cube", &["material.density=heavy"]);
+    assert!(e.contains("--set material.density=heavy: invalid type"), "{e}");
+    let scene = folder.path().join("my.toml");
+    fs::write(&scene, "name = \"x\"\n[body]\nsource = \"box\"\n[materials]\n").unwrap();
+    for set in [&[][..], &["world.settle=0"]] {
+        let e = run(scene.to_str().unwrap(), set);
+        assert!(e.contains("my.toml") && e.contains("unknown field `materials`") && e.contains("`material`"), "{e}");
+    }
+}

@@ -80,6 +80,7 @@ pub fn run(args: DemoArgs) -> anyhow::Result<ExitCode> {
     if window || !live {
         log_to_stderr();
     }
+    args.server.check_writable()?;
     let (loaded, body, start) = build(&args.scene)?;
     let device = match &args.device_file {
         Some(file) => Device::from_file(file)?,

@@ -4,6 +4,7 @@ mod demo;
 mod doctor;
 mod prepare_command;
 mod progress;
+mod writable;
 
 use anyhow::{Context, bail};
 use clap::{Args, Parser, Subcommand};
@@ -14,7 +15,7 @@ use palpate::server::{self, Server};
 use palpate_core::model::element_kernel::Path as KernelPath;
 use palpate_core::simulation::{Inputs, Simulation, Snapshot, TICK};
 use palpate_proto::{self as proto, keys};
-use std::io::Write;
+use std::io::{IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -94,6 +95,11 @@ impl ServerArgs {
             "session {} on {} (forces) and {} (everything else), reachable {reach}",
             self.session, self.force_endpoint, self.surface_endpoint
         )
+    }
+
+    /// Fails, with a remedy, where the recording cannot be written.
+    fn check_writable(&self) -> anyhow::Result<()> {
+        self.record.as_ref().map_or(Ok(()), |path| writable::file("--record", path))
     }
 
     fn options(&self) -> server::Options {
@@ -204,11 +210,14 @@ fn main() -> ExitCode {
     }
 }
 
-/// Log lines to standard error; `RUST_LOG` changes what is logged.
+/// Log lines to standard error, in colours where that is a terminal and [`NO_COLOR`](https://no-color.org) is not set;
+/// `RUST_LOG` changes what is logged.
 fn log_to_stderr() {
     let filter = tracing_subscriber::EnvFilter::try_from_default_env()
         .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new("palpate=info,zenoh=error"));
-    let _ = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).try_init();
+    let coloured = std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty());
+    let log = tracing_subscriber::fmt().with_env_filter(filter).with_ansi(coloured);
+    let _ = log.with_writer(std::io::stderr).try_init();
 }
 
 /// A body, and the state in which it has come to rest.
@@ -238,6 +247,7 @@ fn runtime() -> anyhow::Result<tokio::runtime::Runtime> {
 
 fn serve(args: &ServeArgs) -> anyhow::Result<ExitCode> {
     log_to_stderr();
+    args.server.check_writable()?;
     let (loaded, body, start) = build(&args.scene)?;
     runtime()?.block_on(async {
         let server = Server::start(loaded.scene, body, start, args.server.options()).await?;
@@ -295,6 +305,10 @@ fn simulate(args: &SimulateArgs) -> anyhow::Result<ExitCode> {
     if !(args.seconds > 0.0 && args.seconds <= 1e6) {
         bail!("--seconds {}: give a time from 0.001 to 1e6", args.seconds);
     }
+    writable::folder("--out", &args.out)?;
+    if let Some(path) = &args.record {
+        writable::file("--record", path)?;
+    }
     let scene = SceneArgs { scene: args.scene.clone(), set: args.set.clone() };
     let (loaded, body, start) = build(&scene)?;
     let trajectory = match &args.trajectory {
@@ -304,7 +318,6 @@ fn simulate(args: &SimulateArgs) -> anyhow::Result<ExitCode> {
         }
         None => Trajectory::default(),
     };
-    std::fs::create_dir_all(&args.out).with_context(|| args.out.display().to_string())?;
     let mut simulation =
         Simulation::new(body.clone(), loaded.scene.settings(), start.clone()).map_err(anyhow::Error::msg)?;
     let mut samples = SampleWriter::create(&args.out, &loaded.scene, &simulation, args.every)?;
@@ -387,6 +400,9 @@ fn replay_file(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
         Some("avx2") => bail!("this CPU has no AVX2"),
         Some(other) => bail!("--kernel {other}: portable or avx2"),
     };
+    if let Some(path) = &args.trajectory_out {
+        writable::file("--trajectory-out", path)?;
+    }
     let recording = Recording::read(&args.file)?;
     if let Some(cut) = &recording.cut {
         println!("cut after tick {}: {cut}", recording.inputs.last().map_or(0, |i| i.0));

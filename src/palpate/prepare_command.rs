@@ -1,6 +1,7 @@
 //! `palpate prepare`: mesh files to a body in one file, and what it is like.
 
 use crate::progress::Progress;
+use crate::writable;
 use anyhow::{Context, bail};
 use clap::Args;
 use palpate::scene::LoadedScene;
@@ -106,6 +107,9 @@ impl std::str::FromStr for Length {
 pub fn run(args: &PrepareArgs) -> anyhow::Result<ExitCode> {
     if !(1e-6..=1e6).contains(&args.scale) || !(50..=20_000).contains(&args.display_vertices) {
         bail!("--scale is from 1e-6 to 1e6, --display-vertices from 50 to 20000");
+    }
+    if let Some(out) = args.out.as_ref().filter(|_| !args.check) {
+        writable::file("-o", out)?;
     }
     let mut progress = Progress::new();
     let mut inputs = Vec::new();
