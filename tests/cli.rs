@@ -1,6 +1,7 @@
 //! The command line: what a user types, and what it says when something is wrong.
 
 use assert_cmd::Command;
+use palpate_core::model::element_kernel::Path as KernelPath;
 use std::fs;
 use std::path::Path;
 
@@ -271,4 +272,39 @@ fn an_unknown_key_is_named_where_it_was_given_with_those_that_there_are() {
         let e = run(scene.to_str().unwrap(), set);
         assert!(e.contains("my.toml") && e.contains("unknown field `materials`") && e.contains("`material`"), "{e}");
     }
+}
+
+#[test]
+fn help_lists_every_bundled_scene_and_every_form_of_the_kernel() {
+    let help = |command: &str| {
+        let said = palpate(&[command, "--help"]).success();
+        String::from_utf8_lossy(&said.get_output().stdout).split_whitespace().collect::<Vec<_>>().join(" ")
+    };
+    let scenes = palpate::scene::BUNDLED.map(|(name, _)| name).join(", ");
+    for command in ["demo", "serve", "simulate"] {
+        assert!(help(command).contains(&format!("a bundled scene: {scenes}")), "{}", help(command));
+    }
+    let forms = KernelPath::ALL.map(KernelPath::name).join(", ");
+    assert!(help("replay").contains(&format!("[possible values: {forms}]")), "{}", help("replay"));
+}
+
+#[test]
+fn a_recording_replays_on_each_form_of_the_kernel_that_the_cpu_has() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).display().to_string();
+    let simulate = ["simulate", "cube", "--seconds", "0.1", "--set", "body.active_level=0", "--set", "world.settle=0"];
+    palpate(&[&simulate[..], &["--out", &at("out"), "--record", &at("run.mcap")]].concat()).success();
+    for path in KernelPath::ALL {
+        let outcome = palpate(&["replay", &at("run.mcap"), "--kernel", path.name()]);
+        if path.is_available() {
+            let said = outcome.success();
+            let said = String::from_utf8_lossy(&said.get_output().stdout).into_owned();
+            assert!(said.contains("identical: 100 ticks") && said.lines().count() == 1, "{said}");
+        } else {
+            let e = stderr(&outcome.failure());
+            assert!(e.contains("this CPU cannot run it") && e.contains("portable"), "{e}");
+        }
+    }
+    let e = stderr(&palpate(&["replay", &at("run.mcap"), "--kernel", "sse9"]).failure());
+    assert!(e.contains("sse9") && e.contains("avx512"), "{e}");
 }

@@ -7,6 +7,7 @@ mod progress;
 mod writable;
 
 use anyhow::{Context, bail};
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand};
 use palpate::offline::{self, SampleWriter, Trajectory};
 use palpate::recording::{Recording, RecordingWriter, replay};
@@ -48,11 +49,15 @@ enum Command {
     Replay(ReplayArgs),
 }
 
+/// What a scene can be.
+fn scene_help() -> String {
+    format!("Scene file, prepared body (.palpate), or a bundled scene: {}", palpate::scene::bundled_names())
+}
+
 /// What to simulate.
 #[derive(Args)]
 struct SceneArgs {
-    /// Scene file, prepared body (.palpate), or a bundled scene: liver, toy, cube, organ
-    #[arg(long, default_value = "liver")]
+    #[arg(long, default_value = "liver", help = scene_help())]
     scene: PathBuf,
     /// Override a key of the scene, as in material.youngs_modulus=8000
     #[arg(long = "set", value_name = "KEY=VALUE")]
@@ -130,7 +135,7 @@ struct ServeArgs {
 
 #[derive(Args)]
 struct SimulateArgs {
-    /// Scene file, prepared body (.palpate), or a bundled scene: liver, toy, cube, organ
+    #[arg(help = scene_help())]
     scene: PathBuf,
     /// Override a key of the scene
     #[arg(long = "set", value_name = "KEY=VALUE")]
@@ -171,12 +176,19 @@ struct RecordArgs {
 struct ReplayArgs {
     /// The recording
     file: PathBuf,
-    /// Run on this form of the kernel (portable, avx2) instead of all that this CPU has
-    #[arg(long)]
-    kernel: Option<String>,
+    /// Run on this form of the kernel instead of all that this CPU has
+    #[arg(long, value_parser = kernel_form())]
+    kernel: Option<KernelPath>,
     /// Write the tools' poses as a trajectory that `simulate` reads
     #[arg(long, value_name = "FILE")]
     trajectory_out: Option<PathBuf>,
+}
+
+/// A form of the kernel by its name.
+fn kernel_form() -> impl TypedValueParser<Value = KernelPath> {
+    PossibleValuesParser::new(KernelPath::ALL.map(KernelPath::name)).try_map(|name| {
+        KernelPath::ALL.into_iter().find(|path| path.name() == name).ok_or("there is no such form of the kernel")
+    })
 }
 
 fn main() -> ExitCode {
@@ -393,12 +405,13 @@ fn record(args: &RecordArgs) -> anyhow::Result<ExitCode> {
 }
 
 fn replay_file(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
-    let paths = match args.kernel.as_deref() {
+    let paths = match args.kernel {
         None => KernelPath::available(),
-        Some("portable") => vec![KernelPath::Portable],
-        Some("avx2") if KernelPath::available().contains(&KernelPath::Avx2) => vec![KernelPath::Avx2],
-        Some("avx2") => bail!("this CPU has no AVX2"),
-        Some(other) => bail!("--kernel {other}: portable or avx2"),
+        Some(path) if path.is_available() => vec![path],
+        Some(path) => {
+            let available = KernelPath::available().into_iter().map(KernelPath::name).collect::<Vec<_>>().join(", ");
+            bail!("--kernel {}: this CPU cannot run it. Remedy: give one of {available}, or none", path.name())
+        }
     };
     if let Some(path) = &args.trajectory_out {
         writable::file("--trajectory-out", path)?;

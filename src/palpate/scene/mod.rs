@@ -129,7 +129,8 @@ pub enum SceneError {
     },
 }
 
-fn bundled_names() -> String {
+/// Names of the bundled scenes, for messages and help.
+pub fn bundled_names() -> String {
     BUNDLED.map(|b| b.0).join(", ")
 }
 

@@ -332,7 +332,13 @@ fn open(endpoint: &str, option: &'static str) -> Result<zenoh::Session, ServerEr
         // Batches of 64 KiB that may wait for a viewer: a frame of the largest surface has more parts than the default of two.
         ("transport/link/tx/queue/size/data_low", "16".into()),
     ] {
-        config.insert_json5(key, &value).map_err(|e| ServerError::Network(format!("{key}: {e}")))?;
+        config.insert_json5(key, &value).map_err(|e| match key {
+            "listen/endpoints" => {
+                let reason = "this is no endpoint".to_owned();
+                ServerError::Listen { endpoint: endpoint.to_owned(), option, reason }
+            }
+            _ => ServerError::Network(format!("{key}: {e}")),
+        })?;
     }
     zenoh::open(config).wait().map_err(|e| {
         let words = words(&e);
