@@ -38,3 +38,7 @@
 pub mod cover;
 pub mod geometry;
 pub mod prepare;
+
+#[cfg(test)]
+#[path = "../../tests/common/shared.rs"]
+mod shared;
