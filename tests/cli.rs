@@ -42,14 +42,13 @@ fn simulate_writes_samples_a_summary_and_a_recording_that_replays() {
     assert_eq!(summary["ticks"], 2000);
     assert!(summary["peak_physical_force"][0].as_f64().unwrap() > 0.1);
 
-    let samples = fs::read_to_string(out.join("samples.csv")).unwrap();
-    let mut lines = samples.lines();
-    let header: Vec<&str> = lines.next().unwrap().split(',').collect();
-    let rows: Vec<Vec<f64>> = lines.map(|l| l.split(',').map(|f| f.parse().unwrap()).collect()).collect();
+    let mut samples = csv::Reader::from_path(out.join("samples.csv")).unwrap();
+    let header = samples.headers().unwrap().clone();
+    let rows: Vec<Vec<f64>> = samples.deserialize().map(Result::unwrap).collect();
     assert_eq!(rows.len(), 2000);
     assert!(rows.iter().all(|r| r.len() == header.len()));
     let column = |name: &str| {
-        let at = header.iter().position(|h| *h == name).unwrap_or_else(|| panic!("no column {name}"));
+        let at = header.iter().position(|h| h == name).unwrap_or_else(|| panic!("no column {name}"));
         rows.iter().map(move |r| r[at])
     };
     assert!(column("ball_force_z_N").fold(0.0, f64::max) > 0.1);
@@ -275,7 +274,7 @@ fn an_unknown_key_is_named_where_it_was_given_with_those_that_there_are() {
 }
 
 #[test]
-fn help_lists_every_bundled_scene_and_every_form_of_the_kernel() {
+fn help_lists_every_bundled_scene_and_the_values_of_every_choice() {
     let help = |command: &str| {
         let said = palpate(&[command, "--help"]).success();
         String::from_utf8_lossy(&said.get_output().stdout).split_whitespace().collect::<Vec<_>>().join(" ")
@@ -283,6 +282,15 @@ fn help_lists_every_bundled_scene_and_every_form_of_the_kernel() {
     let scenes = palpate::scene::BUNDLED.map(|(name, _)| name).join(", ");
     for command in ["demo", "serve", "simulate"] {
         assert!(help(command).contains(&format!("a bundled scene: {scenes}")), "{}", help(command));
+    }
+    for (command, option, wrong, known) in [
+        ("prepare", "--unit", "ft", "m, cm, mm, in"),
+        ("demo", "--pattern", "poke", "press, palpate, stroke, tap, tremor"),
+        ("demo", "--render", "fast", "raw, passive, local, local-passive"),
+    ] {
+        let e = stderr(&palpate(&[command, option, wrong]).failure());
+        assert!(e.contains(wrong) && e.contains(&format!("[possible values: {known}]")), "{e}");
+        assert!(help(command).contains(&format!("[possible values: {known}]")), "{}", help(command));
     }
     let forms = KernelPath::ALL.map(KernelPath::name).join(", ");
     assert!(help("replay").contains(&format!("[possible values: {forms}]")), "{}", help("replay"));

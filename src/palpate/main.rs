@@ -9,14 +9,14 @@ mod writable;
 use anyhow::{Context, bail};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand};
-use palpate::offline::{self, SampleWriter, Trajectory};
+use palpate::offline::{self, SampleWriter, Trajectory, TrajectoryWriter};
 use palpate::recording::{Recording, RecordingWriter, replay};
 use palpate::scene::LoadedScene;
 use palpate::server::{self, Server};
 use palpate_core::model::element_kernel::Path as KernelPath;
 use palpate_core::simulation::{Inputs, Simulation, Snapshot, TICK};
 use palpate_proto::{self as proto, keys};
-use std::io::{IsTerminal, Write};
+use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -434,15 +434,17 @@ fn replay_file(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
 
 fn write_trajectory(path: &Path, recording: &Recording) -> anyhow::Result<()> {
     use palpate_core::contact::tool::ToolEvent;
-    let mut out = std::io::BufWriter::new(std::fs::File::create(path).with_context(|| path.display().to_string())?);
-    writeln!(out, "{}", offline::TRAJECTORY_HEADER)?;
-    let first = recording.inputs.first().map_or(1, |i| i.0);
-    for (tick, inputs) in &recording.inputs {
-        for (tool, event) in inputs.tools.iter().enumerate() {
-            if let Some(ToolEvent::Pose(sample)) = event {
-                offline::write_trajectory_row(&mut out, tick - first + 1, tool, sample)?;
+    let write = || {
+        let mut out = TrajectoryWriter::create(path)?;
+        let first = recording.inputs.first().map_or(1, |i| i.0);
+        for (tick, inputs) in &recording.inputs {
+            for (tool, event) in inputs.tools.iter().enumerate() {
+                if let Some(ToolEvent::Pose(sample)) = event {
+                    out.write(tick - first + 1, tool, sample)?;
+                }
             }
         }
-    }
-    out.flush().with_context(|| path.display().to_string())
+        out.finish()
+    };
+    write().with_context(|| path.display().to_string())
 }

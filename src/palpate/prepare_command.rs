@@ -4,6 +4,7 @@ use crate::progress::Progress;
 use crate::writable;
 use anyhow::{Context, bail};
 use clap::Args;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 use palpate::scene::LoadedScene;
 use palpate::scene::prepared::body_keys;
 use palpate_body::geometry::mesh_io::LengthUnit;
@@ -31,8 +32,8 @@ pub struct PrepareArgs {
     /// File to write
     #[arg(short, long, value_name = "FILE.palpate", required_unless_present = "check")]
     out: Option<PathBuf>,
-    /// Unit of length of the files: m, cm, mm or in
-    #[arg(long)]
+    /// Unit of length of the files
+    #[arg(long, value_parser = length_unit())]
     unit: LengthUnit,
     /// Further factor on their coordinates
     #[arg(long, default_value_t = 1.0)]
@@ -75,6 +76,11 @@ pub struct PrepareArgs {
     /// Write nothing, only look
     #[arg(long)]
     check: bool,
+}
+
+/// A unit by its name: the library that has the units does without clap.
+fn length_unit() -> impl TypedValueParser<Value = LengthUnit> {
+    PossibleValuesParser::new(LengthUnit::ALL.map(LengthUnit::name)).try_map(|name| name.parse::<LengthUnit>())
 }
 
 /// A length as people write it: `3mm`, `0.3cm`.

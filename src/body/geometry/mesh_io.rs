@@ -15,6 +15,9 @@
 //!
 //! Polygons become triangles; a file that holds tetrahedra is a volume, and its triangles are left out.
 //!
+//! Most readers are our own, because a file that is cut off or lies about its sizes must not end the program, as it does
+//! with the libraries there are for these formats.
+//!
 //! Bytes are not trusted: whatever they say, a reader answers with a shape or a [`MeshError`], in memory proportional
 //! to the bytes there are. Nothing here touches the file system except the functions whose names begin with
 //! `read_`. Numbers of vertices, triangles and elements in errors count from 1, as people do, except where they are the
@@ -62,6 +65,20 @@ pub enum LengthUnit {
 }
 
 impl LengthUnit {
+    /// Every unit.
+    pub const ALL: [LengthUnit; 4] =
+        [LengthUnit::Metre, LengthUnit::Centimetre, LengthUnit::Millimetre, LengthUnit::Inch];
+
+    /// The name it is chosen by.
+    pub fn name(self) -> &'static str {
+        match self {
+            LengthUnit::Metre => "m",
+            LengthUnit::Centimetre => "cm",
+            LengthUnit::Millimetre => "mm",
+            LengthUnit::Inch => "in",
+        }
+    }
+
     /// One unit in metres.
     pub fn metres(self) -> Real {
         match self {
@@ -75,12 +92,7 @@ impl LengthUnit {
 
 impl std::fmt::Display for LengthUnit {
     fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
-        f.write_str(match self {
-            LengthUnit::Metre => "m",
-            LengthUnit::Centimetre => "cm",
-            LengthUnit::Millimetre => "mm",
-            LengthUnit::Inch => "in",
-        })
+        f.write_str(self.name())
     }
 }
 
@@ -88,13 +100,8 @@ impl std::str::FromStr for LengthUnit {
     type Err = MeshError;
 
     fn from_str(text: &str) -> Result<Self, MeshError> {
-        match text {
-            "m" => Ok(LengthUnit::Metre),
-            "cm" => Ok(LengthUnit::Centimetre),
-            "mm" => Ok(LengthUnit::Millimetre),
-            "in" => Ok(LengthUnit::Inch),
-            _ => Err(MeshError::UnknownUnit { given: text.to_owned() }),
-        }
+        let unit = Self::ALL.into_iter().find(|unit| unit.name() == text);
+        unit.ok_or_else(|| MeshError::UnknownUnit { given: text.to_owned() })
     }
 }
 

@@ -42,7 +42,7 @@ pub fn press_a_cube() -> Result<Vec3, Box<dyn Error>> {
     Ok(simulation.outputs().tools[0].state.physical_force)
 }
 
-pub fn main() -> Result<(), Box<dyn Error>> {
+fn main() -> Result<(), Box<dyn Error>> {
     println!("{:.2} N", press_a_cube()?.z);
     Ok(())
 }
