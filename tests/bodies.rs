@@ -16,6 +16,10 @@ use std::fs;
 use std::path::Path;
 use std::sync::Arc;
 
+#[path = "common/shared.rs"]
+mod shared;
+use shared::shared;
+
 fn load(scene: &Path, given: &[&str]) -> LoadedScene {
     LoadedScene::load(scene, &given.iter().map(|s| (*s).to_owned()).collect::<Vec<_>>()).unwrap()
 }
@@ -316,11 +320,7 @@ fn a_body_survives_its_file_and_a_damaged_file_is_refused() {
 
 #[test]
 fn real_organs_make_bodies_where_they_are_at_hand() {
-    let meshes = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/meshes");
-    if !meshes.is_dir() {
-        eprintln!("no organs here; the bundled shapes stand in for them");
-        return;
-    }
+    let Some(meshes) = shared("meshes") else { return };
     for (file, unit, scale, litres) in [
         ("Liver.stl", "mm", "1.0", 1.818),
         ("Spleen.stl", "mm", "1.0", 0.344),

@@ -1,6 +1,7 @@
 //! The command line: what a user types, and what it says when something is wrong.
 
 use assert_cmd::Command;
+use palpate_core::model::element_kernel::Path as KernelPath;
 use std::fs;
 use std::path::Path;
 
@@ -41,14 +42,13 @@ fn simulate_writes_samples_a_summary_and_a_recording_that_replays() {
     assert_eq!(summary["ticks"], 2000);
     assert!(summary["peak_physical_force"][0].as_f64().unwrap() > 0.1);
 
-    let samples = fs::read_to_string(out.join("samples.csv")).unwrap();
-    let mut lines = samples.lines();
-    let header: Vec<&str> = lines.next().unwrap().split(',').collect();
-    let rows: Vec<Vec<f64>> = lines.map(|l| l.split(',').map(|f| f.parse().unwrap()).collect()).collect();
+    let mut samples = csv::Reader::from_path(out.join("samples.csv")).unwrap();
+    let header = samples.headers().unwrap().clone();
+    let rows: Vec<Vec<f64>> = samples.deserialize().map(Result::unwrap).collect();
     assert_eq!(rows.len(), 2000);
     assert!(rows.iter().all(|r| r.len() == header.len()));
     let column = |name: &str| {
-        let at = header.iter().position(|h| *h == name).unwrap_or_else(|| panic!("no column {name}"));
+        let at = header.iter().position(|h| h == name).unwrap_or_else(|| panic!("no column {name}"));
         rows.iter().map(move |r| r[at])
     };
     assert!(column("ball_force_z_N").fold(0.0, f64::max) > 0.1);
@@ -184,4 +184,135 @@ fn record_starts_and_stops_a_recording_on_a_running_server() {
     assert!((500..2000).contains(&ticks), "{text}");
     let gone = stderr(&palpate(&["record", "x.mcap", "--surface-endpoint", &surface]).failure());
     assert!(gone.contains(&surface), "{gone}");
+}
+
+/// Two endpoints of this machine that nobody listens on.
+fn free_endpoints() -> (String, String) {
+    let port = || std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+    (format!("tcp/127.0.0.1:{}", port()), format!("tcp/127.0.0.1:{}", port()))
+}
+
+const SMALL: [&str; 6] = ["--scene", "cube", "--set", "body.active_level=0", "--set", "world.settle=0"];
+
+#[test]
+fn a_log_in_a_file_has_no_colours() {
+    let (force, surface) = free_endpoints();
+    let ends = ["--force-endpoint", &force, "--surface-endpoint", &surface, "--seconds", "0.2"];
+    let said = stderr(&palpate(&[&["serve"], &SMALL[..], &ends].concat()).success());
+    assert!(said.contains("INFO palpate") && !said.contains('\x1b'), "{said:?}");
+}
+
+#[test]
+fn a_second_server_on_a_taken_port_says_which_option_gives_another() {
+    let other = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let taken = format!("tcp/{}", other.local_addr().unwrap());
+    let (force, surface) = free_endpoints();
+    for (force, surface, option) in [(&taken, &surface, "--force-endpoint"), (&force, &taken, "--surface-endpoint")] {
+        let ends = ["--force-endpoint", force, "--surface-endpoint", surface, "--seconds", "0.2"];
+        let e = stderr(&palpate(&[&["serve"], &SMALL[..], &ends].concat()).failure());
+        let e = e.lines().last().unwrap_or_default();
+        assert!(e.contains(&format!("cannot listen on {taken}: Address already in use")), "{e}");
+        assert!(e.contains(&format!("give another with {option}")), "{e}");
+    }
+}
+
+#[test]
+fn places_that_cannot_be_written_are_refused_before_the_work_with_a_remedy() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).display().to_string();
+    fs::write(at("plain"), "kept").unwrap();
+    fs::write(at("ball.obj"), "v 0 0 0\n").unwrap();
+    let refused = |arguments: &[&str], option: &str, remedy: &str| {
+        let e = stderr(&palpate(arguments).failure());
+        assert_eq!(e.lines().count(), 1, "no work before it: {e}");
+        assert!(e.contains(option) && e.contains("Remedy: ") && e.contains(remedy), "{e}");
+    };
+    let simulate = ["simulate", "cube", "--seconds", "0.01", "--out"];
+    for (record, remedy) in
+        [("lost/x.mcap", "make the folder"), ("plain/x.mcap", "is no folder"), ("", "name a file in it")]
+    {
+        let record = at(record);
+        refused(&[&["serve"], &SMALL[..], &["--record", &record]].concat(), "--record", remedy);
+        refused(&["demo", "--scene", "cube", "--plain", "--record", &record], "--record", remedy);
+        refused(&[&simulate[..], &[&at("out"), "--record", &record]].concat(), "--record", remedy);
+        refused(&["prepare", &at("ball.obj"), "--unit", "mm", "-o", &record], "-o", remedy);
+    }
+    refused(&[&simulate[..], &[&at("plain")]].concat(), "--out", "must not be a file");
+    refused(&[&simulate[..], &[&at("plain/out")]].concat(), "--out", "must not be a file");
+    assert_eq!(fs::read_to_string(at("plain")).unwrap(), "kept");
+}
+
+#[test]
+fn an_unknown_key_is_named_where_it_was_given_with_those_that_there_are() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out").display().to_string();
+    let run = |scene: &str, set: &[&str]| {
+        let set = set.iter().flat_map(|s| ["--set", s]).collect::<Vec<_>>();
+        stderr(&palpate(&[&["simulate", scene, "--seconds", "0.01", "--out", &out], &set[..]].concat()).failure())
+    };
+    for (given, known) in [
+        ("material.densty=900", "`density`"),
+        ("tool.radus=0.01", "`radius`"),
+        ("materials.density=900", "`material`"),
+        ("foo=1", "`world`"),
+    ] {
+        // It is the wrong one of several that is named, and no line of a text that nobody wrote.
+        let e = run("cube", &["world.settle=0", given]);
+        assert!(
+            e.contains(&format!("--set {given}: unknown field")) && e.contains(known) && !e.contains("line"),
+            "{e}"
+        );
+    }
+    let e = run("cube", &["material.density=heavy"]);
+    assert!(e.contains("--set material.density=heavy: invalid type"), "{e}");
+    let scene = folder.path().join("my.toml");
+    fs::write(&scene, "name = \"x\"\n[body]\nsource = \"box\"\n[materials]\n").unwrap();
+    for set in [&[][..], &["world.settle=0"]] {
+        let e = run(scene.to_str().unwrap(), set);
+        assert!(e.contains("my.toml") && e.contains("unknown field `materials`") && e.contains("`material`"), "{e}");
+    }
+}
+
+#[test]
+fn help_lists_every_bundled_scene_and_the_values_of_every_choice() {
+    let help = |command: &str| {
+        let said = palpate(&[command, "--help"]).success();
+        String::from_utf8_lossy(&said.get_output().stdout).split_whitespace().collect::<Vec<_>>().join(" ")
+    };
+    let scenes = palpate::scene::BUNDLED.map(|(name, _)| name).join(", ");
+    for command in ["demo", "serve", "simulate"] {
+        assert!(help(command).contains(&format!("a bundled scene: {scenes}")), "{}", help(command));
+    }
+    for (command, option, wrong, known) in [
+        ("prepare", "--unit", "ft", "m, cm, mm, in"),
+        ("demo", "--pattern", "poke", "press, palpate, stroke, tap, tremor"),
+        ("demo", "--render", "fast", "raw, passive, local, local-passive"),
+    ] {
+        let e = stderr(&palpate(&[command, option, wrong]).failure());
+        assert!(e.contains(wrong) && e.contains(&format!("[possible values: {known}]")), "{e}");
+        assert!(help(command).contains(&format!("[possible values: {known}]")), "{}", help(command));
+    }
+    let forms = KernelPath::ALL.map(KernelPath::name).join(", ");
+    assert!(help("replay").contains(&format!("[possible values: {forms}]")), "{}", help("replay"));
+}
+
+#[test]
+fn a_recording_replays_on_each_form_of_the_kernel_that_the_cpu_has() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).display().to_string();
+    let simulate = ["simulate", "cube", "--seconds", "0.1", "--set", "body.active_level=0", "--set", "world.settle=0"];
+    palpate(&[&simulate[..], &["--out", &at("out"), "--record", &at("run.mcap")]].concat()).success();
+    for path in KernelPath::ALL {
+        let outcome = palpate(&["replay", &at("run.mcap"), "--kernel", path.name()]);
+        if path.is_available() {
+            let said = outcome.success();
+            let said = String::from_utf8_lossy(&said.get_output().stdout).into_owned();
+            assert!(said.contains("identical: 100 ticks") && said.lines().count() == 1, "{said}");
+        } else {
+            let e = stderr(&outcome.failure());
+            assert!(e.contains("this CPU cannot run it") && e.contains("portable"), "{e}");
+        }
+    }
+    let e = stderr(&palpate(&["replay", &at("run.mcap"), "--kernel", "sse9"]).failure());
+    assert!(e.contains("sse9") && e.contains("avx512"), "{e}");
 }

@@ -19,6 +19,10 @@ use std::fmt::Write as _;
 use std::fs;
 use std::path::{Path, PathBuf};
 
+#[path = "common/shared.rs"]
+mod shared;
+use shared::shared;
+
 fn silent(_: &str, _: usize, _: usize) {}
 
 fn palpate(arguments: &[&str]) -> assert_cmd::assert::Assert {
@@ -345,11 +349,7 @@ fn verdict(paths: &[PathBuf], unit: LengthUnit, scale: Real, holes: Real) -> Res
 
 #[test]
 fn every_mesh_at_hand_makes_a_body_or_is_refused_with_the_reason() {
-    let meshes = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/meshes");
-    if !meshes.is_dir() {
-        eprintln!("no meshes here: not tested");
-        return;
-    }
+    let Some(meshes) = shared("meshes") else { return };
     let (m, mm) = (LengthUnit::Metre, LengthUnit::Millimetre);
     let raptors = "raptorTetra_8418.vtu raptorTetra_12580.vtu raptorTetra_19409.vtu";
     let mut wrong = Vec::new();

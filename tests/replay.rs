@@ -112,15 +112,16 @@ fn recorded_trajectories_give_their_forces_and_their_bits_again() {
             writeln!(hashes, "{kind}{name} {hash:016x}").unwrap();
             let trace_file = folder("trajectories").join(format!("{name}.{kind}force.csv"));
             if writing() {
-                let mut text = String::from("tick,force_z_N\n");
+                let mut out = csv::Writer::from_path(&trace_file).unwrap();
+                out.write_record(["tick", "force_z_N"]).unwrap();
                 for (i, f) in forces.iter().enumerate() {
-                    writeln!(text, "{},{f:.6}", (i as u64 + 1) * TRACE).unwrap();
+                    out.write_record([((i as u64 + 1) * TRACE).to_string(), format!("{f:.6}")]).unwrap();
                 }
-                fs::write(&trace_file, text).unwrap();
+                out.flush().unwrap();
             }
-            let trace = fs::read_to_string(&trace_file).unwrap();
-            let trace: Vec<f64> =
-                trace.lines().skip(1).map(|l| l.split_once(',').unwrap().1.parse().unwrap()).collect();
+            let trace: Vec<(u64, f64)> =
+                csv::Reader::from_path(&trace_file).unwrap().into_deserialize().map(Result::unwrap).collect();
+            let trace: Vec<f64> = trace.into_iter().map(|(_, force)| force).collect();
             assert_eq!(trace.len(), forces.len(), "{kind}{name}");
             let peak = trace.iter().copied().fold(0.0, f64::max);
             assert!(peak > 0.05, "{kind}{name} touches: {peak} N");

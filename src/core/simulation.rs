@@ -159,7 +159,7 @@ pub struct Outputs {
     pub skin: Vec<Vec3>,
     /// Level of detail that displays each of them, (n_vertices); as of the last frame.
     pub levels: Vec<u8>,
-    /// [`Snapshot::hash`] as of the last frame.
+    /// [`Simulation::hash`] as of the last frame.
     pub hash: u64,
     /// Time that the tick was planned to take: the body stood still when the budget did not cover its motion.
     pub plan: Plan,
@@ -351,20 +351,18 @@ impl Simulation {
         }
     }
 
-    /// xxh3-64 of what moves: the same for the same history, whatever the machine.
+    /// xxh3-64 of exactly what [`Simulation::snapshot`] saves: the same for the same history, whatever the machine.
     pub fn hash(&self) -> u64 {
         let mut hash = xxhash_rust::xxh3::Xxh3::new();
         hash.update(&self.tick.to_le_bytes());
+        hash.update(&self.frozen.to_le_bytes());
+        hash.update(bytemuck::cast_slice(&self.prices.0));
         hash.update(&self.knotted.to_le_bytes());
         self.mesh.hash_into(&mut hash);
         for (tool, points) in self.tools.iter().zip(&self.points) {
-            tool.hash_into(&mut hash);
-            for p in points {
-                hash.update(&p.point.to_le_bytes());
-                for x in [p.multiplier, p.slack].iter().chain([p.normal, p.tangential, p.anchor].iter().flatten()) {
-                    hash.update(&x.to_le_bytes());
-                }
-            }
+            hash_saved(tool, &mut hash);
+            hash.update(&(points.len() as u32).to_le_bytes());
+            points.iter().for_each(|point| hash_saved(point, &mut hash));
         }
         hash.digest()
     }
@@ -680,6 +678,15 @@ impl Simulation {
             let knotted = self.home.is_knotted(self.outputs.extremes.det_f, &self.outputs.skin);
             self.knotted = if knotted { self.knotted + 1 } else { 0 };
         }
+    }
+}
+
+/// Feeds `hash` the bytes that `value`, of at most 1 KiB, is saved as.
+fn hash_saved(value: &impl Serialize, hash: &mut xxhash_rust::xxh3::Xxh3) {
+    let mut bytes = [0u8; 1024];
+    match postcard::to_slice(value, &mut bytes) {
+        Ok(used) => hash.update(used),
+        Err(_) => debug_assert!(false, "the value fits the buffer"),
     }
 }
 

@@ -34,8 +34,8 @@ pub struct DemoArgs {
     /// End with a summary after this long [s]; without it, at q or Ctrl-C
     #[arg(long)]
     seconds: Option<f64>,
-    /// What the virtual hand does: press, palpate, stroke, tap, tremor
-    #[arg(long, default_value = "palpate")]
+    /// What the virtual hand does
+    #[arg(long, value_enum, ignore_case = true, default_value = "palpate")]
     pattern: Pattern,
     /// How far below the surface the hand wants to go [m]
     #[arg(long, default_value_t = 0.012)]
@@ -80,6 +80,7 @@ pub fn run(args: DemoArgs) -> anyhow::Result<ExitCode> {
     if window || !live {
         log_to_stderr();
     }
+    args.server.check_writable()?;
     let (loaded, body, start) = build(&args.scene)?;
     let device = match &args.device_file {
         Some(file) => Device::from_file(file)?,

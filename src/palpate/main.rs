@@ -4,17 +4,19 @@ mod demo;
 mod doctor;
 mod prepare_command;
 mod progress;
+mod writable;
 
 use anyhow::{Context, bail};
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand};
-use palpate::offline::{self, SampleWriter, Trajectory};
+use palpate::offline::{self, SampleWriter, Trajectory, TrajectoryWriter};
 use palpate::recording::{Recording, RecordingWriter, replay};
 use palpate::scene::LoadedScene;
 use palpate::server::{self, Server};
 use palpate_core::model::element_kernel::Path as KernelPath;
 use palpate_core::simulation::{Inputs, Simulation, Snapshot, TICK};
 use palpate_proto::{self as proto, keys};
-use std::io::Write;
+use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -47,11 +49,15 @@ enum Command {
     Replay(ReplayArgs),
 }
 
+/// What a scene can be.
+fn scene_help() -> String {
+    format!("Scene file, prepared body (.palpate), or a bundled scene: {}", palpate::scene::bundled_names())
+}
+
 /// What to simulate.
 #[derive(Args)]
 struct SceneArgs {
-    /// Scene file, prepared body (.palpate), or a bundled scene: liver, toy, cube, organ
-    #[arg(long, default_value = "liver")]
+    #[arg(long, default_value = "liver", help = scene_help())]
     scene: PathBuf,
     /// Override a key of the scene, as in material.youngs_modulus=8000
     #[arg(long = "set", value_name = "KEY=VALUE")]
@@ -96,6 +102,11 @@ impl ServerArgs {
         )
     }
 
+    /// Fails, with a remedy, where the recording cannot be written.
+    fn check_writable(&self) -> anyhow::Result<()> {
+        self.record.as_ref().map_or(Ok(()), |path| writable::file("--record", path))
+    }
+
     fn options(&self) -> server::Options {
         server::Options {
             session: self.session.clone(),
@@ -124,7 +135,7 @@ struct ServeArgs {
 
 #[derive(Args)]
 struct SimulateArgs {
-    /// Scene file, prepared body (.palpate), or a bundled scene: liver, toy, cube, organ
+    #[arg(help = scene_help())]
     scene: PathBuf,
     /// Override a key of the scene
     #[arg(long = "set", value_name = "KEY=VALUE")]
@@ -165,12 +176,19 @@ struct RecordArgs {
 struct ReplayArgs {
     /// The recording
     file: PathBuf,
-    /// Run on this form of the kernel (portable, avx2) instead of all that this CPU has
-    #[arg(long)]
-    kernel: Option<String>,
+    /// Run on this form of the kernel instead of all that this CPU has
+    #[arg(long, value_parser = kernel_form())]
+    kernel: Option<KernelPath>,
     /// Write the tools' poses as a trajectory that `simulate` reads
     #[arg(long, value_name = "FILE")]
     trajectory_out: Option<PathBuf>,
+}
+
+/// A form of the kernel by its name.
+fn kernel_form() -> impl TypedValueParser<Value = KernelPath> {
+    PossibleValuesParser::new(KernelPath::ALL.map(KernelPath::name)).try_map(|name| {
+        KernelPath::ALL.into_iter().find(|path| path.name() == name).ok_or("there is no such form of the kernel")
+    })
 }
 
 fn main() -> ExitCode {
@@ -204,11 +222,14 @@ fn main() -> ExitCode {
     }
 }
 
-/// Log lines to standard error; `RUST_LOG` changes what is logged.
+/// Log lines to standard error, in colours where that is a terminal and [`NO_COLOR`](https://no-color.org) is not set;
+/// `RUST_LOG` changes what is logged.
 fn log_to_stderr() {
     let filter = tracing_subscriber::EnvFilter::try_from_default_env()
         .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new("palpate=info,zenoh=error"));
-    let _ = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).try_init();
+    let coloured = std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty());
+    let log = tracing_subscriber::fmt().with_env_filter(filter).with_ansi(coloured);
+    let _ = log.with_writer(std::io::stderr).try_init();
 }
 
 /// A body, and the state in which it has come to rest.
@@ -238,6 +259,7 @@ fn runtime() -> anyhow::Result<tokio::runtime::Runtime> {
 
 fn serve(args: &ServeArgs) -> anyhow::Result<ExitCode> {
     log_to_stderr();
+    args.server.check_writable()?;
     let (loaded, body, start) = build(&args.scene)?;
     runtime()?.block_on(async {
         let server = Server::start(loaded.scene, body, start, args.server.options()).await?;
@@ -295,6 +317,10 @@ fn simulate(args: &SimulateArgs) -> anyhow::Result<ExitCode> {
     if !(args.seconds > 0.0 && args.seconds <= 1e6) {
         bail!("--seconds {}: give a time from 0.001 to 1e6", args.seconds);
     }
+    writable::folder("--out", &args.out)?;
+    if let Some(path) = &args.record {
+        writable::file("--record", path)?;
+    }
     let scene = SceneArgs { scene: args.scene.clone(), set: args.set.clone() };
     let (loaded, body, start) = build(&scene)?;
     let trajectory = match &args.trajectory {
@@ -304,7 +330,6 @@ fn simulate(args: &SimulateArgs) -> anyhow::Result<ExitCode> {
         }
         None => Trajectory::default(),
     };
-    std::fs::create_dir_all(&args.out).with_context(|| args.out.display().to_string())?;
     let mut simulation =
         Simulation::new(body.clone(), loaded.scene.settings(), start.clone()).map_err(anyhow::Error::msg)?;
     let mut samples = SampleWriter::create(&args.out, &loaded.scene, &simulation, args.every)?;
@@ -380,13 +405,17 @@ fn record(args: &RecordArgs) -> anyhow::Result<ExitCode> {
 }
 
 fn replay_file(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
-    let paths = match args.kernel.as_deref() {
+    let paths = match args.kernel {
         None => KernelPath::available(),
-        Some("portable") => vec![KernelPath::Portable],
-        Some("avx2") if KernelPath::available().contains(&KernelPath::Avx2) => vec![KernelPath::Avx2],
-        Some("avx2") => bail!("this CPU has no AVX2"),
-        Some(other) => bail!("--kernel {other}: portable or avx2"),
+        Some(path) if path.is_available() => vec![path],
+        Some(path) => {
+            let available = KernelPath::available().into_iter().map(KernelPath::name).collect::<Vec<_>>().join(", ");
+            bail!("--kernel {}: this CPU cannot run it. Remedy: give one of {available}, or none", path.name())
+        }
     };
+    if let Some(path) = &args.trajectory_out {
+        writable::file("--trajectory-out", path)?;
+    }
     let recording = Recording::read(&args.file)?;
     if let Some(cut) = &recording.cut {
         println!("cut after tick {}: {cut}", recording.inputs.last().map_or(0, |i| i.0));
@@ -405,15 +434,17 @@ fn replay_file(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
 
 fn write_trajectory(path: &Path, recording: &Recording) -> anyhow::Result<()> {
     use palpate_core::contact::tool::ToolEvent;
-    let mut out = std::io::BufWriter::new(std::fs::File::create(path).with_context(|| path.display().to_string())?);
-    writeln!(out, "{}", offline::TRAJECTORY_HEADER)?;
-    let first = recording.inputs.first().map_or(1, |i| i.0);
-    for (tick, inputs) in &recording.inputs {
-        for (tool, event) in inputs.tools.iter().enumerate() {
-            if let Some(ToolEvent::Pose(sample)) = event {
-                offline::write_trajectory_row(&mut out, tick - first + 1, tool, sample)?;
+    let write = || {
+        let mut out = TrajectoryWriter::create(path)?;
+        let first = recording.inputs.first().map_or(1, |i| i.0);
+        for (tick, inputs) in &recording.inputs {
+            for (tool, event) in inputs.tools.iter().enumerate() {
+                if let Some(ToolEvent::Pose(sample)) = event {
+                    out.write(tick - first + 1, tool, sample)?;
+                }
             }
         }
-    }
-    out.flush().with_context(|| path.display().to_string())
+        out.finish()
+    };
+    write().with_context(|| path.display().to_string())
 }

@@ -7,7 +7,7 @@ use palpate_core::math::{Pose, Real, Vec3, normalized_quaternion};
 use palpate_core::model::energy::energy;
 use palpate_core::simulation::{Inputs, Outputs, Simulation, TICK};
 use std::fs::File;
-use std::io::{self, BufWriter, Write};
+use std::io;
 use std::path::Path;
 
 /// Poses of tools over time: the events of each tick.
@@ -40,39 +40,58 @@ impl Trajectory {
     /// # Errors
     /// With file, line and what is expected. `tools` is how many the scene has.
     pub fn parse(text: &str, origin: &str, tools: usize) -> Result<Self, TrajectoryError> {
-        let fault = |line: usize, what: String| TrajectoryError { origin: origin.to_owned(), line, what };
-        let mut lines = text.lines().enumerate().map(|(i, l)| (i + 1, l.trim())).filter(|(_, l)| !l.is_empty());
-        let (line, header) = lines.next().unwrap_or((1, ""));
-        if header != TRAJECTORY_HEADER {
-            return Err(fault(line, format!("the first line must be \"{TRAJECTORY_HEADER}\"")));
+        let mut reader = csv::ReaderBuilder::new()
+            .has_headers(false)
+            .flexible(true)
+            .trim(csv::Trim::All)
+            .from_reader(text.as_bytes());
+        let records = reader.records().filter(|r| !r.as_ref().is_ok_and(|r| r.iter().all(str::is_empty)));
+        let mut records = records.peekable();
+        // The reader counts lines from where it stood before it passed over empty ones.
+        let line_of = |position: Option<&csv::Position>| {
+            let at = position.map_or(0, |p| p.byte() as usize).min(text.len());
+            let blank = text[at..].len() - text[at..].trim_start_matches(['\r', '\n']).len();
+            text[..at + blank].matches('\n').count() + 1
+        };
+        let fault_at = |line: usize, what: String| TrajectoryError { origin: origin.to_owned(), line, what };
+        let columns: Vec<&str> = TRAJECTORY_HEADER.split(',').collect();
+        let header = records.next().and_then(Result::ok).unwrap_or_default();
+        if header != columns {
+            let line = line_of(header.position());
+            return Err(fault_at(line, format!("the first line must be \"{TRAJECTORY_HEADER}\"")));
         }
         let mut poses: Vec<(u64, usize, PoseSample)> = Vec::new();
-        for (line, text) in lines {
-            let fields: Vec<&str> = text.split(',').map(str::trim).collect();
+        for record in records {
+            let record = record.map_err(|e| fault_at(line_of(e.position()), e.to_string()))?;
+            let fault = |what: String| fault_at(line_of(record.position()), what);
+            let fields: Vec<&str> = record.iter().collect();
             let [time, tool, rest @ ..] = &fields[..] else {
-                return Err(fault(line, "ten columns are expected".into()));
+                return Err(fault(format!("ten columns are expected, found {}", fields.len())));
             };
             let number = |s: &str| s.parse::<Real>().ok().filter(|x| x.is_finite());
             let time = number(time)
                 .filter(|t| (0.0..=1e6).contains(t))
-                .ok_or_else(|| fault(line, format!("time_s must be a number from 0 to 1e6, not {time:?}")))?;
+                .ok_or_else(|| fault(format!("time_s must be a number from 0 to 1e6, not {time:?}")))?;
             let tool = tool
                 .parse::<usize>()
                 .ok()
                 .filter(|t| *t < tools)
-                .ok_or_else(|| fault(line, format!("tool {tool:?}: the scene has the tools 0 to {}", tools - 1)))?;
+                .ok_or_else(|| fault(format!("tool {tool:?}: the scene has the tools 0 to {}", tools - 1)))?;
+            // A column too many has no name: how many there are is said below.
+            let names = columns[2..].iter().chain(std::iter::repeat(&"the next column"));
             let values: Vec<Real> = rest
                 .iter()
-                .map(|s| number(s).ok_or_else(|| fault(line, format!("{s:?} is not a finite number"))))
+                .zip(names)
+                .map(|(s, name)| number(s).ok_or_else(|| fault(format!("{name}: {s:?} is not a finite number"))))
                 .collect::<Result<_, _>>()?;
             let &[x, y, z, qx, qy, qz, qw, buttons] = &values[..] else {
-                return Err(fault(line, format!("ten columns are expected, found {}", fields.len())));
+                return Err(fault(format!("ten columns are expected, found {}", fields.len())));
             };
             let orientation = normalized_quaternion([qx, qy, qz, qw])
-                .ok_or_else(|| fault(line, "qx,qy,qz,qw must be a quaternion other than zero".into()))?;
+                .ok_or_else(|| fault("qx,qy,qz,qw must be a quaternion other than zero".into()))?;
             let tick = (time / TICK + 1e-6).floor() as u64 + 1;
             if poses.last().is_some_and(|last| last.0 > tick) {
-                return Err(fault(line, "times must ascend".into()));
+                return Err(fault("times must ascend".into()));
             }
             poses.push((
                 tick,
@@ -130,25 +149,42 @@ fn events_of(poses: Vec<(u64, usize, PoseSample)>) -> Vec<(u64, usize, ToolEvent
     events
 }
 
-/// Writes one trajectory row of a pose that acts at `tick`.
-///
-/// # Errors
-/// Those of `out`.
-pub fn write_trajectory_row(out: &mut impl Write, tick: u64, tool: usize, sample: &PoseSample) -> io::Result<()> {
-    let (p, q) = (sample.pose.position, sample.pose.orientation);
-    writeln!(
-        out,
-        "{:.3},{tool},{},{},{},{},{},{},{},{}",
-        tick.saturating_sub(1) as Real * TICK,
-        p.x,
-        p.y,
-        p.z,
-        q[0],
-        q[1],
-        q[2],
-        q[3],
-        sample.buttons
-    )
+/// A trajectory file being written.
+pub struct TrajectoryWriter(csv::Writer<File>);
+
+impl TrajectoryWriter {
+    /// Creates the file with its header.
+    ///
+    /// # Errors
+    /// Those of the file system.
+    pub fn create(path: &Path) -> io::Result<Self> {
+        let mut out = csv::Writer::from_path(path)?;
+        out.write_record(TRAJECTORY_HEADER.split(','))?;
+        Ok(Self(out))
+    }
+
+    /// Adds the row of a pose that acts at `tick`.
+    ///
+    /// # Errors
+    /// Those of the file system.
+    pub fn write(&mut self, tick: u64, tool: usize, sample: &PoseSample) -> io::Result<()> {
+        let out = &mut self.0;
+        out.write_field(format!("{:.3}", tick.saturating_sub(1) as Real * TICK))?;
+        out.write_field(tool.to_string())?;
+        for x in sample.pose.position.iter().chain(&sample.pose.orientation) {
+            out.write_field(x.to_string())?;
+        }
+        out.write_field(sample.buttons.to_string())?;
+        Ok(out.write_record(None::<&[u8]>)?)
+    }
+
+    /// Writes out what is buffered.
+    ///
+    /// # Errors
+    /// Those of the file system.
+    pub fn finish(mut self) -> io::Result<()> {
+        self.0.flush()
+    }
 }
 
 /// What a run comes to.
@@ -186,7 +222,7 @@ pub struct Summary {
 
 /// Writes `samples.csv`: one row per `every` ticks.
 pub struct SampleWriter {
-    out: BufWriter<File>,
+    out: csv::Writer<File>,
     probes: Vec<Vec<Host>>,
     every: u64,
 }
@@ -197,23 +233,23 @@ impl SampleWriter {
     /// # Errors
     /// Those of the file system.
     pub fn create(folder: &Path, scene: &Scene, simulation: &Simulation, every: u64) -> io::Result<Self> {
-        let mut out = BufWriter::new(File::create(folder.join("samples.csv"))?);
-        write!(out, "time_s")?;
+        let mut header = vec!["time_s".to_owned()];
         for tool in &scene.tool {
-            for quantity in ["force", "rendered_force"] {
-                write!(out, ",{0}_{quantity}_x_N,{0}_{quantity}_y_N,{0}_{quantity}_z_N", tool.name)?;
+            for (quantity, unit) in [("force", "N"), ("rendered_force", "N"), ("torque", "Nm")] {
+                header.extend(["x", "y", "z"].map(|axis| format!("{}_{quantity}_{axis}_{unit}", tool.name)));
             }
-            write!(out, ",{0}_torque_x_Nm,{0}_torque_y_Nm,{0}_torque_z_Nm,{0}_contact_points", tool.name)?;
+            header.push(format!("{}_contact_points", tool.name));
         }
-        write!(out, ",kinetic_J,elastic_J,gravity_J,total_J,px_kgm_s,py_kgm_s,pz_kgm_s,lx_kgm2_s,ly_kgm2_s,lz_kgm2_s")?;
-        for level in 0..simulation.body().levels().len() {
-            write!(out, ",active_nodes_level{level}")?;
-        }
-        write!(out, ",element_evaluations,substeps,smallest_det_F")?;
+        let energies = ["kinetic_J", "elastic_J", "gravity_J", "total_J"];
+        let momenta = ["px_kgm_s", "py_kgm_s", "pz_kgm_s", "lx_kgm2_s", "ly_kgm2_s", "lz_kgm2_s"];
+        header.extend(energies.iter().chain(&momenta).map(|name| (*name).to_owned()));
+        header.extend((0..simulation.body().levels().len()).map(|level| format!("active_nodes_level{level}")));
+        header.extend(["element_evaluations", "substeps", "smallest_det_F"].map(str::to_owned));
         for probe in &scene.probe {
-            write!(out, ",{0}_ux_m,{0}_uy_m,{0}_uz_m", probe.name)?;
+            header.extend(["x", "y", "z"].map(|axis| format!("{}_u{axis}_m", probe.name)));
         }
-        writeln!(out)?;
+        let mut out = csv::Writer::from_path(folder.join("samples.csv"))?;
+        out.write_record(header)?;
         Ok(Self { out, probes: scene.probes(simulation.body()), every: every.max(1) })
     }
 
@@ -227,28 +263,25 @@ impl SampleWriter {
         }
         let body = simulation.body();
         let out = &mut self.out;
-        write!(out, "{:.3}", outputs.tick as Real * TICK)?;
+        out.write_field(format!("{:.3}", outputs.tick as Real * TICK))?;
         for tool in &outputs.tools {
             let t = &tool.state;
-            for v in [t.physical_force, t.force, t.physical_torque] {
-                write!(out, ",{:e},{:e},{:e}", v.x, v.y, v.z)?;
-            }
-            write!(out, ",{}", tool.contact_points)?;
+            numbers(out, [t.physical_force, t.force, t.physical_torque].iter().flatten())?;
+            out.write_field(tool.contact_points.to_string())?;
         }
         let e = energy(body, simulation.mesh(), simulation.settings().gravity);
-        write!(out, ",{:e},{:e},{:e},{:e}", e.kinetic, e.elastic, e.gravity, e.total())?;
-        for v in [e.linear_momentum, e.angular_momentum] {
-            write!(out, ",{:e},{:e},{:e}", v.x, v.y, v.z)?;
-        }
+        numbers(out, &[e.kinetic, e.elastic, e.gravity, e.total()])?;
+        numbers(out, e.linear_momentum.iter().chain(&e.angular_momentum))?;
         for count in &outputs.active[..body.levels().len()] {
-            write!(out, ",{count}")?;
+            out.write_field(count.to_string())?;
         }
-        write!(out, ",{},{},{}", outputs.element_evaluations, outputs.plan.taken, outputs.extremes.det_f)?;
+        out.write_field(outputs.element_evaluations.to_string())?;
+        out.write_field(outputs.plan.taken.to_string())?;
+        out.write_field(outputs.extremes.det_f.to_string())?;
         for host in &self.probes {
-            let u = displacement(simulation, host);
-            write!(out, ",{:e},{:e},{:e}", u.x, u.y, u.z)?;
+            numbers(out, &displacement(simulation, host))?;
         }
-        writeln!(out)
+        Ok(out.write_record(None::<&[u8]>)?)
     }
 
     /// Writes out what is buffered.
@@ -258,6 +291,14 @@ impl SampleWriter {
     pub fn finish(mut self) -> io::Result<()> {
         self.out.flush()
     }
+}
+
+/// Adds `values` to the row that is being written.
+fn numbers<'a>(out: &mut csv::Writer<File>, values: impl IntoIterator<Item = &'a Real>) -> io::Result<()> {
+    for x in values {
+        out.write_field(format!("{x:e}"))?;
+    }
+    Ok(())
 }
 
 /// Displacement [m] of a point, from where it lies on each level: on the one whose nodes around it are active.
@@ -340,7 +381,9 @@ mod tests {
     fn a_bad_row_is_named_with_its_line() {
         let row = |row: &str| format!("{TRAJECTORY_HEADER}\n0,0,0,0,0,0,0,0,1,0\n{row}\n");
         for (bad, what) in [
-            ("0.1,0,0,0,NaN,0,0,0,1,0", "finite"),
+            ("0.1,0,0,0,NaN,0,0,0,1,0", "z_m: \"NaN\" is not a finite number"),
+            ("0.1,0,0,0,0,0,0,0,1,0,", "the next column"),
+            ("0.1,0,0,0,0,0,0,0,1,0,0", "found 11"),
             ("0.1,3,0,0,0,0,0,0,1,0", "tools 0 to 0"),
             ("0.1,0,0,0,0,0,0,0,0,0", "quaternion"),
             ("0.1,0,0,0", "ten columns"),
@@ -348,6 +391,10 @@ mod tests {
         ] {
             let e = Trajectory::parse(&row(bad), "t.csv", 1).unwrap_err().to_string();
             assert!(e.contains("t.csv, line 3") && e.contains(what), "{e}");
+        }
+        for blank in ["\n\n", "\r\n \r\n", " \n\t\n"] {
+            let e = Trajectory::parse(&row(&format!("{blank}oops")), "t.csv", 1).unwrap_err().to_string();
+            assert!(e.contains("t.csv, line 5"), "lines without content count: {e}");
         }
         assert!(Trajectory::parse("a,b\n", "t.csv", 1).is_err());
     }

@@ -1,8 +1,10 @@
 //! `palpate prepare`: mesh files to a body in one file, and what it is like.
 
 use crate::progress::Progress;
+use crate::writable;
 use anyhow::{Context, bail};
 use clap::Args;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 use palpate::realtime::clock::{Clock, Monotonic};
 use palpate::scene::LoadedScene;
 use palpate::scene::prepared::body_keys;
@@ -31,8 +33,8 @@ pub struct PrepareArgs {
     /// File to write
     #[arg(short, long, value_name = "FILE.palpate", required_unless_present = "check")]
     out: Option<PathBuf>,
-    /// Unit of length of the files: m, cm, mm or in
-    #[arg(long)]
+    /// Unit of length of the files
+    #[arg(long, value_parser = length_unit())]
     unit: LengthUnit,
     /// Further factor on their coordinates
     #[arg(long, default_value_t = 1.0)]
@@ -77,6 +79,11 @@ pub struct PrepareArgs {
     check: bool,
 }
 
+/// A unit by its name: the library that has the units does without clap.
+fn length_unit() -> impl TypedValueParser<Value = LengthUnit> {
+    PossibleValuesParser::new(LengthUnit::ALL.map(LengthUnit::name)).try_map(|name| name.parse::<LengthUnit>())
+}
+
 /// A length as people write it: `3mm`, `0.3cm`.
 #[derive(Clone, Debug, PartialEq)]
 struct Length {
@@ -107,6 +114,9 @@ impl std::str::FromStr for Length {
 pub fn run(args: &PrepareArgs) -> anyhow::Result<ExitCode> {
     if !(1e-6..=1e6).contains(&args.scale) || !(50..=20_000).contains(&args.display_vertices) {
         bail!("--scale is from 1e-6 to 1e6, --display-vertices from 50 to 20000");
+    }
+    if let Some(out) = args.out.as_ref().filter(|_| !args.check) {
+        writable::file("-o", out)?;
     }
     let mut progress = Progress::new();
     let mut inputs = Vec::new();

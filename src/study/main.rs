@@ -2,6 +2,7 @@
 
 use anyhow::{Context, bail};
 use clap::Parser;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 use palpate_body::geometry::mesh_io::{LengthUnit, read_surface};
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -19,9 +20,14 @@ struct Args {
     /// File of an organ's closed surface to run the study `speed` on instead
     #[arg(long)]
     surface: Option<PathBuf>,
-    /// Its unit of length: m, cm, mm or in
-    #[arg(long, default_value = "m")]
+    /// Its unit of length
+    #[arg(long, value_parser = length_unit(), default_value = "m")]
     unit: LengthUnit,
+}
+
+/// A unit by its name: the library that has the units does without clap.
+fn length_unit() -> impl TypedValueParser<Value = LengthUnit> {
+    PossibleValuesParser::new(LengthUnit::ALL.map(LengthUnit::name)).try_map(|name| name.parse::<LengthUnit>())
 }
 
 fn main() -> ExitCode {

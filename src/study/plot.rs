@@ -56,16 +56,16 @@ pub struct Chart {
 
 /// Writes `name.png` with the `charts` side by side under `title`, and `name.csv` with every point, into `out`.
 pub fn charts(out: &Path, name: &str, title: &str, charts: &[Chart]) -> Result<()> {
-    let mut csv = String::from("panel,curve,x,y\n");
+    let mut csv = csv::Writer::from_path(out.join(format!("{name}.csv")))?;
+    csv.write_record(["panel", "curve", "x", "y"])?;
     for chart in charts {
         for curve in &chart.curves {
             for (x, y) in &curve.points {
-                // Writing to a string does not fail.
-                let _ = writeln!(csv, "\"{}\",\"{}\",{x},{y}", chart.title, curve.name);
+                csv.write_record([&chart.title, &curve.name, &x.to_string(), &y.to_string()])?;
             }
         }
     }
-    std::fs::write(out.join(format!("{name}.csv")), csv)?;
+    csv.flush()?;
     panels(out, name, title, PANEL, charts.len(), charts, draw_chart)
 }
 
@@ -93,11 +93,12 @@ pub fn coloured(out: &Path, name: &str, title: &str, shapes: &[(Shape, Vec<usize
 
 /// Writes `name.csv` into `out` and gives the same table back with aligned columns, to be printed.
 pub fn table(out: &Path, name: &str, header: &[&str], rows: &[Vec<String>]) -> Result<String> {
-    let mut csv = header.join(",") + "\n";
+    let mut csv = csv::Writer::from_path(out.join(format!("{name}.csv")))?;
+    csv.write_record(header)?;
     for row in rows {
-        csv += &(row.iter().map(|cell| cell.replace(',', ";")).collect::<Vec<_>>().join(",") + "\n");
+        csv.write_record(row)?;
     }
-    std::fs::write(out.join(format!("{name}.csv")), csv)?;
+    csv.flush()?;
     let width = |column: usize| {
         let cells = rows.iter().map(|r| r[column].chars().count());
         cells.chain([header[column].chars().count()]).max().unwrap_or(0)

@@ -1,8 +1,8 @@
 //! The levels answer alike: they sag as far and swing as fast.
 
+use super::shared::shared;
 use super::*;
 use palpate_body::geometry::mesh_io::{LengthUnit, read_surface};
-use std::path::Path;
 
 /// Levels with fewer nodes are too coarse to be asked.
 const LEAST_NODES: usize = 100;
@@ -131,12 +131,8 @@ fn levels_of_the_liver_sag_and_swing_alike() {
 
 #[test]
 fn levels_of_a_human_liver_sag_and_swing_alike() {
-    let path = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/meshes/Liver.stl"));
-    if !path.exists() {
-        eprintln!("{} is not there: not tested", path.display());
-        return;
-    }
-    let surface = read_surface(path, LengthUnit::Millimetre).unwrap();
+    let Some(path) = shared("meshes/Liver.stl") else { return };
+    let surface = read_surface(&path, LengthUnit::Millimetre).unwrap();
     let body = organ(surface, 0.3, vec![0.034, 0.024, 0.016], 1e4, 0.0);
     levels_agree("human liver, down", &body, Vec3::new(0.0, 0.0, -2.0), MOST_SWING);
     levels_agree("human liver, back", &body, Vec3::new(0.0, 2.0, 0.0), MOST_SWING);

@@ -17,6 +17,8 @@ use std::sync::Arc;
 #[path = "../common/random.rs"]
 mod random;
 use random::Random;
+#[path = "../common/shared.rs"]
+mod shared;
 
 mod budget;
 mod clicks;

@@ -38,8 +38,8 @@ struct Arguments {
     device_file: Option<PathBuf>,
     #[command(flatten)]
     network: Network,
-    /// What the hand does: press, palpate, stroke, tap, tremor.
-    #[arg(long, default_value = "press")]
+    /// What the hand does.
+    #[arg(long, value_enum, ignore_case = true, default_value = "press")]
     pattern: Pattern,
     /// How far below the surface the hand wants to go [m].
     #[arg(long, default_value_t = Options::default().depth)]

@@ -2,13 +2,14 @@
 
 use anyhow::{Result, ensure};
 use clap::Args;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 use palpate_sdk::{LinkConditions, RenderMode};
 
 /// How the force is rendered, and what delays, jitters and loses poses and wrenches on purpose.
 #[derive(Args, Clone, Debug)]
 pub struct Network {
-    /// How the force is made from the wrenches: raw, passive, local, local-passive.
-    #[arg(long, default_value = "local-passive")]
+    /// How the force is made from the wrenches.
+    #[arg(long, value_parser = render_mode(), ignore_case = true, default_value = "local-passive")]
     pub render: RenderMode,
     /// Delay added each way [ms].
     #[arg(long, default_value_t = 0.0)]
@@ -22,6 +23,11 @@ pub struct Network {
     /// Seed of jitter and loss.
     #[arg(long, default_value_t = 0)]
     pub seed: u64,
+}
+
+/// A mode by its name: the library that has the modes does without clap.
+fn render_mode() -> impl TypedValueParser<Value = RenderMode> {
+    PossibleValuesParser::new(RenderMode::names()).try_map(|name| name.parse::<RenderMode>())
 }
 
 impl Network {

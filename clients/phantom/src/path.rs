@@ -1,8 +1,6 @@
 //! Where the hand wants to be: paths of palpation, as functions of time.
 
-use std::str::FromStr;
-
-use anyhow::bail;
+use clap::ValueEnum;
 
 use crate::Vec3;
 
@@ -30,7 +28,7 @@ const TREMOR_AMPLITUDE: f64 = 0.3e-3;
 const DIFFERENCE: f64 = 1e-5;
 
 /// What the hand does.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Pattern {
     /// In within 1 s, held 1 s, out within 1 s, 0.5 s of rest, again.
     Press,
@@ -44,31 +42,10 @@ pub enum Pattern {
     Tremor,
 }
 
-/// Every pattern with the name it is chosen by.
-const PATTERNS: [(&str, Pattern); 5] = [
-    ("press", Pattern::Press),
-    ("palpate", Pattern::Palpate),
-    ("stroke", Pattern::Stroke),
-    ("tap", Pattern::Tap),
-    ("tremor", Pattern::Tremor),
-];
-
 impl Pattern {
     /// The name it is chosen by.
-    pub fn name(self) -> &'static str {
-        PATTERNS[self as usize].0
-    }
-}
-
-impl FromStr for Pattern {
-    type Err = anyhow::Error;
-
-    /// The pattern of that name, in whatever case. Errors: no such pattern; the error lists those there are.
-    fn from_str(name: &str) -> Result<Self, Self::Err> {
-        match PATTERNS.iter().find(|(known, _)| known.eq_ignore_ascii_case(name)) {
-            Some(&(_, pattern)) => Ok(pattern),
-            None => bail!("there is no pattern \"{name}\", only {}", PATTERNS.map(|(known, _)| known).join(", ")),
-        }
+    pub fn name(self) -> String {
+        self.to_possible_value().map(|value| value.get_name().to_owned()).unwrap_or_default()
     }
 }
 
@@ -193,7 +170,7 @@ mod tests {
     }
 
     fn every_path() -> impl Iterator<Item = Path> {
-        PATTERNS.into_iter().map(|(_, pattern)| path(pattern))
+        Pattern::value_variants().iter().map(|pattern| path(*pattern))
     }
 
     fn height(path: &Path, t: f64) -> f64 {
@@ -264,12 +241,11 @@ mod tests {
     }
 
     #[test]
-    fn a_pattern_is_found_by_its_name_and_an_unknown_one_is_answered_with_the_known_ones() {
-        for (name, pattern) in PATTERNS {
-            assert_eq!(name.parse::<Pattern>().unwrap(), pattern);
-            assert_eq!(pattern.name(), name);
+    fn a_pattern_is_found_by_its_name_in_whatever_case() {
+        for pattern in Pattern::value_variants() {
+            assert_eq!(Pattern::from_str(&pattern.name().to_uppercase(), true), Ok(*pattern));
         }
-        assert_eq!("PRESS".parse::<Pattern>().unwrap(), Pattern::Press);
-        assert!("poke".parse::<Pattern>().unwrap_err().to_string().contains("press, palpate, stroke, tap, tremor"));
+        assert_eq!(Pattern::Palpate.name(), "palpate");
+        assert!(Pattern::from_str("poke", true).is_err());
     }
 }

@@ -155,7 +155,7 @@ pub fn run(options: &Options, stop: &AtomicBool, live: &mut dyn FnMut(&Live)) ->
         period_ns: (DT * 1e9 / (1.0 + options.clock_drift)).round() as u64,
         report: Report {
             device: options.device.name.to_string(),
-            pattern: options.pattern.name().to_owned(),
+            pattern: options.pattern.name(),
             tool: description.name.clone(),
             rate_hz: options.rate_hz,
             render: options.render.name().to_owned(),

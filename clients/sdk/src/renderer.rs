@@ -38,6 +38,11 @@ const MODES: [(&str, RenderMode); 4] = [
 ];
 
 impl RenderMode {
+    /// The names of all modes.
+    pub fn names() -> [&'static str; 4] {
+        MODES.map(|(name, _)| name)
+    }
+
     /// The name it is chosen by.
     pub fn name(self) -> &'static str {
         MODES[self as usize].0
@@ -58,11 +63,7 @@ impl FromStr for RenderMode {
     /// The mode of that name, in whatever case. Errors: no such mode; the error lists those there are.
     fn from_str(name: &str) -> Result<Self, SdkError> {
         MODES.iter().find(|(known, _)| known.eq_ignore_ascii_case(name)).map(|&(_, mode)| mode).ok_or_else(|| {
-            SdkError::Unknown {
-                what: "render mode",
-                name: name.to_owned(),
-                known: MODES.map(|(known, _)| known).join(", "),
-            }
+            SdkError::Unknown { what: "render mode", name: name.to_owned(), known: Self::names().join(", ") }
         })
     }
 }

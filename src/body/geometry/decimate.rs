@@ -51,9 +51,9 @@ fn simplified(surface: &Surface, target_vertices: usize) -> Option<Surface> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::mesh_io::tests::shared;
     use crate::geometry::mesh_io::{LengthUnit, read_surface};
     use crate::geometry::primitives::liver_surface;
+    use crate::shared::shared;
 
     #[test]
     fn decimation_keeps_the_liver_closed_and_its_volume() {
@@ -81,7 +81,7 @@ mod tests {
 
     #[test]
     fn a_real_liver_decimates_to_a_sixth_and_keeps_its_volume() {
-        let Some(path) = shared("Liver.stl") else { return };
+        let Some(path) = shared("meshes/Liver.stl") else { return };
         let liver = read_surface(&path, LengthUnit::Millimetre).unwrap();
         let small = decimate(&liver, 2_500);
         assert!((2_450..=2_550).contains(&small.vertices.len()), "{}", small.vertices.len());

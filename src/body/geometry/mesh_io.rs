@@ -15,6 +15,9 @@
 //!
 //! Polygons become triangles; a file that holds tetrahedra is a volume, and its triangles are left out.
 //!
+//! Most readers are our own, because a file that is cut off or lies about its sizes must not end the program, as it does
+//! with the libraries there are for these formats.
+//!
 //! Bytes are not trusted: whatever they say, a reader answers with a shape or a [`MeshError`], in memory proportional
 //! to the bytes there are. Nothing here touches the file system except the functions whose names begin with
 //! `read_`. Numbers of vertices, triangles and elements in errors count from 1, as people do, except where they are the
@@ -62,6 +65,20 @@ pub enum LengthUnit {
 }
 
 impl LengthUnit {
+    /// Every unit.
+    pub const ALL: [LengthUnit; 4] =
+        [LengthUnit::Metre, LengthUnit::Centimetre, LengthUnit::Millimetre, LengthUnit::Inch];
+
+    /// The name it is chosen by.
+    pub fn name(self) -> &'static str {
+        match self {
+            LengthUnit::Metre => "m",
+            LengthUnit::Centimetre => "cm",
+            LengthUnit::Millimetre => "mm",
+            LengthUnit::Inch => "in",
+        }
+    }
+
     /// One unit in metres.
     pub fn metres(self) -> Real {
         match self {
@@ -75,12 +92,7 @@ impl LengthUnit {
 
 impl std::fmt::Display for LengthUnit {
     fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
-        f.write_str(match self {
-            LengthUnit::Metre => "m",
-            LengthUnit::Centimetre => "cm",
-            LengthUnit::Millimetre => "mm",
-            LengthUnit::Inch => "in",
-        })
+        f.write_str(self.name())
     }
 }
 
@@ -88,13 +100,8 @@ impl std::str::FromStr for LengthUnit {
     type Err = MeshError;
 
     fn from_str(text: &str) -> Result<Self, MeshError> {
-        match text {
-            "m" => Ok(LengthUnit::Metre),
-            "cm" => Ok(LengthUnit::Centimetre),
-            "mm" => Ok(LengthUnit::Millimetre),
-            "in" => Ok(LengthUnit::Inch),
-            _ => Err(MeshError::UnknownUnit { given: text.to_owned() }),
-        }
+        let unit = Self::ALL.into_iter().find(|unit| unit.name() == text);
+        unit.ok_or_else(|| MeshError::UnknownUnit { given: text.to_owned() })
     }
 }
 
@@ -257,8 +264,8 @@ pub(super) mod tests {
     use super::super::vtk::tests::every_vtk;
     use super::super::vtk_xml::tests::{every_vtp, every_vtu};
     use super::*;
+    use crate::shared::shared;
     use palpate_core::geometry::primitives::box_mesh;
-    use std::path::PathBuf;
 
     #[test]
     fn a_unit_of_length_reads_as_it_is_written() {
@@ -435,16 +442,6 @@ pub(super) mod tests {
         assert_eq!((found.labels.name.as_str(), &found.labels.of[..]), ("attribute", &[30, 40][..]));
     }
 
-    /// A file of the folder beside the project, when it is there.
-    pub(in crate::geometry) fn shared(name: &str) -> Option<PathBuf> {
-        let path = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/meshes")).join(name);
-        if !path.exists() {
-            eprintln!("{} is not there: not tested", path.display());
-            return None;
-        }
-        Some(path)
-    }
-
     #[test]
     fn real_organs_are_closed_and_of_their_known_size() {
         for (name, vertices, litres) in [
@@ -456,7 +453,7 @@ pub(super) mod tests {
             ("liver-smooth.obj", 2_194, 0.000),
             ("torus.obj", 800, 0.000),
         ] {
-            let Some(path) = shared(name) else { return };
+            let Some(path) = shared(&format!("meshes/{name}")) else { return };
             let surface = read_surface(&path, LengthUnit::Millimetre).unwrap_or_else(|e| panic!("{name}: {e}"));
             assert_eq!(surface.vertices.len(), vertices, "{name}");
             assert!((1e3 * surface.volume() - litres).abs() < 0.001, "{name}: {}", surface.volume());
@@ -465,7 +462,7 @@ pub(super) mod tests {
 
     #[test]
     fn a_real_open_surface_is_refused_or_closed_on_request_and_one_that_meets_itself_is_refused() {
-        let (Some(bunny), Some(dragon)) = (shared("bunny.obj"), shared("dragon.stl")) else { return };
+        let (Some(bunny), Some(dragon)) = (shared("meshes/bunny.obj"), shared("meshes/dragon.stl")) else { return };
         assert!(matches!(read_surface(&bunny, LengthUnit::Metre), Err(MeshError::NotClosed { border_edges: 42, .. })));
         assert!(matches!(read_surface(&dragon, LengthUnit::Metre), Err(MeshError::NonManifold { .. })));
         let (solid, repairs) = parse(&read_files(&bunny).unwrap(), LengthUnit::Metre, 1.0, None).unwrap();
@@ -482,12 +479,12 @@ pub(super) mod tests {
             ("single_tetra.msh", 4, 1),
             ("armadillo_4k.ele", 1_180, 3_717),
         ] {
-            let Some(path) = shared(name) else { return };
+            let Some(path) = shared(&format!("meshes/{name}")) else { return };
             let mesh = read_tet_mesh(&path, LengthUnit::Metre).unwrap_or_else(|e| panic!("{name}: {e}"));
             assert_eq!((mesh.nodes.len(), mesh.elements.len()), (nodes, elements), "{name}");
             assert!((0..elements).all(|e| mesh.volume(e) > 0.0));
         }
-        let Some(bad) = shared("6_tetra_bad.msh") else { return };
+        let Some(bad) = shared("meshes/6_tetra_bad.msh") else { return };
         let error = read_tet_mesh(&bad, LengthUnit::Metre);
         assert!(matches!(error, Err(MeshError::Inverted { element: 44, count: 1, total: 6, .. })), "{error:?}");
     }

@@ -242,8 +242,8 @@ impl Source for Text<'_> {
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
-    use crate::geometry::mesh_io::tests::shared;
     use crate::geometry::mesh_io::{LengthUnit, parse_surface, parse_tet_mesh, read_tet_mesh};
+    use crate::shared::shared;
     use palpate_core::geometry::primitives::{box_mesh, box_surface};
     use palpate_core::geometry::{Surface, TetMesh};
     use std::io::Write;
@@ -419,7 +419,7 @@ pub(super) mod tests {
             ("raptorTetra_19409.vtu", 5_992, 19_409),
             ("Armadillo_Tetra_4406.vtu", 1_446, 4_406),
         ] {
-            let Some(path) = shared(name) else { return };
+            let Some(path) = shared(&format!("meshes/{name}")) else { return };
             let mesh = read_tet_mesh(&path, LengthUnit::Metre).unwrap_or_else(|e| panic!("{name}: {e}"));
             assert!(mesh.elements.len() == elements && mesh.nodes.len() <= nodes, "{name}: {} nodes", mesh.nodes.len());
         }

@@ -18,8 +18,11 @@ use palpate_core::model::{Body, Material};
 use palpate_core::simulation::{Inputs, Settings, Simulation, Snapshot};
 use parry3d_f64::query::PointQueryWithLocation;
 use serde_json::Value;
-use std::path::Path;
 use std::sync::Arc;
+
+#[path = "../../../tests/common/shared.rs"]
+mod shared;
+use shared::shared;
 
 fn vector(value: &Value) -> Vec3 {
     let number = |i: usize| value[i].as_f64().unwrap();
@@ -115,12 +118,7 @@ fn press(body: &Arc<Body>, gravity: Vec3, patch: &[u32], pressed: Vec3) -> Simul
 
 /// Reference and given mesh of the case, in metres about its centre; `None` where the reference is not there.
 fn given() -> Option<(Value, TetMesh)> {
-    let shared = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared");
-    let (reference, mesh) = (shared.join("reference/reference.json"), shared.join("meshes/liver.msh"));
-    if !reference.exists() || !mesh.exists() {
-        eprintln!("the reference is not there: not tested");
-        return None;
-    }
+    let (reference, mesh) = (shared("reference/reference.json")?, shared("meshes/liver.msh")?);
     let all: Value = serde_json::from_str(&std::fs::read_to_string(reference).unwrap()).unwrap();
     let case = all["cases"]["R7_liver"].clone();
     let mut mesh = read_tet_mesh(&mesh, LengthUnit::Metre).unwrap();
@@ -281,7 +279,7 @@ fn covered(case: &Value, mesh: &TetMesh, surface: &Surface, spacing: Real) -> Ve
 #[test]
 fn the_body_of_the_surface_around_it_answers_as_well_as_its_resolution_can_tell() {
     let Some((case, mesh)) = given() else { return };
-    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/meshes/liver-smooth.obj");
+    let Some(file) = shared("meshes/liver-smooth.obj") else { return };
     let mut smooth = read_surface(&file, LengthUnit::Metre).unwrap();
     place(&case, &mut smooth.vertices);
     let own = boundary_surface(&mesh).subdivided(5);

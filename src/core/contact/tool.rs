@@ -281,16 +281,6 @@ impl ToolState {
         (self.physical_force, self.physical_torque) = if sound { (force, torque) } else { Default::default() };
         self.pose = self.hung();
     }
-
-    /// Feeds every bit to `hash`.
-    pub fn hash_into(&self, hash: &mut xxhash_rust::xxh3::Xxh3) {
-        let mut bytes = [0u8; 1024];
-        if let Ok(used) = postcard::to_slice(self, &mut bytes) {
-            hash.update(used);
-        } else {
-            debug_assert!(false, "a tool's state fits the buffer");
-        }
-    }
 }
 
 #[cfg(test)]

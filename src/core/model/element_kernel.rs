@@ -119,6 +119,18 @@ pub enum Path {
 }
 
 impl Path {
+    /// Every form, the fastest last.
+    pub const ALL: [Path; 3] = [Path::Portable, Path::Avx2, Path::Avx512];
+
+    /// The name that it is chosen by.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Path::Portable => "portable",
+            Path::Avx2 => "avx2",
+            Path::Avx512 => "avx512",
+        }
+    }
+
     /// True when this CPU can run it. Cheap: the standard library asks the CPU once.
     pub fn is_available(self) -> bool {
         match self {
@@ -134,9 +146,7 @@ impl Path {
 
     /// Every path that this CPU can run, the fastest last.
     pub fn available() -> Vec<Path> {
-        let mut paths = vec![Path::Portable, Path::Avx2, Path::Avx512];
-        paths.retain(|path| path.is_available());
-        paths
+        Path::ALL.into_iter().filter(|path| path.is_available()).collect()
     }
 
     /// The fastest available.

@@ -305,6 +305,29 @@ impl ElementPool {
         (0..of.count).map(|s| self.owners[of.blocks[s / LANES] as usize][s % LANES])
     }
 
+    /// Feeds every bit of what is saved of the elements of a class to `hash`, in the order of its sequence: ids, histories
+    /// and strain limits. Block by block, because element by element takes several times as long.
+    pub fn hash_into(&self, class: usize, hash: &mut xxhash_rust::xxh3::Xxh3) {
+        let of = &self.classes[class];
+        hash.update(&(of.count as u32).to_le_bytes());
+        for (i, &block) in of.blocks.iter().enumerate() {
+            let block = block as usize;
+            // Lanes that are not in use hold what the kernel has left there.
+            let used = (of.count - i * LANES).min(LANES);
+            hash.update(bytemuck::cast_slice(&self.owners[block][..used]));
+            let memories = &self.memories[block * self.branches..(block + 1) * self.branches];
+            let b = &self.blocks[block];
+            let parts = [&b.strain[..], &[b.det, b.limit, b.slope]];
+            for rows in parts.into_iter().chain(memories.iter().map(|memory| &memory.0[..])) {
+                if used == LANES {
+                    hash.update(bytemuck::cast_slice(rows.as_flattened()));
+                } else {
+                    rows.iter().for_each(|row| hash.update(bytemuck::cast_slice(&row[..used])));
+                }
+            }
+        }
+    }
+
     /// Adds the forces of the elements of a class to `force` [N] and has them remember this evaluation.
     ///
     /// `position` [m], `force`: (nodes). A `path` that is not available gives way to the portable one.

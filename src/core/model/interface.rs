@@ -263,6 +263,7 @@ const EPSILON: Real = 0.05;
 const MOST_AMPLIFICATION: Real = 6.0;
 
 /// `A y = (1, 0, 0, 0)` for a symmetric positive definite `A`, by Cholesky; `None` when it is nearly singular.
+/// Not nalgebra's, which sums the back substitution in another order: the last bits of every recorded hash depend on it.
 fn solve(a: [[Real; 4]; 4]) -> Option<[Real; 4]> {
     let mut l = [[0.0; 4]; 4];
     for i in 0..4 {

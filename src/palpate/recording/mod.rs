@@ -10,9 +10,9 @@ pub mod writer;
 pub use replay::{Recording, ReplayReport, replay};
 pub use writer::RecordingWriter;
 
-/// Version of what `RecordingStart`, with the body in it, `TickInputs` and the surface mean. A change of the physics does
-/// not change it: replay says where the result differs.
-pub const FORMAT: u32 = 17;
+/// Version of what `RecordingStart`, with the body in it, `TickInputs`, the hashes and the surface mean. A change of the
+/// physics does not change it: replay says where the result differs.
+pub const FORMAT: u32 = 18;
 
 /// Why a recording cannot be written or read.
 #[derive(Debug, thiserror::Error)]

@@ -129,7 +129,8 @@ pub enum SceneError {
     },
 }
 
-fn bundled_names() -> String {
+/// Names of the bundled scenes, for messages and help.
+pub fn bundled_names() -> String {
     BUNDLED.map(|b| b.0).join(", ")
 }
 
@@ -166,12 +167,13 @@ impl LoadedScene {
                 (text, path.display().to_string(), folder)
             }
         };
+        let given_text = text;
         let (text, origin) = if overrides.is_empty() {
-            (text, origin)
+            (given_text.clone(), origin)
         } else {
-            (override_keys(&text, &origin, overrides)?, format!("{origin} with --set"))
+            (override_keys(&given_text, &origin, overrides)?, format!("{origin} with --set"))
         };
-        let mut scene = parse(&text, &origin)?;
+        let mut scene = parse(&text, &origin).map_err(|e| wrong_override(&given_text, overrides).unwrap_or(e))?;
         if let Some(text) = prepared::completed(&text, &scene, &origin, &folder)? {
             scene = parse(&text, &origin)?;
         }
@@ -403,6 +405,17 @@ fn override_keys(text: &str, origin: &str, overrides: &[String]) -> Result<Strin
         }
     }
     Ok(table.to_string())
+}
+
+/// The first of the `overrides` that makes the scene `text`, readable without it, unreadable: its key is wrong, or the type
+/// of its value. Lines of a scene with overrides are in no file.
+fn wrong_override(text: &str, overrides: &[String]) -> Option<SceneError> {
+    toml::from_str::<Scene>(text).ok()?;
+    overrides.iter().find_map(|given| {
+        let text = override_keys(text, "", std::slice::from_ref(given)).ok()?;
+        let e = toml::from_str::<Scene>(&text).err()?;
+        Some(SceneError::Override { given: given.clone(), message: e.message().to_owned() })
+    })
 }
 
 #[cfg(test)]

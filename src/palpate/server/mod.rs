@@ -63,13 +63,15 @@ pub enum ServerError {
     /// The name cannot be part of a key.
     #[error("session name {0:?}: use letters, digits, '-' and '_'")]
     SessionName(String),
-    /// zenoh refused.
-    #[error("cannot listen on {endpoint}: {message}; is another server running, or the address not of this machine?")]
+    /// An endpoint cannot be listened on: taken, not of this machine, or none.
+    #[error("cannot listen on {endpoint}: {reason}. Remedy: {}", listen_remedy(reason, option))]
     Listen {
         /// The endpoint.
         endpoint: String,
-        /// zenoh's words.
-        message: String,
+        /// The option of the command line that gives it.
+        option: &'static str,
+        /// The system's words, or zenoh's.
+        reason: String,
     },
     /// zenoh refused something later.
     #[error("network: {0}")]
@@ -95,6 +97,20 @@ pub enum ServerError {
     /// The recording could not be started.
     #[error("recording: {0}")]
     Recording(String),
+}
+
+/// What to do about an endpoint, given with `option`, that cannot be listened on for `reason`.
+fn listen_remedy(reason: &str, option: &str) -> String {
+    if reason.contains("in use") {
+        let both = "a second server needs both ports to be its own: --force-endpoint and --surface-endpoint";
+        format!(
+            "another program, perhaps a Palpate server, has this port: end it, or give another with {option} ({both})"
+        )
+    } else if reason.contains("assign") {
+        format!("give an address of this machine with {option}, or 0.0.0.0 for all of them")
+    } else {
+        format!("give {option} as in tcp/127.0.0.1:7447")
+    }
 }
 
 /// What the server's parts share, all of it away from the simulation thread.
@@ -162,7 +178,7 @@ impl Server {
 
         // The force session first, and from a real-time thread: zenoh's threads inherit its class.
         let force_session = open_force_session(&options)?;
-        let surface_session = open(&options.surface_endpoint)?;
+        let surface_session = open(&options.surface_endpoint, "--surface-endpoint")?;
 
         let stop = Arc::new(AtomicBool::new(false));
         let (simulation, granted, measured) =
@@ -292,13 +308,13 @@ fn open_force_session(options: &Options) -> Result<zenoh::Session, ServerError> 
         if scheduling::fifo(scheduling::FORCE_NETWORK).is_err() {
             tracing::debug!("the force network's threads run at normal priority");
         }
-        open(&endpoint)
+        open(&endpoint, "--force-endpoint")
     });
     opened.join().map_err(|_| ServerError::Network("zenoh panicked while opening".into()))?
 }
 
 /// A session that routes for its clients: no router has to run beside it.
-fn open(endpoint: &str) -> Result<zenoh::Session, ServerError> {
+fn open(endpoint: &str, option: &'static str) -> Result<zenoh::Session, ServerError> {
     let mut config = zenoh::Config::default();
     for (key, value) in [
         ("mode", "\"router\"".to_owned()),
@@ -316,9 +332,20 @@ fn open(endpoint: &str) -> Result<zenoh::Session, ServerError> {
         // Batches of 64 KiB that may wait for a viewer: a frame of the largest surface has more parts than the default of two.
         ("transport/link/tx/queue/size/data_low", "16".into()),
     ] {
-        config.insert_json5(key, &value).map_err(|e| ServerError::Network(format!("{key}: {e}")))?;
+        config.insert_json5(key, &value).map_err(|e| match key {
+            "listen/endpoints" => {
+                let reason = "this is no endpoint".to_owned();
+                ServerError::Listen { endpoint: endpoint.to_owned(), option, reason }
+            }
+            _ => ServerError::Network(format!("{key}: {e}")),
+        })?;
     }
-    zenoh::open(config).wait().map_err(|e| ServerError::Listen { endpoint: endpoint.to_owned(), message: words(&e) })
+    zenoh::open(config).wait().map_err(|e| {
+        let words = words(&e);
+        // The system's words stand last, after the same endpoint twice.
+        let reason = words.split_once(": [").map_or(&*words, |(_, list)| list.rsplit(": ").next().unwrap_or(list));
+        ServerError::Listen { endpoint: endpoint.to_owned(), option, reason: reason.trim_end_matches(']').to_owned() }
+    })
 }
 
 fn network(e: zenoh::Error) -> ServerError {

@@ -514,17 +514,24 @@ impl ActiveMesh {
         self.active.iter().all(moves)
     }
 
-    /// Feeds every bit of the motion to `hash`, and which elements step how; what elements remember shows in the motion
-    /// of the next tick.
+    /// Feeds every bit of what [`ActiveMesh::save_into`] saves to `hash`.
     pub fn hash_into(&self, hash: &mut xxhash_rust::xxh3::Xxh3) {
+        hash.update(&(self.active.len() as u32).to_le_bytes());
         for &slot in &self.active {
-            hash.update(&self.node[slot as usize].to_le_bytes());
-            hash.update(bytemuck::cast_slice(&self.motion.position[slot as usize][..3]));
-            hash.update(bytemuck::cast_slice(&self.motion.velocity[slot as usize][..3]));
+            let s = slot as usize;
+            hash.update(&self.node[s].to_le_bytes());
+            hash.update(bytemuck::cast_slice(&self.motion.position[s][..3]));
+            hash.update(bytemuck::cast_slice(&self.motion.velocity[s][..3]));
+            let ease = &self.motion.ease[s];
+            let eased = *ease != NO_EASE;
+            hash.update(&[u8::from(eased)]);
+            if eased {
+                hash.update(bytemuck::cast_slice(ease.as_flattened()));
+            }
         }
-        for class in 0..CLASSES {
-            hash.update(&(self.pool.count(class) as u32).to_le_bytes());
-        }
+        hash.update(&(self.interface.len() as u32).to_le_bytes());
+        self.interface.iter().for_each(|s| hash.update(&self.node[*s as usize].to_le_bytes()));
+        (0..CLASSES).for_each(|class| self.pool.hash_into(class, hash));
         for (v, fade) in self.fade.iter().enumerate().filter(|(_, fade)| **fade != [0.0; 4]) {
             hash.update(&(v as u32).to_le_bytes());
             hash.update(bytemuck::cast_slice(fade));

@@ -1,0 +1,145 @@
+//! The hash of a simulation covers exactly what a snapshot saves: no more, or what is restored would hash otherwise, and no
+//! less, or two runs that part could pass for one.
+
+use palpate_body::geometry::primitives::sphere_surface;
+use palpate_body::prepare::{Recipe, Shape, prepare};
+use palpate_core::adaptation::Adaptivity;
+use palpate_core::contact::safety::ForceLimits;
+use palpate_core::contact::tool::{Coupling, Following, PoseSample, Shape as ToolShape, Tool, ToolEvent};
+use palpate_core::math::{Pose, Vec3};
+use palpate_core::model::{Body, Material, State};
+use palpate_core::simulation::{Inputs, Settings, Simulation, Snapshot};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+fn body() -> Arc<Body> {
+    let material = Material { phi: 3.0, psi: 5.0, ..Material::from_young(1e4, 0.35, 1000.0) };
+    let recipe = Recipe {
+        name: "ball".into(),
+        shape: Shape::closed(sphere_surface(0.05, 0.015), vec![0.035, 0.024]),
+        material,
+        inclusions: vec![],
+        holds: vec![],
+        damping_ratio: 0.1,
+    };
+    prepare(&recipe, &mut |_, _, _| {}).unwrap().into()
+}
+
+fn settings(body: &Body) -> Settings {
+    Settings {
+        gravity: Vec3::zeros(),
+        tools: vec![Tool { name: "ball".into(), shape: ToolShape::ball(0.01), friction: 0.5 }],
+        following: Following { speed: 1.0, engage_ticks: 10 },
+        limits: ForceLimits { force: 100.0, torque: 10.0, slew: 1e6 },
+        adaptivity: Some(Adaptivity::default()),
+        most_elements: body.element_count(),
+    }
+}
+
+/// A ball that is pressed until resolution changes around the tool: nothing of the state is empty.
+fn pressed(body: &Arc<Body>) -> Simulation {
+    let mut simulation = Simulation::new(body.clone(), settings(body), Snapshot::at_rest(body, 0, 1)).unwrap();
+    let mut inputs = Inputs::default();
+    inputs.tools[0] = Some(ToolEvent::Attach { epoch: 1, period_ticks: 1, coupling: Coupling::RIGID });
+    simulation.advance(&inputs);
+    for tick in 1..1000 {
+        let height = 0.062 - 3e-5 * f64::from(tick);
+        let pose = Pose { position: Vec3::new(0.0, 0.0, height), ..Pose::default() };
+        inputs.tools[0] = Some(ToolEvent::Pose(PoseSample { sequence: tick, pose, ..PoseSample::default() }));
+        simulation.advance(&inputs);
+        let Snapshot { body: State { interface, ease, fade, .. }, points, .. } = simulation.snapshot();
+        let held = ease.iter().flatten().any(|e| *e != Vec3::zeros());
+        if !interface.is_empty() && held && fade.iter().any(|f| *f != [0.0; 4]) && points[0].len() > 1 {
+            return simulation;
+        }
+    }
+    panic!("the resolution does not change under the tool");
+}
+
+/// Every field of a snapshot, by name, with a change of it that still fits the body. One that is new and not named here is
+/// an error of the compiler.
+fn changes(snapshot: &Snapshot) -> BTreeMap<&'static str, Snapshot> {
+    let Snapshot { tick: _, frozen: _, prices: _, knotted: _, body, tools: _, points: _ } = snapshot;
+    let State {
+        nodes: _,
+        position: _,
+        velocity: _,
+        ease: _,
+        interface: _,
+        classes,
+        history: _,
+        strain_limit: _,
+        fade: _,
+    } = body;
+    let several = classes.iter().position(|ids| ids.len() > 1).unwrap();
+    let mut changed = BTreeMap::new();
+    let mut change = |name, make: &dyn Fn(&mut Snapshot)| {
+        let mut other = snapshot.clone();
+        make(&mut other);
+        assert_ne!(&other, snapshot, "{name}");
+        changed.insert(name, other);
+    };
+    change("tick", &|s| s.tick += 1);
+    change("frozen", &|s| s.frozen += 1);
+    change("prices", &|s| s.prices.0[3] += 1);
+    change("knotted", &|s| s.knotted += 1);
+    change("order of nodes", &|s| s.body.nodes.swap(0, 1));
+    change("position", &|s| s.body.position[1].y += 1e-12);
+    change("velocity", &|s| s.body.velocity[1].z += 1e-12);
+    change("ease", &|s| s.body.ease[1][0].x += 1e-12);
+    change("order of interface nodes", &|s| s.body.interface.swap(0, 1));
+    change("order of elements", &|s| s.body.classes[several].swap(0, 1));
+    change("class of an element", &|s| {
+        let e = s.body.classes[several].pop().unwrap();
+        s.body.classes[several + 1].insert(0, e);
+    });
+    change("last history", &|s| s.body.history.last_mut().unwrap().strain[5] += 1e-12);
+    change("volume ratio", &|s| s.body.history[0].det += 1e-12);
+    change("first branch", &|s| s.body.history[1].branch[0][2] += 1e-12);
+    change("second branch", &|s| s.body.history[1].branch[1][2] += 1e-12);
+    change("strain limit", &|s| s.body.strain_limit[0].deviator += 1e-12);
+    change("slope of a strain limit", &|s| s.body.strain_limit[0].slope += 1e-12);
+    change("fade", &|s| s.body.fade[0][3] += 1e-12);
+    change("tools", &|s| s.tools[0].ramp += 1e-12);
+    change("a point less", &|s| s.points[0].truncate(1));
+    change("points", &|s| s.points[0][0].weights[2] += 1e-12);
+    changed
+}
+
+#[test]
+fn the_state_hash_covers_every_field_of_a_snapshot() {
+    let body = body();
+    assert_eq!(body.maxwell().len(), 2, "a branch that the body does not have is no part of a state");
+    let simulation = pressed(&body);
+    let snapshot = simulation.snapshot();
+    let hash = |snapshot| Simulation::new(body.clone(), settings(&body), snapshot).map(|restored| restored.hash());
+    assert_eq!(hash(snapshot.clone()).unwrap(), simulation.hash(), "what a snapshot leaves out is hashed");
+    for (name, changed) in changes(&snapshot) {
+        assert_ne!(hash(changed).unwrap(), simulation.hash(), "{name} is not hashed");
+    }
+}
+
+#[test]
+fn the_state_hash_covers_the_bytes_of_a_snapshot() {
+    let body = body();
+    let simulation = pressed(&body);
+    let bytes = postcard::to_stdvec(&simulation.snapshot()).unwrap();
+    let (mut judged, mut unfit) = (0, 0);
+    // The head and the end, where tools and contact points are, whole; of the long arrays a part that comes to all places
+    // of a number.
+    let ends = |at: &usize| *at < 100 || *at + 600 > bytes.len() || at.is_multiple_of(101);
+    for at in (0..bytes.len()).filter(ends) {
+        let mut other = bytes.clone();
+        other[at] ^= 1;
+        let Ok((snapshot, [])) = postcard::take_from_bytes::<Snapshot>(&other) else { continue };
+        match Simulation::new(body.clone(), settings(&body), snapshot) {
+            Ok(restored) => {
+                judged += 1;
+                assert_ne!(restored.hash(), simulation.hash(), "byte {at} of {} is not hashed", bytes.len());
+            }
+            Err(_) => unfit += 1,
+        }
+    }
+    println!("{} bytes, {judged} changes hashed, {unfit} refused", bytes.len());
+    assert!(judged > 1000 && unfit * 10 < judged);
+}

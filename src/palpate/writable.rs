@@ -1,0 +1,38 @@
+//! Places that results go to, tried before the work that takes time.
+
+use anyhow::bail;
+use std::fs::{self, OpenOptions};
+use std::io::ErrorKind;
+use std::path::Path;
+
+/// Fails, with a remedy, unless a file can be written at `path`, the value of the option `option`. Changes nothing: a file
+/// that exists keeps its content, and one that does not is gone again.
+pub fn file(option: &str, path: &Path) -> anyhow::Result<()> {
+    let tried = match fs::metadata(path) {
+        Ok(found) if found.is_file() || found.is_dir() => OpenOptions::new().append(true).open(path).map(drop),
+        // A pipe or a device: opening it would be felt at its other end.
+        Ok(_) => Ok(()),
+        Err(_) => OpenOptions::new().write(true).create_new(true).open(path).and_then(|_| fs::remove_file(path)),
+    };
+    let Err(e) = tried else { return Ok(()) };
+    let folder = path.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new(".")).display();
+    let remedy = match e.kind() {
+        ErrorKind::NotFound => format!("make the folder {folder} first, or name a file in one that exists"),
+        ErrorKind::NotADirectory => format!("{folder} is no folder: name a file in one"),
+        ErrorKind::IsADirectory => "this is a folder: name a file in it".to_owned(),
+        _ => format!("name a file in a folder that you may write to; {folder} is none"),
+    };
+    bail!("{option} {}: cannot be written: {e}. Remedy: {remedy}", path.display())
+}
+
+/// Makes the folder at `path`, the value of the option `option`, where there is none yet; fails, with a remedy, unless
+/// files can be written into it.
+pub fn folder(option: &str, path: &Path) -> anyhow::Result<()> {
+    let probe = path.join(".palpate-writable");
+    let tried = fs::create_dir_all(path)
+        .and_then(|()| OpenOptions::new().write(true).create(true).truncate(true).open(&probe))
+        .and_then(|_| fs::remove_file(&probe));
+    let Err(e) = tried else { return Ok(()) };
+    let remedy = "give a folder that you may write to, or that can be made; it must not be a file";
+    bail!("{option} {}: cannot write into this folder: {e}. Remedy: {remedy}", path.display())
+}
