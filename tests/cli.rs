@@ -290,7 +290,7 @@ fn help_lists_every_bundled_scene_and_the_values_of_every_choice() {
     ] {
         let e = stderr(&palpate(&[command, option, wrong]).failure());
         assert!(e.contains(wrong) && e.contains(&format!("[possible values: {known}]")), "{e}");
-        assert!(help(command).contains(&format!("[possible values: {known}]")), "{}", help(command));
+        assert!(known.split(", ").all(|name| help(command).contains(name)), "{}", help(command));
     }
     let forms = KernelPath::ALL.map(KernelPath::name).join(", ");
     assert!(help("replay").contains(&format!("[possible values: {forms}]")), "{}", help("replay"));

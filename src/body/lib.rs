@@ -20,7 +20,3 @@
 pub mod cover;
 pub mod geometry;
 pub mod prepare;
-
-#[cfg(test)]
-#[path = "../../tests/common/shared.rs"]
-mod shared;

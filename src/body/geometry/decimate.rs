@@ -53,7 +53,7 @@ mod tests {
     use super::*;
     use crate::geometry::mesh_io::{LengthUnit, read_surface};
     use crate::geometry::primitives::liver_surface;
-    use crate::shared::shared;
+    use crate::geometry::shared::shared;
 
     #[test]
     fn decimation_keeps_the_liver_closed_and_its_volume() {

@@ -264,7 +264,7 @@ pub(super) mod tests {
     use super::super::vtk::tests::every_vtk;
     use super::super::vtk_xml::tests::{every_vtp, every_vtu};
     use super::*;
-    use crate::shared::shared;
+    use crate::geometry::shared::shared;
     use palpate_core::geometry::primitives::box_mesh;
 
     #[test]

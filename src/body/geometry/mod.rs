@@ -25,3 +25,7 @@ mod vtk_xml;
 
 pub use labels::{LabelledMesh, Labels};
 pub use mesh_error::MeshError;
+
+#[cfg(test)]
+#[path = "../../../tests/common/shared.rs"]
+mod shared;

@@ -243,7 +243,7 @@ impl Source for Text<'_> {
 pub(super) mod tests {
     use super::*;
     use crate::geometry::mesh_io::{LengthUnit, parse_surface, parse_tet_mesh, read_tet_mesh};
-    use crate::shared::shared;
+    use crate::geometry::shared::shared;
     use palpate_core::geometry::primitives::{box_mesh, box_surface};
     use palpate_core::geometry::{Surface, TetMesh};
     use std::io::Write;
