@@ -91,6 +91,7 @@ const STUDY: &[&str] = &[
     "palpate::scene",
     "palpate::offline",
     "palpate::wire",
+    "palpate::realtime",
 ];
 
 /// How a crate is called in code, and here.

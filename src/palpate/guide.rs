@@ -77,7 +77,7 @@ mod tests {
 
     #[test]
     fn the_library_example_of_readme_is_that_of_the_core() {
-        let core = include_str!("../core/lib.rs");
+        let core = include_str!("../core/examples/press_a_cube.rs");
         let [example] = blocks(README, "rust")[..] else { panic!("one example") };
         for line in example.lines() {
             assert!(core.contains(line), "{line}");

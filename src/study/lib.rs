@@ -1,8 +1,8 @@
 //! The paper's figures, the printed variants and the comparisons behind what the project ships, in plain code off the
 //! hot path.
 //!
-//! `cargo run --release -p palpate-study -- list` names them, `-- all` runs them all and writes `REPORT.md`. It may use all the rest, the clients with it; nothing uses
-//! it.
+//! `cargo run --release -p palpate-study -- list` names them, `-- all` runs them all and writes `REPORT.md`. It may
+//! use all the rest but the server and recordings, and the clients; nothing uses it.
 //!
 //! | module | is |
 //! |---|---|

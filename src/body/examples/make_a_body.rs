@@ -1,4 +1,4 @@
-//! Makes a soft body from a closed surface and saves it, for `palpate demo --scene ball.palpate`:
+//! Makes a soft body from a closed surface and saves it, for a scene with `source = "prepared"`:
 //! `cargo run -p palpate-body --example make_a_body`.
 
 use palpate_body::geometry::primitives::sphere_surface;
