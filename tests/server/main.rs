@@ -476,6 +476,6 @@ fn a_taken_port_is_named() {
     let options = Options { force_endpoint: running.endpoints.force.clone(), ..Options::default() };
     let outcome = running.runtime.block_on(Server::start(loaded.scene, body, start, options));
     let e = outcome.err().unwrap().to_string();
-    assert!(e.contains(&running.endpoints.force) && e.contains("another server"), "{e}");
+    assert!(e.contains(&running.endpoints.force) && e.contains("--force-endpoint"), "{e}");
     running.stop();
 }
