@@ -188,7 +188,7 @@ fn the_simulation_thread_allocates_nothing() {
     assert!(tick > 2500 + 3 * 75, "time passed during the stalls: {tick}");
 }
 
-/// Cut to a tenth of its budget in a press, a body stands still until it has shed enough; that allocates nothing either.
+/// Cut to a fifth of its budget in a press, a body stands still until it has shed enough; that allocates nothing either.
 #[test]
 fn shedding_under_a_tool_allocates_nothing() {
     let given = ["body.cells=[[3,3,3],[5,5,5],[9,9,9],[13,13,13]]", "resolution.split=0.02"].map(String::from);
@@ -207,7 +207,7 @@ fn shedding_under_a_tool_allocates_nothing() {
             buttons: 0,
         };
         let attach = ToolEvent::Attach { epoch: 1, period_ticks: 1, coupling: Coupling::RIGID };
-        let budget = Budget::of(if (700..1200).contains(&tick) { 240_000 } else { 2_400_000 });
+        let budget = Budget::of(if (700..1100).contains(&tick) { 480_000 } else { 2_400_000 });
         let mut inputs = Inputs { budget, ..Inputs::default() };
         inputs.tools[0] = Some(if tick == 0 { attach } else { ToolEvent::Pose(sample) });
         COUNTED.set(true);

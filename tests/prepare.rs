@@ -239,7 +239,7 @@ fn prepare_refuses_with_a_remedy_and_draws_what_it_makes() {
     for (given, remedy) in [
         (&[][..], "--unit"),
         (&["--unit", "m"], "--unit mm"),
-        (&["--unit", "ft"], "write m, cm, mm or in"),
+        (&["--unit", "ft"], "m, cm, mm, in"),
         (&["--unit", "mm", "--finest", "3"], "write it as in 3mm"),
         (&["--unit", "mm", "--levels", "10mm,9mm"], "at most 0.8 of the one before it"),
         (&["--unit", "mm", "--finest-in", "1,2,3"], "a box has 6"),

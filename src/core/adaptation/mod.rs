@@ -212,15 +212,13 @@ pub fn adapt(
     let frame = work::of_frame(means.prices);
     let sheds = held > sixteenths(planned, SHED) || held.saturating_add(frame) > sixteenths(means.budget.frame, SHED);
     // Between what is planned for the end of a frame and what there is, few frames are late.
-    let lacks = held > planned || held.saturating_add(frame) > limit;
-    // A change that does not fit makes the body stand still.
-    let must = lacks && !means.moves;
+    let must = held > planned || held.saturating_add(frame) > limit;
     let looks =
         if sheds { !means.frame || held.saturating_add(frame) > limit } else { ticks % LOOK_TICKS == FIRST_LOOK };
     if !looks {
         return Adapted::default();
     }
-    let settled = if eases && !lacks { UNSETTLED * pressed } else { Real::INFINITY };
+    let settled = if eases && !must { UNSETTLED * pressed } else { Real::INFINITY };
     let look = Look { body, adaptivity, focus, settled };
     // No refinement that a little strain, or a little more to pay for it, would make a load to be shed.
     let looked = if sheds { shedding::looked(mesh) } else { mesh.pool().len() as u32 };
@@ -229,10 +227,11 @@ pub fn adapt(
     let now = held.saturating_add(looking).saturating_add(if means.frame { frame } else { 0 });
     let short = if sheds {
         let motion = work::of_motion(body, mesh, means.prices, means.points);
-        let left = |spent: u32| means.prices.count(Part::Change, means.budget.change.saturating_sub(spent));
-        let standing = must.then(|| left(now - motion));
+        let left = |most: u32, spent: u32| means.prices.count(Part::Change, most.saturating_sub(spent));
+        let beside = left(means.budget.change, now);
+        let standing = must.then(|| left(limit, now - motion));
         let excess = load.saturating_sub(full);
-        shedding::plan(&look, mesh, (left(now), standing, eases), (excess, means.prices), ticks, work);
+        shedding::plan(&look, mesh, (beside, standing, means.moves, eases), (excess, means.prices), ticks, work);
         None
     } else {
         // Nothing is refined that could not be merged again beside the contacts that are expected: that takes as long.

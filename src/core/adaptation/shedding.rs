@@ -1,6 +1,7 @@
 //! What a body does whose motion takes more than ticks are planned to take: it merges its least valuable regions, as many in
 //! a tick as that has time for beside the motion. Where there is no time for any it stands still for that tick, and all of the
-//! tick's time is for merging; the cheapest is merged whatever it takes.
+//! tick's time is for merging. Where not even that is enough for any, the cheapest is merged in the tick that moves whatever it
+//! takes.
 
 use super::{INDICATOR_LOOKS, Look, Pay, Workspace, plan_merges};
 use crate::math::Real;
@@ -20,12 +21,13 @@ pub(super) fn looked(mesh: &ActiveMesh) -> u32 {
     (elements * LOOKED_AT * INDICATOR_LOOKS as usize / nodes).min(elements) as u32
 }
 
-/// Plans merges that save about `excess` [ns] a tick, and take no more change units than a tick has left in which the body
-/// moves, or else no more than one has left in which it is `standing`, if it may; then at least one.
+/// Plans merges that save about `excess` [ns] a tick, and take no more change units than a tick has left `beside` the motion,
+/// or else no more than one has left in which the body is `standing`, if it may. A tick that `moves` whatever it takes makes
+/// the cheapest where none of these fits.
 pub(super) fn plan(
     look: &Look,
     mesh: &mut ActiveMesh,
-    (left, standing, eases): (u32, Option<u32>, bool),
+    (beside, standing, moves, eases): (u32, Option<u32>, bool, bool),
     (excess, prices): (u32, &Prices),
     ticks: u64,
     work: &mut Workspace,
@@ -33,16 +35,18 @@ pub(super) fn plan(
     let parts = mesh.active().len().div_ceil(LOOKED_AT);
     let some = mesh.active().iter().skip(ticks as usize % parts).step_by(parts);
     look.spare_families(mesh, some, Real::INFINITY, &mut work.spare);
-    let mut cheapest = None;
-    for left in [Some(left), standing].into_iter().flatten() {
+    let mut plan = |left: u32, work: &mut Workspace| {
         let mut pay = Pay::new([left, left], eases, MOST_REFUSED);
         plan_merges(look, mesh, &mut pay, (excess, 0.0, prices), work);
-        if !work.changes.is_empty() {
-            return;
-        }
-        cheapest = pay.cheapest;
-    }
-    if let Some((_, change)) = cheapest.filter(|_| standing.is_some()) {
-        work.changes.push(change);
+        pay.cheapest
+    };
+    plan(beside, work);
+    let Some(standing) = standing.filter(|_| work.changes.is_empty()) else { return };
+    let cheapest = plan(standing, work);
+    if moves {
+        // What fits a tick that stands still waits for the next.
+        let fits = !work.changes.is_empty();
+        work.changes.clear();
+        work.changes.extend(cheapest.filter(|_| !fits).map(|(_, change)| change));
     }
 }
