@@ -27,7 +27,7 @@ fn stroke_to_the_hold(i: u64) -> Inputs {
 /// As [`press_and_stroke`], with a budget that is cut to a fraction while the ball presses and comes back.
 fn press_on_a_cut_budget(i: u64) -> Inputs {
     Inputs {
-        budget: Budget::of(if (CUT..CUT + 300).contains(&i) { 200_000 } else { 1_600_000 }),
+        budget: Budget::of(if (CUT..CUT + 300).contains(&i) { 260_000 } else { 1_600_000 }),
         ..press_and_stroke(i)
     }
 }
@@ -77,7 +77,7 @@ fn restored_while_it_sheds_it_goes_on_bit_for_bit() {
     }
     let [before, shed] = [CUT, CUT + 200].map(|i| all[i as usize].3[0]);
     println!("held in ticks {held:?}; {before} elements, then {shed}");
-    assert!(!held.is_empty() && shed * 3 < before * 2, "there is nothing to get wrong");
+    assert!(!held.is_empty() && shed * 10 < before * 9, "there is nothing to get wrong");
     for moment in (CUT..=held[held.len() - 1] + 2).take(40) {
         restored_at(moment, &body, start, press_on_a_cut_budget, &all);
     }
