@@ -15,10 +15,11 @@ use palpate_core::stepping::work;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// The ball that touches: a fingertip's radius [m], on a body that is wide enough for it, and how deep it goes over that.
+/// Radius of the ball that touches [m]: a fingertip's. A smaller one asks for fewer elements, a larger one for more.
 const RADIUS: Real = 0.01;
+/// Depth of the press over the ball's radius (no unit): a firm press. A deeper one asks for more contact points.
 const DEPTH: Real = 0.8;
-/// On a smaller body, its radius over the body's longest side.
+/// Greatest radius of the ball over the body's longest side (no unit): a larger ball would press a small body flat.
 const WIDEST: Real = 0.1;
 /// Ticks in which it comes.
 const COMES: u32 = 300;

@@ -227,11 +227,15 @@ pub fn adapt(
     let now = held.saturating_add(looking).saturating_add(if means.frame { frame } else { 0 });
     let short = if sheds {
         let motion = work::of_motion(body, mesh, means.prices, means.points);
-        let left = |most: u32, spent: u32| means.prices.count(Part::Change, most.saturating_sub(spent));
-        let beside = left(means.budget.change, now);
-        let standing = must.then(|| left(limit, now - motion));
+        let units = |most: u32, spent: u32| means.prices.count(Part::Change, most.saturating_sub(spent));
+        let left = shedding::Left {
+            beside: units(means.budget.change, now),
+            standing: must.then(|| units(limit, now - motion)),
+            moves: means.moves,
+            eases,
+        };
         let excess = load.saturating_sub(full);
-        shedding::plan(&look, mesh, (beside, standing, means.moves, eases), (excess, means.prices), ticks, work);
+        shedding::plan(&look, mesh, left, (excess, means.prices), ticks, work);
         None
     } else {
         // Nothing is refined that could not be merged again beside the contacts that are expected: that takes as long.

@@ -21,13 +21,25 @@ pub(super) fn looked(mesh: &ActiveMesh) -> u32 {
     (elements * LOOKED_AT * INDICATOR_LOOKS as usize / nodes).min(elements) as u32
 }
 
-/// Plans merges that save about `excess` [ns] a tick, and take no more change units than a tick has left `beside` the motion,
-/// or else no more than one has left in which the body is `standing`, if it may. A tick that `moves` whatever it takes makes
-/// the cheapest where none of these fits.
+/// What a tick has left for merges.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Left {
+    /// Change units beside the motion.
+    pub(super) beside: u32,
+    /// Change units of a tick in which the body stands still; `None` where it need not.
+    pub(super) standing: Option<u32>,
+    /// The body moves in this tick, whatever that takes.
+    pub(super) moves: bool,
+    /// Under a tool, what changes put out of balance fades.
+    pub(super) eases: bool,
+}
+
+/// Plans merges that save about `excess` [ns] a tick, as many as fit beside the motion, or else as many as fit a tick in which
+/// the body stands still. A tick that moves whatever it takes makes the cheapest where none fits either.
 pub(super) fn plan(
     look: &Look,
     mesh: &mut ActiveMesh,
-    (beside, standing, moves, eases): (u32, Option<u32>, bool, bool),
+    left: Left,
     (excess, prices): (u32, &Prices),
     ticks: u64,
     work: &mut Workspace,
@@ -35,15 +47,15 @@ pub(super) fn plan(
     let parts = mesh.active().len().div_ceil(LOOKED_AT);
     let some = mesh.active().iter().skip(ticks as usize % parts).step_by(parts);
     look.spare_families(mesh, some, Real::INFINITY, &mut work.spare);
-    let mut plan = |left: u32, work: &mut Workspace| {
-        let mut pay = Pay::new([left, left], eases, MOST_REFUSED);
+    let mut plan = |units: u32, work: &mut Workspace| {
+        let mut pay = Pay::new([units, units], left.eases, MOST_REFUSED);
         plan_merges(look, mesh, &mut pay, (excess, 0.0, prices), work);
         pay.cheapest
     };
-    plan(beside, work);
-    let Some(standing) = standing.filter(|_| work.changes.is_empty()) else { return };
+    plan(left.beside, work);
+    let Some(standing) = left.standing.filter(|_| work.changes.is_empty()) else { return };
     let cheapest = plan(standing, work);
-    if moves {
+    if left.moves {
         // What fits a tick that stands still waits for the next.
         let fits = !work.changes.is_empty();
         work.changes.clear();
