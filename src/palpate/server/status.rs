@@ -212,11 +212,12 @@ impl Second {
         let frame_rate = (next.frames - self.frames) as f64 / seconds;
         let unmoved = (sums.unmoved_ticks, sums.unmoved_ticks - self.unmoved.0);
         let share = match (self.used, next.used) {
-            (Some(before), Some(now)) => {
-                let part = |before: u64, now: u64| now.saturating_sub(before) as f64 / 1e9 / seconds;
+            // Where a thread has ended meanwhile, nothing can be said.
+            (Some(before), Some(now)) if now.0 >= before.0 && now.1 >= before.1 => {
+                let part = |before: u64, now: u64| (now - before) as f64 / 1e9 / seconds;
                 (part(before.0, now.0), part(before.1, now.1))
             }
-            _ => (0.0, 0.0),
+            _ => self.share,
         };
         let mut missed = std::mem::take(&mut self.missed);
         missed.extend(&next.missed);
