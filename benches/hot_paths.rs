@@ -31,9 +31,8 @@ fn build(loaded: &LoadedScene) -> Arc<Body> {
 }
 
 fn pose(sequence: u32, position: Vec3) -> Option<ToolEvent> {
-    let zero = Vec3::zeros();
     let pose = Pose { position, ..Pose::default() };
-    let sample = PoseSample { sequence, time_ns: 0, pose, linear_velocity: zero, angular_velocity: zero, buttons: 0 };
+    let sample = PoseSample { sequence, time_ns: 0, pose, buttons: 0 };
     Some(ToolEvent::Pose(sample))
 }
 

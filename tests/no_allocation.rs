@@ -148,8 +148,6 @@ fn the_simulation_thread_allocates_nothing() {
                 sequence: tick as u32,
                 time_ns: tick,
                 pose: Pose { position, ..Pose::default() },
-                linear_velocity: Vec3::zeros(),
-                angular_velocity: Vec3::zeros(),
                 buttons: 0,
             };
             ends.poses[0].write(Some(PoseSlot { epoch: 9, sample }));
@@ -202,8 +200,6 @@ fn shedding_under_a_tool_allocates_nothing() {
             sequence: tick,
             time_ns: u64::from(tick),
             pose: Pose { position: Vec3::new(0.05, 0.05, 0.14 - down), ..Pose::default() },
-            linear_velocity: Vec3::zeros(),
-            angular_velocity: Vec3::zeros(),
             buttons: 0,
         };
         let attach = ToolEvent::Attach { epoch: 1, period_ticks: 1, coupling: Coupling::RIGID };

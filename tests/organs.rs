@@ -100,8 +100,6 @@ fn press(loaded: &LoadedScene, used: &[usize], tick: u64) -> Inputs {
             sequence: tick as u32,
             time_ns: 0,
             pose: Pose { position: tops(loaded)[tool] + Vec3::z() * height, ..Pose::default() },
-            linear_velocity: Vec3::zeros(),
-            angular_velocity: Vec3::zeros(),
             buttons: 0,
         };
         inputs.tools[tool] = Some(match tick {

@@ -7,11 +7,14 @@
 
 use assert_cmd::Command;
 use palpate::offline::{self, Trajectory};
-use palpate::recording::{Recording, RecordingWriter, replay};
+use palpate::recording::{FORMAT, Recording, RecordingWriter, replay};
 use palpate::scene::LoadedScene;
 use palpate_core::model::Body;
 use palpate_core::model::element_kernel::Path as KernelPath;
 use palpate_core::simulation::{Simulation, Snapshot};
+use palpate_proto::keys::topics;
+use palpate_proto::{Message, RecordingStart};
+use std::collections::BTreeMap;
 use std::convert::Infallible;
 use std::fmt::Write as _;
 use std::fs;
@@ -217,4 +220,19 @@ fn a_recording_cut_short_replays_up_to_the_cut() {
         Command::new(env!("CARGO_BIN_EXE_palpate")).args(["replay", file.to_str().unwrap()]).assert().failure();
     let text = String::from_utf8_lossy(&output.get_output().stderr).into_owned();
     assert!(text.contains("stroke.mcap"), "{text}");
+}
+
+#[test]
+fn a_recording_of_an_earlier_format_is_refused_with_both_formats() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("old.mcap");
+    let mut writer = mcap::Writer::new(fs::File::create(&file).unwrap()).unwrap();
+    let channel_id = writer.add_channel(0, topics::START, "protobuf", &BTreeMap::new()).unwrap();
+    let header = mcap::records::MessageHeader { channel_id, sequence: 0, log_time: 0, publish_time: 0 };
+    let start = RecordingStart { format: FORMAT - 1, palpate_version: "0.0.9".into(), ..Default::default() };
+    writer.write_to_known_channel(&header, &start.encode_to_vec()).unwrap();
+    writer.finish().unwrap();
+    let e = Recording::read(&file).err().unwrap().to_string();
+    let expected = format!("recorded in format {} by palpate 0.0.9; ", FORMAT - 1);
+    assert!(e.contains("old.mcap") && e.contains(&expected) && e.contains(&format!("format {FORMAT}")), "{e}");
 }

@@ -30,15 +30,7 @@ fn run(
     simulation.advance(&inputs);
     for tick in 1..ticks {
         let pose = Pose { position: place(&body, tick), ..Pose::default() };
-        let zero = Vec3::zeros();
-        inputs.tools[0] = Some(ToolEvent::Pose(PoseSample {
-            sequence: tick as u32,
-            time_ns: 0,
-            pose,
-            linear_velocity: zero,
-            angular_velocity: zero,
-            buttons: 0,
-        }));
+        inputs.tools[0] = Some(ToolEvent::Pose(PoseSample { sequence: tick as u32, time_ns: 0, pose, buttons: 0 }));
         let outputs = simulation.advance(&inputs);
         if outputs.frame {
             frame(&body, outputs);

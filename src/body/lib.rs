@@ -8,9 +8,9 @@
 //!
 //! | module | is | does not know |
 //! |---|---|---|
-//! | [`geometry`] | shapes on their way in: mesh files, repair, what is sound, what is shown | materials, levels, time |
-//! | [`cover`] | levels from a closed surface, by lattices | motion, materials |
-//! | [`prepare`] | shapes to a body, its file, and what it is like | scenes |
+//! | [`geometry`] | shapes on their way in: mesh files, repair, what is sound, what is shown | materials (labels are numbers), levels, time |
+//! | [`cover`] | levels from a closed surface, by lattices | motion; of materials all but the density |
+//! | [`prepare`] | shapes to a body, its file, and what it is like | scenes: a file keeps the text of one, unread |
 //!
 //! # Example
 //! A body from a closed surface, with its file, `examples/make_a_body.rs`:

@@ -11,12 +11,12 @@
 //! | [`math`] | one scalar, one vector, one pose; nalgebra to parry | anything else |
 //! | [`geometry`] | shapes at rest: surfaces, tetrahedra, where a point lies | materials, levels, time |
 //! | [`hierarchy`] | levels of resolution and what ties them together | motion, tools |
-//! | [`model`] | a body (fixed), its state (moving), the material law and its kernel | steps, tools, messages |
-//! | [`stepping`] | how a tick moves the body, and the contact solve | tools, clocks |
-//! | [`adaptation`] | when and where to refine and coarsen, within the work budget | tools, clocks, how constraints are solved |
+//! | [`model`] | a body (fixed), its state (moving), the material law and its kernel | when it is moved, and how far; of tools all but their index and points of contact; messages |
+//! | [`stepping`] | how a tick moves the body, and the contact solve | shapes and poses of tools: their points have an index; clocks: times are arguments |
+//! | [`adaptation`] | when and where to refine and coarsen, within the work budget | of tools all but the axis and radius of a [`Focus`](adaptation::Focus); clocks; how constraints are solved |
 //! | [`contact`] | tools, where they touch, the wrench, the limits of what a hand feels | how constraints are solved |
 //! | [`simulation`] | `advance(&Inputs) -> &Outputs`: the core ends here | clocks, files, networks, threads, logs |
-//! | [`feedback`] | how the force will change where the tool goes next, for hands that are far away | ticks: it looks at a copy |
+//! | [`feedback`] | how the force will change where the tool goes next, for hands that are far away | the running simulation: it looks at a copy |
 //!
 //! # Invariants
 //! - **The core is a function.** Body, settings and ordered [`simulation::Inputs`] give the same states and forces, bit

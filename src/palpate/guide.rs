@@ -19,37 +19,93 @@
 
 #![warn(rustdoc::broken_intra_doc_links)]
 
-#[doc = include_str!("guide/bodies.md")]
-pub mod bodies {}
-#[doc = include_str!("guide/clients.md")]
-pub mod clients {}
-#[doc = include_str!("guide/commands.md")]
-pub mod commands {}
-#[doc = include_str!("guide/contact.md")]
-pub mod contact {}
-#[doc = include_str!("guide/faults.md")]
-pub mod faults {}
-#[doc = include_str!("guide/figures.md")]
-pub mod figures {}
-#[doc = include_str!("guide/method.md")]
-pub mod method {}
-#[doc = include_str!("guide/recordings.md")]
-pub mod recordings {}
-#[doc = include_str!("guide/remote.md")]
-pub mod remote {}
-#[doc = include_str!("guide/resolution.md")]
-pub mod resolution {}
-#[doc = include_str!("guide/scenes.md")]
-pub mod scenes {}
-#[doc = include_str!("guide/surface.md")]
-pub mod surface {}
+/// A page from its file. Of several definitions of a link Markdown takes the first: these lead to the documentation, and those
+/// at the end of each file, which count where the file is read by itself, to files of the repository.
+macro_rules! page {
+    ($name:ident) => {
+        /// [`bodies`]: bodies
+        /// [`clients`]: clients
+        /// [`commands`]: commands
+        /// [`contact`]: contact
+        /// [`faults`]: faults
+        /// [`figures`]: figures
+        /// [`method`]: method
+        /// [`recordings`]: recordings
+        /// [`remote`]: remote
+        /// [`resolution`]: resolution
+        /// [`scenes`]: scenes
+        /// [`surface`]: surface
+        /// [glossary]: palpate_core::glossary
+        /// [`palpate_body`]: palpate_body
+        /// [`palpate_body::geometry::mesh_io`]: palpate_body::geometry::mesh_io
+        /// [`palpate_body::prepare::body_file`]: palpate_body::prepare::body_file
+        /// [`palpate_body::prepare::calibration`]: palpate_body::prepare::calibration
+        /// [`palpate_core::contact::detection`]: palpate_core::contact::detection
+        /// [`palpate_core::feedback::relaxed`]: palpate_core::feedback::relaxed
+        /// [`palpate_core::hierarchy`]: palpate_core::hierarchy
+        /// [`palpate_core::model::active_set`]: palpate_core::model::active_set
+        /// [`palpate_core::model::element_kernel`]: palpate_core::model::element_kernel
+        /// [`palpate_core::model::material`]: palpate_core::model::material
+        /// [`palpate_core::stepping`]: palpate_core::stepping
+        /// [`palpate_core::stepping::constraint_solve`]: palpate_core::stepping::constraint_solve
+        /// [`palpate_core::stepping::governor`]: palpate_core::stepping::governor
+        /// [`palpate_core::stepping::work`]: palpate_core::stepping::work
+        /// [`palpate_proto::surface`]: palpate_proto::surface
+        /// [`palpate_sdk::Clutch`]: palpate_sdk::Clutch
+        /// [`palpate_sdk::Frame`]: palpate_sdk::Frame
+        /// [`palpate_sdk::Link`]: palpate_sdk::Link
+        /// [`palpate_sdk::Registration`]: palpate_sdk::Registration
+        /// [`palpate_sdk::Renderer`]: palpate_sdk::Renderer
+        /// [`palpate_sdk::Surface::from_parts`]: palpate_sdk::Surface::from_parts
+        /// [`palpate_sdk::SurfaceDecoder`]: palpate_sdk::SurfaceDecoder
+        /// [`palpate::offline`]: crate::offline
+        /// [`palpate::realtime`]: crate::realtime
+        /// [`palpate::recording`]: crate::recording
+        /// [`palpate::scene`]: crate::scene
+        ///
+        #[doc = include_str!(concat!("guide/", stringify!($name), ".md"))]
+        pub mod $name {}
+    };
+}
+
+page!(bodies);
+page!(clients);
+page!(commands);
+page!(contact);
+page!(faults);
+page!(figures);
+page!(method);
+page!(recordings);
+page!(remote);
+page!(resolution);
+page!(scenes);
+page!(surface);
 
 #[cfg(test)]
 mod tests {
     use crate::scene;
-    use std::path::Path;
+    use std::path::{Path, PathBuf};
 
     const README: &str = include_str!("../../README.md");
+
+    /// Definitions of links, `[label]: target`, in lines of `text` that start with `before`.
+    fn definitions<'a>(text: &'a str, before: &str) -> Vec<(&'a str, &'a str)> {
+        let definition = |line: &'a str| line.trim_start().strip_prefix(before)?.strip_prefix('[')?.split_once("]: ");
+        text.lines().filter_map(definition).collect()
+    }
+
+    /// Files of Markdown in `folder` and below, but for what is built or hidden.
+    fn markdown(folder: &Path, out: &mut Vec<PathBuf>) {
+        for entry in std::fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+            if path.is_dir() && name != "target" && !name.starts_with('.') {
+                markdown(&path, out);
+            } else if path.extension().is_some_and(|e| e == "md") {
+                out.push(path);
+            }
+        }
+    }
 
     /// Content of the fenced blocks of `language` in `text`.
     fn blocks<'a>(text: &'a str, language: &str) -> Vec<&'a str> {
@@ -85,13 +141,45 @@ mod tests {
     }
 
     #[test]
-    fn readme_is_short_and_its_links_resolve() {
+    fn readme_is_short() {
         assert!(README.lines().count() <= 150);
-        let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-        let links: Vec<&str> = README.split("](").skip(1).filter_map(|rest| rest.split(')').next()).collect();
-        assert!(links.len() > 15);
-        for link in links {
-            assert!(link.starts_with("http") || root.join(link).exists(), "{link}");
+    }
+
+    #[test]
+    fn links_of_every_page_lead_to_files() {
+        let mut pages = vec![];
+        markdown(Path::new(env!("CARGO_MANIFEST_DIR")), &mut pages);
+        let mut found = 0;
+        for page in pages {
+            let text = std::fs::read_to_string(&page).unwrap();
+            let inline = text.split("](").skip(1).filter_map(|rest| rest.split(')').next());
+            let targets = inline.chain(definitions(&text, "").into_iter().map(|(_, target)| target));
+            for target in targets.filter(|target| !target.starts_with("http")) {
+                let file = target.split('#').next().unwrap_or_default();
+                assert!(page.with_file_name(file).exists(), "{}: {target}", page.display());
+                found += 1;
+            }
+        }
+        assert!(found > 60, "{found} links");
+    }
+
+    #[test]
+    fn links_of_the_guide_lead_to_the_documentation_here_and_to_files_elsewhere() {
+        let here = definitions(include_str!("guide.rs"), "/// ");
+        let mut pages = vec![];
+        markdown(&Path::new(env!("CARGO_MANIFEST_DIR")).join("src/palpate/guide"), &mut pages);
+        for page in pages {
+            let text = std::fs::read_to_string(&page).unwrap();
+            let elsewhere = definitions(&text, "");
+            for (label, _) in &elsewhere {
+                assert!(here.iter().any(|(known, _)| known == label), "{}: no item for {label}", page.display());
+            }
+            // Outside of code every link to an item has a file.
+            let prose: String = text.split("```").step_by(2).collect();
+            for label in prose.split("[`").skip(1).filter_map(|rest| rest.split("`]").next()) {
+                let label = format!("`{label}`");
+                assert!(elsewhere.iter().any(|(known, _)| *known == label), "{}: no file for {label}", page.display());
+            }
         }
     }
 }

@@ -21,9 +21,9 @@
 //! | [`guide`] | pages of the manual, no code | all else |
 //! | `picture` | panels of a picture, and cuts through the levels of a body on them | scenes |
 //! | [`scene`] | scene text to checked parameters, a body and settings | networks |
-//! | [`offline`] | a simulation under a trajectory, as fast as it goes | networks, clocks |
+//! | [`offline`] | a simulation under a trajectory, as fast as it goes | networks; clocks, but to say how fast that was |
 //! | [`wire`] | messages to core types and back; what is refused and why | zenoh, threads |
-//! | [`recording`] | what a run consumed; run it again and compare | networks, clocks |
+//! | [`recording`] | what a run consumed; run it again and compare | networks; clocks, but to say how fast that was |
 //! | [`realtime`] | the 1 kHz thread, its pacer, governor and mailboxes | zenoh, messages |
 //! | [`server`] | postman between zenoh and the simulation thread | physics |
 //!

@@ -100,8 +100,6 @@ impl Trajectory {
                     sequence: 0,
                     time_ns: (time * 1e9) as u64,
                     pose: Pose { position: Vec3::new(x, y, z), orientation },
-                    linear_velocity: Vec3::zeros(),
-                    angular_velocity: Vec3::zeros(),
                     buttons: buttons as u32,
                 },
             ));

@@ -122,8 +122,7 @@ fn felt(body: &Arc<Body>, depths: &[Real], restored: bool) -> Result<Vec<Real>> 
             let reached = before + (depth - before) * (Real::from(tick) / Real::from(GOING)).min(1.0);
             let pose =
                 Pose { position: Vec3::new(0.5 * SIZE.x, 0.5 * SIZE.y, SIZE.z + RADIUS - reached), ..Pose::default() };
-            let (linear_velocity, angular_velocity) = (Vec3::zeros(), Vec3::zeros());
-            let sample = PoseSample { sequence: tick, time_ns: 0, pose, linear_velocity, angular_velocity, buttons: 0 };
+            let sample = PoseSample { sequence: tick, time_ns: 0, pose, buttons: 0 };
             let mut inputs = Inputs::default();
             inputs.tools[0] = event.take().or(Some(ToolEvent::Pose(sample)));
             force = press.advance(&inputs).tools[0].state.physical_force.z;

@@ -50,7 +50,7 @@ struct Client<'a> {
     path: Box<dyn Fn(Real) -> Target + 'a>,
     held: HeldDevice,
     renderer: Renderer,
-    poses: Link<(u32, Vec3, Vec3)>,
+    poses: Link<(u32, Vec3)>,
     wrenches: Link<Wrench>,
     local: LocalModel,
     /// What happens to the tool next beside its poses.
@@ -118,8 +118,8 @@ impl<'a> Lockstep<'a> {
             let (force, position) = client.render(tick);
             let energy = client.renderer.observed_energy();
             moments.push(Moment { force, position, energy, tool: ToolOutput::default() });
-            while let Some((sequence, position, velocity)) = client.poses.poll(now_ns) {
-                *event = Some(pose(sequence, position, velocity)).filter(|_| client.alive);
+            while let Some((sequence, position)) = client.poses.poll(now_ns) {
+                *event = Some(pose(sequence, position)).filter(|_| client.alive);
             }
             *event = client.event.take().or(*event);
         }
@@ -150,17 +150,16 @@ impl Client<'_> {
         }
         let (x, v) = (self.held.reported_position(), self.held.reported_velocity());
         let force = self.renderer.force(x.into(), v.into(), now_ns);
-        self.poses.send(now_ns, (tick as u32, x, v));
+        self.poses.send(now_ns, (tick as u32, x));
         let given = self.held.step(TICK, &(self.path)(tick as Real * TICK), Vec3::from(force));
         (given, self.held.position())
     }
 }
 
 /// A device's pose as the tick consumes it.
-pub fn pose(sequence: u32, position: Vec3, linear_velocity: Vec3) -> ToolEvent {
+pub fn pose(sequence: u32, position: Vec3) -> ToolEvent {
     let pose = Pose { position, ..Pose::default() };
-    let angular_velocity = Vec3::zeros();
-    ToolEvent::Pose(PoseSample { sequence, time_ns: 0, pose, linear_velocity, angular_velocity, buttons: 0 })
+    ToolEvent::Pose(PoseSample { sequence, time_ns: 0, pose, buttons: 0 })
 }
 
 #[cfg(test)]

@@ -252,7 +252,7 @@ mod tests {
         for tick in 0..1200u32 {
             let height = 0.005 - (0.005 + 0.001) * (Real::from(tick) / 500.0).min(1.0);
             let mut inputs = Inputs::default();
-            inputs.tools[0] = event.take().or(Some(pose(tick, over(height), Vec3::zeros())));
+            inputs.tools[0] = event.take().or(Some(pose(tick, over(height))));
             core.advance(&inputs);
         }
         let found = probe.stiffness(&core.snapshot())[0].unwrap().matrix.m33;

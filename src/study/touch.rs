@@ -82,16 +82,8 @@ fn settings(radius: Real, adaptivity: Option<Adaptivity>) -> Settings {
 }
 
 fn pose(sequence: u32, position: Vec3) -> Option<ToolEvent> {
-    let zero = Vec3::zeros();
     let pose = Pose { position, ..Pose::default() };
-    Some(ToolEvent::Pose(PoseSample {
-        sequence,
-        time_ns: 0,
-        pose,
-        linear_velocity: zero,
-        angular_velocity: zero,
-        buttons: 0,
-    }))
+    Some(ToolEvent::Pose(PoseSample { sequence, time_ns: 0, pose, buttons: 0 }))
 }
 
 fn begin(body: &Arc<Body>, settings: Settings, level: usize) -> Result<Simulation> {

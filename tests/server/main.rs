@@ -109,7 +109,6 @@ fn above(height: f64) -> PoseSample {
         position: [0.05, 0.05, 0.12 + height],
         orientation: [0.0, 0.0, 0.0, 1.0],
         linear_velocity: None,
-        angular_velocity: None,
         buttons: 0,
     }
 }

@@ -73,14 +73,7 @@ fn attach() -> ToolEvent {
 }
 
 fn posed(position: Vec3, orientation: [Real; 4]) -> ToolEvent {
-    ToolEvent::Pose(PoseSample {
-        sequence: 1,
-        time_ns: 0,
-        pose: Pose { position, orientation },
-        linear_velocity: Vec3::zeros(),
-        angular_velocity: Vec3::zeros(),
-        buttons: 0,
-    })
+    ToolEvent::Pose(PoseSample { sequence: 1, time_ns: 0, pose: Pose { position, orientation }, buttons: 0 })
 }
 
 fn at(position: Vec3) -> ToolEvent {

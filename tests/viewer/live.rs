@@ -172,7 +172,6 @@ fn a_reset_puts_the_body_back() {
             position: [0.05, 0.05, height],
             orientation: [0.0, 0.0, 0.0, 1.0],
             linear_velocity: None,
-            angular_velocity: None,
             buttons: 0,
         })
         .unwrap();
@@ -242,7 +241,6 @@ fn press_with_two(connection: &palpate_sdk::Connection, end: mpsc::Receiver<()>)
                 position: [x, 0.05, 0.1 + radius - depth],
                 orientation: [0.0, 0.0, 0.0, 1.0],
                 linear_velocity: None,
-                angular_velocity: None,
                 buttons: 0,
             })
             .unwrap();

@@ -301,7 +301,6 @@ impl DeviceLoop<'_> {
             position: self.held.reported_position().into(),
             orientation: [0.0, 0.0, 0.0, 1.0],
             linear_velocity: Some(self.held.reported_velocity().into()),
-            angular_velocity: None,
             buttons: 0,
         }
     }

@@ -27,7 +27,6 @@ pub fn press(endpoints: &Endpoints) -> Result<Vec<f64>, SdkError> {
             position: [place[0], place[1], place[2] + TRAVEL * (1.0 - 2.0 * down)],
             orientation: [0.0, 0.0, 0.0, 1.0],
             linear_velocity: None,
-            angular_velocity: None,
             buttons: 0,
         })?;
         std::thread::sleep(Duration::from_millis(1));

@@ -21,11 +21,12 @@
 
 /* Where the imagined device is after `seconds`: from 25 mm above the place down to 1 mm, in a second. In the axes and
  * the millimetres of a PHANTOM, where +y is up. */
-static void read_device(double seconds, palpate_pose *pose)
+static void read_device(double seconds, palpate_pose *pose, double velocity[3])
 {
     double travel = seconds < 1.0 ? seconds : 1.0;
-    palpate_pose now = {{0.0, 25.0 - 24.0 * travel, 0.0}, {0.0, 0.0, 0.0, 1.0}, {0.0, 0.0, 0.0}, {0.0, 0.0, 0.0}, 0};
-    now.linear_velocity[1] = seconds < 1.0 ? -24.0 : 0.0;
+    palpate_pose now = {{0.0, 25.0 - 24.0 * travel, 0.0}, {0.0, 0.0, 0.0, 1.0}, 0};
+    velocity[0] = velocity[2] = 0.0;
+    velocity[1] = seconds < 1.0 ? -24.0 : 0.0;
     *pose = now;
 }
 
@@ -64,10 +65,11 @@ int main(int argc, char **argv)
 
     for (tick = 0; tick < 1500; tick++) {
         palpate_pose pose;
-        read_device(tick * 0.001, &pose);
+        double velocity[3];
+        read_device(tick * 0.001, &pose, velocity);
         if (palpate_send_pose(client, &pose) != 0)
             return fail("send a pose");
-        if (palpate_force(client, pose.position, pose.linear_velocity, force, NULL) != 0)
+        if (palpate_force(client, pose.position, velocity, force, NULL) != 0)
             return fail("render");
         if (tick % 100 == 0)
             printf("%4d ms: %6.1f mm, %6.3f N\n", tick, pose.position[1], force[1]);

@@ -84,11 +84,9 @@ int palpate_attach(palpate_client *client, const palpate_attachment *attachment)
 
 /* Where the device holds the tool, in the frame and unit of the attachment. */
 typedef struct palpate_pose {
-    double position[3];         /* of the tool's reference point */
-    double orientation[4];      /* unit quaternion, in the frame's order: x, y, z, w, but w, x, y, z for "haply" */
-    double linear_velocity[3];  /* unit of position per second */
-    double angular_velocity[3]; /* [rad/s] */
-    uint32_t buttons;           /* bit i: button i is held */
+    double position[3];    /* of the tool's reference point */
+    double orientation[4]; /* unit quaternion, in the frame's order: x, y, z, w, but w, x, y, z for "haply" */
+    uint32_t buttons;      /* bit i: button i is held */
 } palpate_pose;
 
 /* Sends a pose, as often as the attachment said. Does not wait for the network. A pose that is not finite, or whose
@@ -96,8 +94,9 @@ typedef struct palpate_pose {
 int palpate_send_pose(palpate_client *client, const palpate_pose *pose);
 
 /* The force [N] to give now, and the torque [N m] unless that is NULL: call it at the device's own rate, 1 kHz or more,
- * with the position and velocity just read. The local model of the newest wrench answers; it fades when wrenches stop
- * coming, and never exceeds the device's limit. Does not wait for the network. Where it fails the force is zero. */
+ * with the position and velocity just read, in the unit of the frame and that per second. The local model of the newest
+ * wrench answers; it fades when wrenches stop coming, and never exceeds the device's limit. Does not wait for the network.
+ * Where it fails the force is zero. */
 int palpate_force(palpate_client *client, const double position[3], const double velocity[3], double force[3],
                   double torque[3]);
 

@@ -163,7 +163,6 @@ impl Registration {
             position: self.position(device.position),
             orientation: self.orientation(device.orientation),
             linear_velocity: device.linear_velocity.map(|v| self.velocity(v)),
-            angular_velocity: device.angular_velocity.map(|v| self.angular_velocity(v)),
             buttons: device.buttons,
         }
     }
@@ -238,11 +237,9 @@ impl Clutch {
         self.force_scale = (self.force_scale + step).clamp(0.0, 1.0);
 
         if pressed {
-            let still = |velocity: Option<[f64; 3]>| velocity.map(|_| [0.0; 3]);
             let held = *self.held.get_or_insert(in_body);
             return PoseSample {
-                linear_velocity: still(device.linear_velocity),
-                angular_velocity: still(device.angular_velocity),
+                linear_velocity: device.linear_velocity.map(|_| [0.0; 3]),
                 buttons: device.buttons,
                 ..held
             };
@@ -295,7 +292,6 @@ mod tests {
             position,
             orientation: UnitQuaternion::from_scaled_axis(Vector3::from(turn)).coords.into(),
             linear_velocity: Some([0.1, 0.0, 0.0]),
-            angular_velocity: Some([0.0, 1.0, 0.0]),
             buttons: 2,
         }
     }
@@ -352,7 +348,7 @@ mod tests {
             let held = [clutch.follow(&pose(from, [0.0; 3]), true, 1_000_000), clutch.follow(&pose(to, turn), true, 50_000_000)];
             for held in held {
                 prop_assert!(near(held.position, before.position, 1e-12));
-                prop_assert_eq!((held.linear_velocity, held.angular_velocity), (Some([0.0; 3]), Some([0.0; 3])));
+                prop_assert_eq!(held.linear_velocity, Some([0.0; 3]));
             }
             let after = clutch.follow(&pose(to, turn), false, 51_000_000);
             prop_assert!(near(after.position, before.position, 1e-9));

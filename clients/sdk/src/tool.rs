@@ -27,10 +27,9 @@ pub struct PoseSample {
     pub position: [f64; 3],
     /// (4) unit quaternion x, y, z, w.
     pub orientation: [f64; 4],
-    /// (3) [m/s]; `None` where the device does not measure it.
+    /// (3) [m/s], for the [`Renderer`](crate::Renderer) beside the device: it is not sent. `None` where the device does not
+    /// measure it.
     pub linear_velocity: Option<[f64; 3]>,
-    /// (3) [rad/s]; `None` where the device does not measure it.
-    pub angular_velocity: Option<[f64; 3]>,
     /// Bit i = button i held.
     pub buttons: u32,
 }
@@ -38,8 +37,8 @@ pub struct PoseSample {
 impl PoseSample {
     /// True when every number is finite.
     pub(crate) fn is_finite(&self) -> bool {
-        let velocities = self.linear_velocity.iter().chain(&self.angular_velocity).flatten();
-        self.position.iter().chain(&self.orientation).chain(velocities).all(|number| number.is_finite())
+        let velocity = self.linear_velocity.iter().flatten();
+        self.position.iter().chain(&self.orientation).chain(velocity).all(|number| number.is_finite())
     }
 
     /// The message of this pose. Errors: [`SdkError::PoseNotFinite`] when a number is not finite as f32.
@@ -50,8 +49,6 @@ impl PoseSample {
             time_ns,
             position: finite(&self.position)?,
             orientation: finite(&self.orientation)?,
-            linear_velocity: finite(self.linear_velocity.as_ref().map_or(&[], |v| v.as_slice()))?,
-            angular_velocity: finite(self.angular_velocity.as_ref().map_or(&[], |v| v.as_slice()))?,
             buttons: self.buttons,
         })
     }
@@ -344,7 +341,6 @@ mod tests {
             position: [0.1, 0.2, 0.3],
             orientation: [0.0, 0.0, 0.0, 1.0],
             linear_velocity: Some([1.0, 2.0, 3.0]),
-            angular_velocity: None,
             buttons: 5,
         }
     }
@@ -370,12 +366,11 @@ mod tests {
     }
 
     #[test]
-    fn a_pose_keeps_every_number_and_leaves_unmeasured_ones_empty() {
+    fn a_pose_keeps_every_number_that_is_sent() {
         let message = pose().message(7, 2, 99).unwrap();
         assert_eq!((message.epoch, message.sequence, message.time_ns, message.buttons), (7, 2, 99, 5));
         assert_eq!(message.position, [0.1f32, 0.2, 0.3]);
-        assert_eq!(message.linear_velocity, [1.0f32, 2.0, 3.0]);
-        assert!(message.angular_velocity.is_empty());
+        assert_eq!(message.orientation, [0.0f32, 0.0, 0.0, 1.0]);
     }
 
     #[test]

@@ -115,7 +115,6 @@ impl TickClock {
                 position: [corner[0], corner[1], corner[2]],
                 orientation: [0.0, 0.0, 0.0, 1.0],
                 linear_velocity: None,
-                angular_velocity: None,
                 buttons: 0,
             };
             while !stopped.load(Relaxed) && tool.send_pose(pose).is_ok() {

@@ -1,6 +1,6 @@
 //! Shapes on their way in: the files they come from, what makes them fit for use, and what is shown of them.
 //!
-//! Knows nothing of materials, levels or time.
+//! Knows nothing of materials, levels or time: labels of elements are numbers here.
 
 mod cells;
 pub mod crossings;

@@ -152,8 +152,6 @@ fn a_ball_is_felt_as_the_continuum_says() {
                     sequence: tick as u32,
                     time_ns: 0,
                     pose: Pose { position, ..Pose::default() },
-                    linear_velocity: Vec3::zeros(),
-                    angular_velocity: Vec3::zeros(),
                     buttons: 0,
                 }));
                 force = press.advance(&inputs).tools[0].state.physical_force.z;

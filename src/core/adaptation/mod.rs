@@ -1,7 +1,8 @@
 //! When and where to refine and coarsen [DDCB01 3.3], within the work budget.
 //!
-//! Knows the body, its motion and where tools are or will be; decides changes of resolution and has them made. It keeps
-//! nothing from tick to tick: what it decides follows from the state, the budget and the tick.
+//! Knows the body, its motion, what presses on it, and where tools are or will be, as an axis and a radius ([`Focus`]);
+//! decides changes of resolution and has them made. It keeps nothing from tick to tick: what it decides follows from the
+//! state, the budget and the tick.
 
 pub mod indicator;
 mod shedding;

@@ -42,10 +42,6 @@ pub struct PoseSample {
     pub time_ns: u64,
     /// Where the tool is.
     pub pose: Pose,
-    /// Its velocity [m/s] as the client knows it, or zero.
-    pub linear_velocity: Vec3,
-    /// Its angular velocity [rad/s] as the client knows it, or zero.
-    pub angular_velocity: Vec3,
     /// Bit i: button i is held.
     pub buttons: u32,
 }
@@ -294,8 +290,6 @@ mod tests {
             sequence,
             time_ns: 0,
             pose: Pose { position: Vec3::new(x, 0.0, 0.0), ..Pose::default() },
-            linear_velocity: Vec3::zeros(),
-            angular_velocity: Vec3::zeros(),
             buttons: 0,
         })
     }

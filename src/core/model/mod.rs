@@ -1,6 +1,7 @@
 //! Physics: what a body is made of, which of its nodes are active, and how its elements answer to deformation.
 //!
-//! Knows levels and shapes; knows nothing of tools, messages, or of why a resolution is chosen.
+//! Knows levels and shapes. Of tools it has points of contact alone, with an index, an arm and a coupling
+//! ([`Constraint`]): no shape and no pose. Knows nothing of messages, or of why a resolution is chosen.
 
 pub mod active_mesh;
 pub mod active_set;

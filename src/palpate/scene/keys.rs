@@ -1,5 +1,6 @@
 //! The keys of a scene, each with its range and default, and what follows from them.
 
+use super::elastic_keys::{LARGEST_POISSON_RATIO, STIFFNESS};
 use super::organ_keys::OrganKeys;
 use super::tool_keys::ToolKeys;
 use garde::Validate;
@@ -164,12 +165,20 @@ impl Default for ResolutionKeys {
 #[serde(deny_unknown_fields, default)]
 #[garde(allow_unvalidated)]
 pub struct MaterialKeys {
-    /// Young's modulus [Pa].
-    #[garde(range(min = 10.0, max = 1e9))]
-    pub youngs_modulus: Real,
-    /// Poisson's ratio.
-    #[garde(range(min = 0.0, max = 0.49))]
-    pub poisson_ratio: Real,
+    /// Young's modulus [Pa]; left out without `lambda` and `mu`: 5000.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[garde(inner(range(min = STIFFNESS.0, max = STIFFNESS.1)))]
+    pub youngs_modulus: Option<Real>,
+    /// Poisson's ratio; left out without `lambda` and `mu`: 0.45.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[garde(inner(range(min = 0.0, max = LARGEST_POISSON_RATIO)))]
+    pub poisson_ratio: Option<Real>,
+    /// Lamé's first parameter λ [Pa]; with `mu`, instead of Young's modulus and Poisson's ratio.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub lambda: Option<Real>,
+    /// Shear modulus μ [Pa]; with `lambda`, instead of Young's modulus and Poisson's ratio.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub mu: Option<Real>,
     /// Density [kg/m³].
     #[garde(range(min = 1.0, max = 2e4))]
     pub density: Real,
@@ -218,12 +227,19 @@ pub struct RegionKeys {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub label: Option<i64>,
     /// Young's modulus [Pa].
-    #[garde(range(min = 10.0, max = 1e9))]
-    pub youngs_modulus: Real,
-    /// Poisson's ratio; left out: that of the rest.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[garde(inner(range(min = 0.0, max = 0.49)))]
+    #[garde(inner(range(min = STIFFNESS.0, max = STIFFNESS.1)))]
+    pub youngs_modulus: Option<Real>,
+    /// Poisson's ratio; left out without `lambda` and `mu`: that of the rest.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[garde(inner(range(min = 0.0, max = LARGEST_POISSON_RATIO)))]
     pub poisson_ratio: Option<Real>,
+    /// Lamé's first parameter λ [Pa]; with `mu`, instead of Young's modulus and Poisson's ratio.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub lambda: Option<Real>,
+    /// Shear modulus μ [Pa]; with `lambda`, instead of Young's modulus and Poisson's ratio.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mu: Option<Real>,
     /// Density [kg/m³]; left out: that of the rest.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[garde(inner(range(min = 1.0, max = 2e4)))]
@@ -250,21 +266,26 @@ impl RegionKeys {
                  volume files";
             out.push((path.to_owned(), fault.to_owned()));
         }
+        self.elastic_keys().region_faults(path, out);
     }
 }
 
 impl MaterialKeys {
-    /// Its constants, without viscosity.
-    pub(super) fn elastic(&self) -> Material {
-        Material::from_young(self.youngs_modulus, self.poisson_ratio, self.density)
+    /// Adds what is wrong with the keys together, under `path`.
+    pub(super) fn faults(&self, path: &str, out: &mut Vec<(String, String)>) {
+        self.elastic_keys().faults(path, out);
+        let regions = self.region.iter().enumerate();
+        regions.for_each(|(i, region)| region.faults(&format!("{path}.region[{i}]"), out));
     }
 }
 
 impl Default for MaterialKeys {
     fn default() -> Self {
         Self {
-            youngs_modulus: 5e3,
-            poisson_ratio: 0.45,
+            youngs_modulus: None,
+            poisson_ratio: None,
+            lambda: None,
+            mu: None,
             density: 1050.0,
             damping_ratio: 0.0,
             damping_time: 1e-3,
@@ -416,11 +437,13 @@ impl Scene {
 
     /// Where the material is stiffer or softer.
     pub fn inclusions(&self) -> Vec<Inclusion> {
+        let (_, rest) = self.material.elastic_keys().young();
         let inclusion = |region: &RegionKeys| {
+            let (youngs_modulus, poisson_ratio) = region.young(rest);
             Some(Inclusion {
                 place: region.place()?,
-                youngs_modulus: region.youngs_modulus,
-                poisson_ratio: region.poisson_ratio.unwrap_or(self.material.poisson_ratio),
+                youngs_modulus,
+                poisson_ratio,
                 density: region.density.unwrap_or(self.material.density),
             })
         };

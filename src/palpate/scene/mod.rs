@@ -3,6 +3,7 @@
 //! Every key stands in `config/scenes/reference.toml` with its unit, range and default; a test holds the two together.
 //! A wrong key, a bad value or a bad mesh gets an error that names the file, the line and what to do.
 
+mod elastic_keys;
 pub mod keys;
 pub mod organ_keys;
 pub mod prepared;
@@ -293,16 +294,17 @@ const TOY_AREA: Real = 0.060;
 /// # Errors
 /// With line and remedy, all values out of range at once.
 pub fn parse(text: &str, origin: &str) -> Result<Scene, SceneError> {
-    let scene: Scene = toml::from_str(text)
+    let mut scene: Scene = toml::from_str(text)
         .map_err(|e| SceneError::Syntax { origin: origin.to_owned(), message: e.to_string().trim_end().to_owned() })?;
-    let mut faults: Vec<(String, String)> = match scene.validate() {
-        Ok(()) => vec![],
-        Err(report) => report.iter().map(|(path, e)| (path.to_string(), e.to_string())).collect(),
-    };
+    let mut faults = not_finite(text);
+    if let Err(report) = scene.validate() {
+        let ranges = report.iter().map(|(path, e)| (path.to_string(), e.to_string()));
+        let fresh: Vec<_> = ranges.filter(|(path, _)| faults.iter().all(|(known, _)| known != path)).collect();
+        faults.extend(fresh);
+    }
     // What belongs together is looked at once each value is in its range.
     if faults.is_empty() {
-        let regions = scene.material.region.iter().enumerate();
-        regions.for_each(|(i, region)| region.faults(&format!("material.region[{i}]"), &mut faults));
+        scene.material.faults("material", &mut faults);
         scene.organ.iter().enumerate().for_each(|(i, organ)| organ.faults(&format!("organ[{i}]"), &mut faults));
         scene.tool.iter().enumerate().for_each(|(i, tool)| tool.faults(&format!("tool[{i}]"), &mut faults));
     }
@@ -313,7 +315,31 @@ pub fn parse(text: &str, origin: &str) -> Result<Scene, SceneError> {
     if !faults.is_empty() {
         return Err(SceneError::Values(faults.iter().map(told).collect()));
     }
+    scene.material.fill();
+    scene.organ.iter_mut().for_each(|organ| organ.material.fill());
     Ok(scene)
+}
+
+/// Values that are infinite or no number, which TOML can say and a range does not exclude.
+fn not_finite(text: &str) -> Vec<(String, String)> {
+    fn search(path: &str, value: &toml::Value, out: &mut Vec<(String, String)>) {
+        match value {
+            toml::Value::Float(x) if !x.is_finite() => out.push((path.into(), "give a finite number".into())),
+            toml::Value::Array(list) => {
+                list.iter().enumerate().for_each(|(i, value)| search(&format!("{path}[{i}]"), value, out));
+            }
+            toml::Value::Table(table) => {
+                let dot = if path.is_empty() { "" } else { "." };
+                table.iter().for_each(|(key, value)| search(&format!("{path}{dot}{key}"), value, out));
+            }
+            _ => {}
+        }
+    }
+    let mut out = vec![];
+    if let Ok(table) = toml::from_str::<toml::Table>(text) {
+        search("", &toml::Value::Table(table), &mut out);
+    }
+    out
 }
 
 /// Puts the shapes in tools' files in their files' place.
@@ -424,6 +450,7 @@ mod tests {
     use super::*;
     use palpate_body::prepare::inclusions::Place;
     use palpate_body::prepare::region::Reach;
+    use palpate_core::model::Material;
 
     #[test]
     fn every_bundled_scene_is_valid() {
@@ -461,9 +488,20 @@ mod tests {
         for key in full.lines().filter_map(|l| l.split_once(" = ")).map(|(k, _)| k) {
             assert!(text.lines().any(|l| l.split_once(" = ").is_some_and(|(k, _)| k == key)), "{key}");
         }
-        for key in
-            ["phi", "psi", "file", "files", "unit", "active_level", "finest_level", "stiffness", "rounding", "points"]
-        {
+        for key in [
+            "lambda",
+            "mu",
+            "phi",
+            "psi",
+            "file",
+            "files",
+            "unit",
+            "active_level",
+            "finest_level",
+            "stiffness",
+            "rounding",
+            "points",
+        ] {
             assert!(full.contains(&format!("{key} = ")), "the reference leaves out {key}");
         }
     }
@@ -507,6 +545,81 @@ mod tests {
             let e = regions(text).unwrap_err().to_string();
             assert!(e.contains("material.region[0]") && e.contains("give a ball"), "{e}");
         }
+    }
+
+    #[test]
+    fn lame_parameters_give_the_material_of_youngs_modulus_and_poissons_ratio() {
+        let scene = |material: &str, region: &str, organ: &str| {
+            let place = "centre = [0.1, 0.0, 0.2]\nradius = 0.004";
+            let text = format!(
+                "name = \"x\"\n[body]\nsource = \"liver\"\n[material]\n{material}\n[[material.region]]\n{place}\n{region}\n\
+                 [[organ]]\nname = \"k\"\nbody.source = \"kidney\"\n[organ.material]\n{organ}\n"
+            );
+            parse(&text, "my.toml").unwrap()
+        };
+        let lame = |e: Real, nu: Real| {
+            let Material { lambda, mu, .. } = Material::from_young(e, nu, 1.0);
+            format!("lambda = {lambda:?}\nmu = {mu:?}")
+        };
+        let young = |e: Real, nu: Real| format!("youngs_modulus = {e:?}\npoisson_ratio = {nu:?}");
+        let expected = scene(&young(8e3, 0.4), &young(5e4, 0.3), &young(10.0, 0.49));
+        let found = scene(&lame(8e3, 0.4), &lame(5e4, 0.3), &lame(10.0, 0.49));
+        // Viscosities and the springs of supports follow from them.
+        assert_eq!(found.material(), expected.material());
+        assert_eq!(found.organ[0].alone(&found).material(), expected.organ[0].alone(&expected).material());
+        let near = |a: Real, b: Real| (a - b).abs() <= 1e-12 * b;
+        let (found_region, expected_region) = (found.inclusions()[0], expected.inclusions()[0]);
+        assert!(near(found_region.youngs_modulus, expected_region.youngs_modulus), "{found_region:?}");
+        assert!(near(found_region.poisson_ratio, expected_region.poisson_ratio), "{found_region:?}");
+        // A region without a Poisson's ratio has that of the rest, whichever pair gives it.
+        let rest = scene(&lame(8e3, 0.4), "youngs_modulus = 5e4", "").inclusions()[0];
+        assert!(near(rest.poisson_ratio, 0.4) && rest.youngs_modulus == 5e4, "{rest:?}");
+        // What is recorded has one pair, and is read again.
+        let recorded = found.to_toml();
+        assert!(!recorded.contains("youngs_modulus") && parse(&recorded, "recorded").unwrap() == found, "{recorded}");
+        let defaults = scene("", &young(5e4, 0.3), "");
+        assert_eq!(defaults.material().youngs_modulus(), Material::from_young(5e3, 0.45, 1.0).youngs_modulus());
+        assert_eq!(defaults.to_toml().matches("youngs_modulus = 5000.0\npoisson_ratio = 0.45").count(), 2);
+    }
+
+    #[test]
+    fn elastic_constants_that_make_no_material_are_named_by_key_and_line() {
+        for (text, key, why) in [
+            ("lambda = 1e4\nmu = 1e3\nyoungs_modulus = 5e3", "lambda", "not keys of both pairs"),
+            ("mu = 1e3\npoisson_ratio = 0.3", "mu", "not keys of both pairs"),
+            ("lambda = 1e4", "lambda", "needs mu"),
+            ("mu = 1e3", "mu", "needs lambda"),
+            ("lambda = inf\nmu = 1e3", "lambda", "a finite number"),
+            ("lambda = 1e4\nmu = nan", "mu", "a finite number"),
+            ("lambda = 1e4\nmu = 0", "mu", "above 0 Pa; it is 0"),
+            ("lambda = -1e4\nmu = 1e3", "lambda", "3 lambda + 2 mu above 0 Pa"),
+            ("lambda = -1e2\nmu = 1e3", "lambda", "give 0 to 49000"),
+            ("lambda = 1e5\nmu = 1e3", "lambda", "a Poisson's ratio of 0 to 0.49; that of 100000 is 0.495"),
+            ("lambda = 1.0\nmu = 1.0", "mu", "2.5"),
+            ("lambda = 1e10\nmu = 1e10", "mu", "must be 10 to 1000000000"),
+            ("youngs_modulus = nan", "youngs_modulus", "a finite number"),
+            ("youngs_modulus = inf", "youngs_modulus", "a finite number"),
+        ] {
+            let place = "centre = [0.1, 0.0, 0.2]\nradius = 0.004";
+            for (head, table, place) in [
+                ("[material]", "material", ""),
+                ("[[material.region]]", "material.region[0]", place),
+                ("[[organ]]\nname = \"k\"\nbody.source = \"kidney\"\n[organ.material]", "organ[0].material", ""),
+            ] {
+                let text = format!("name = \"x\"\n[body]\nsource = \"liver\"\n{head}\n{text}\n{place}\n");
+                let e = parse(&text, "my.toml").unwrap_err().to_string();
+                let expected =
+                    (e.contains(&format!(": {table}.{key}: ")), e.contains("my.toml, line "), e.contains(why));
+                assert_eq!((expected, e.lines().count()), ((true, true, true), 1), "{e}");
+            }
+        }
+        let region = "name = \"x\"\n[body]\nsource = \"liver\"\n[[material.region]]\nlabel = 1\npoisson_ratio = 0.3\n";
+        let e = parse(region, "my.toml").unwrap_err().to_string();
+        assert!(e.contains("material.region[0]: give youngs_modulus, or lambda and mu"), "{e}");
+        let e = LoadedScene::load(Path::new("liver"), &["material.lambda=1e4".into(), "material.mu=1e3".into()]);
+        assert!(e.unwrap_err().to_string().contains("not keys of both pairs"));
+        let whole = "material={lambda = 1e4, mu = 1e3}".to_string();
+        assert_eq!(LoadedScene::load(Path::new("liver"), &[whole]).unwrap().scene.material().lambda, 1e4);
     }
 
     fn tools(text: &str) -> Result<Scene, SceneError> {

@@ -1,5 +1,6 @@
 //! Further bodies of a scene, beside `[body]`: the keys of each, and the scene that it would be alone.
 
+use super::elastic_keys::{LARGEST_POISSON_RATIO, STIFFNESS};
 use super::keys::{BodyKeys, HoldKeys, MaterialKeys, RegionKeys, Scene};
 use super::tool_keys::{unit_quaternion, upright};
 use garde::Validate;
@@ -40,16 +41,24 @@ pub struct OrganKeys {
 #[serde(deny_unknown_fields, default)]
 #[garde(allow_unvalidated)]
 pub struct TissueKeys {
-    /// As [`MaterialKeys::youngs_modulus`].
-    #[garde(range(min = 10.0, max = 1e9))]
-    pub youngs_modulus: Real,
-    /// As [`MaterialKeys::poisson_ratio`].
-    #[garde(range(min = 0.0, max = 0.49))]
-    pub poisson_ratio: Real,
-    /// As [`MaterialKeys::density`].
+    /// Young's modulus [Pa]; left out without `lambda` and `mu`: 5000.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[garde(inner(range(min = STIFFNESS.0, max = STIFFNESS.1)))]
+    pub youngs_modulus: Option<Real>,
+    /// Poisson's ratio; left out without `lambda` and `mu`: 0.45.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[garde(inner(range(min = 0.0, max = LARGEST_POISSON_RATIO)))]
+    pub poisson_ratio: Option<Real>,
+    /// Lamé's first parameter λ [Pa]; with `mu`, instead of Young's modulus and Poisson's ratio.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub lambda: Option<Real>,
+    /// Shear modulus μ [Pa]; with `lambda`, instead of Young's modulus and Poisson's ratio.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub mu: Option<Real>,
+    /// Density [kg/m³].
     #[garde(range(min = 1.0, max = 2e4))]
     pub density: Real,
-    /// As [`MaterialKeys::region`].
+    /// Places where the material is another, in the organ's own frame; later ones cover earlier ones.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     #[garde(dive, length(max = 16))]
     pub region: Vec<RegionKeys>,
@@ -57,13 +66,13 @@ pub struct TissueKeys {
 
 impl TissueKeys {
     /// Names of its keys: what is taken over from a prepared body.
-    pub(super) const KEYS: [&str; 4] = ["youngs_modulus", "poisson_ratio", "density", "region"];
+    pub(super) const KEYS: [&str; 6] = ["youngs_modulus", "poisson_ratio", "lambda", "mu", "density", "region"];
 }
 
 impl Default for TissueKeys {
     fn default() -> Self {
-        let MaterialKeys { youngs_modulus, poisson_ratio, density, region, .. } = MaterialKeys::default();
-        Self { youngs_modulus, poisson_ratio, density, region }
+        let MaterialKeys { youngs_modulus, poisson_ratio, lambda, mu, density, region, .. } = MaterialKeys::default();
+        Self { youngs_modulus, poisson_ratio, lambda, mu, density, region }
     }
 }
 
@@ -76,8 +85,9 @@ impl OrganKeys {
 
     /// The scene of this body alone, in its own frame; all else is as in `scene`.
     pub fn alone(&self, scene: &Scene) -> Scene {
-        let TissueKeys { youngs_modulus, poisson_ratio, density, region } = self.material.clone();
-        let mut material = MaterialKeys { youngs_modulus, poisson_ratio, density, region, ..scene.material.clone() };
+        let TissueKeys { youngs_modulus, poisson_ratio, lambda, mu, density, region } = self.material.clone();
+        let mut material =
+            MaterialKeys { youngs_modulus, poisson_ratio, lambda, mu, density, region, ..scene.material.clone() };
         // Viscosities that the scene gives stand for relaxation times, which are the same in every organ.
         let (own, first) = (material.elastic(), scene.material.elastic());
         let as_stiff = |viscosity: Option<Real>, own: Real, first: Real| {
@@ -97,6 +107,7 @@ impl OrganKeys {
 
     /// Adds what is wrong with the keys together, under `path`.
     pub(super) fn faults(&self, path: &str, out: &mut Vec<(String, String)>) {
+        self.material.elastic_keys().faults(&format!("{path}.material"), out);
         let regions = self.material.region.iter().enumerate();
         regions.for_each(|(i, region)| region.faults(&format!("{path}.material.region[{i}]"), out));
         if self.body.active_level.is_some() {

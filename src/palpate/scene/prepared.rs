@@ -2,7 +2,7 @@
 
 use super::keys::{BodyKeys, Scene, Source};
 use super::organ_keys::TissueKeys;
-use super::{LoadedScene, SceneError, parse};
+use super::{LoadedScene, SceneError, elastic_keys, parse};
 use palpate_body::prepare::body_file::{BodyFile, BodyFileError, Provenance};
 use palpate_body::prepare::{self, Region};
 use palpate_core::model::Body;
@@ -74,6 +74,7 @@ fn complete(
     if let Some(toml::Value::Table(material)) = prepared.get_mut("material") {
         material.retain(|key, _| takes(key));
         if let Some(toml::Value::Table(given)) = table.remove("material") {
+            elastic_keys::as_given(material, &given);
             material.extend(given);
         }
     }

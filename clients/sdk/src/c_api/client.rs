@@ -43,8 +43,6 @@ pub struct CAttachment {
 pub struct CPose {
     pub(super) position: [f64; 3],
     pub(super) orientation: [f64; 4],
-    pub(super) linear_velocity: [f64; 3],
-    pub(super) angular_velocity: [f64; 3],
     pub(super) buttons: u32,
 }
 
@@ -68,13 +66,8 @@ pub(super) struct Held {
 impl Held {
     /// A tool just taken, before its first pose.
     pub(super) fn new(tool: Tool, device: &Device, frame: Frame, mode: RenderMode, registration: Registration) -> Self {
-        let pose = PoseSample {
-            position: [0.0; 3],
-            orientation: [0.0, 0.0, 0.0, 1.0],
-            linear_velocity: None,
-            angular_velocity: None,
-            buttons: 0,
-        };
+        let pose =
+            PoseSample { position: [0.0; 3], orientation: [0.0, 0.0, 0.0, 1.0], linear_velocity: None, buttons: 0 };
         let renderer = Renderer::new(&registration.in_body(device), mode);
         Self { tool, renderer, frame, clutch: Clutch::new(registration), pressed: false, pose }
     }
@@ -85,8 +78,7 @@ impl Held {
         let pose = PoseSample {
             position: frame.position_in(pose.position),
             orientation: frame.orientation_in(pose.orientation),
-            linear_velocity: Some(frame.velocity_in(pose.linear_velocity)),
-            angular_velocity: Some(frame.torque_in(pose.angular_velocity)),
+            linear_velocity: None,
             buttons: pose.buttons,
         };
         let in_body = self.clutch.follow(&pose, self.pressed, self.tool.now_ns());

@@ -113,7 +113,6 @@ impl Shared {
                 position: [hand.position.x, hand.position.y, hand.position.z].map(f64::from),
                 orientation: [q.v.x, q.v.y, q.v.z, q.s].map(f64::from),
                 linear_velocity: None,
-                angular_velocity: None,
                 buttons: 0,
             })?;
             let touch = tool.latest_wrench().map(|received| Touch {

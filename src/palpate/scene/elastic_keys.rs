@@ -1,0 +1,208 @@
+//! Elastic constants of a scene: Young's modulus and Poisson's ratio, or Lamé's parameters λ and μ.
+
+use super::keys::{MaterialKeys, RegionKeys};
+use super::organ_keys::TissueKeys;
+use palpate_core::math::Real;
+use palpate_core::model::Material;
+use serde::Deserialize;
+
+/// Young's modulus where a scene gives no elastic constants [Pa]: that of soft liver.
+const YOUNGS_MODULUS: Real = 5e3;
+/// Poisson's ratio where a scene gives none: nearly incompressible.
+const POISSON_RATIO: Real = 0.45;
+/// Range of Young's modulus [Pa].
+pub(super) const STIFFNESS: (Real, Real) = (10.0, 1e9);
+/// Largest Poisson's ratio. At 0.5, λ is infinite; the closer to it, the smaller the steps and the stiffer linear tetrahedra.
+pub(super) const LARGEST_POISSON_RATIO: Real = 0.49;
+/// Part by which constants computed from λ and μ may miss the ranges: more than their rounding.
+const ROUNDING: Real = 1e-12;
+
+/// Elastic constants as a table of a scene gives them: of one of two pairs.
+#[derive(Clone, Copy, Debug, Deserialize)]
+pub(super) struct ElasticKeys {
+    /// Young's modulus [Pa].
+    youngs_modulus: Option<Real>,
+    /// Poisson's ratio.
+    poisson_ratio: Option<Real>,
+    /// Lamé's first parameter λ [Pa].
+    lambda: Option<Real>,
+    /// Shear modulus μ [Pa].
+    mu: Option<Real>,
+}
+
+impl ElasticKeys {
+    /// `λ` and `μ` [Pa], where both are given.
+    fn lame(&self) -> Option<(Real, Real)> {
+        self.lambda.zip(self.mu)
+    }
+
+    /// The material of this density and no viscosity; Young's modulus and Poisson's ratio left out are the defaults.
+    pub(super) fn material(&self, density: Real) -> Material {
+        match self.lame() {
+            Some((lambda, mu)) => Material { lambda, mu, phi: 0.0, psi: 0.0, density },
+            None => {
+                let youngs_modulus = self.youngs_modulus.unwrap_or(YOUNGS_MODULUS);
+                Material::from_young(youngs_modulus, self.poisson_ratio.unwrap_or(POISSON_RATIO), density)
+            }
+        }
+    }
+
+    /// Young's modulus [Pa] and Poisson's ratio: as given, or those of λ and μ. Defaults stand for what is left out.
+    pub(super) fn young(&self) -> (Real, Real) {
+        match self.lame() {
+            Some(_) => {
+                let material = self.material(1.0);
+                (material.youngs_modulus(), material.poisson_ratio())
+            }
+            None => (self.youngs_modulus.unwrap_or(YOUNGS_MODULUS), self.poisson_ratio.unwrap_or(POISSON_RATIO)),
+        }
+    }
+
+    /// The key that is wrong, and why: both pairs, half a pair, or λ and μ of no elastic material that can be simulated.
+    fn fault(&self) -> Option<(&'static str, String)> {
+        let (lambda, mu) = match (self.lambda, self.mu) {
+            (None, None) => return None,
+            (lambda, _) if self.youngs_modulus.is_some() || self.poisson_ratio.is_some() => {
+                let key = if lambda.is_some() { "lambda" } else { "mu" };
+                let fault = "give lambda and mu, or youngs_modulus and poisson_ratio, not keys of both pairs";
+                return Some((key, fault.into()));
+            }
+            (Some(_), None) => return Some(("lambda", "needs mu [Pa] beside it".into())),
+            (None, Some(_)) => return Some(("mu", "needs lambda [Pa] beside it".into())),
+            (Some(lambda), Some(mu)) => (lambda, mu),
+        };
+        if !(mu.is_finite() && mu > 0.0) {
+            return Some(("mu", format!("give a shear modulus above 0 Pa; it is {mu}")));
+        }
+        let bulk = 3.0 * lambda + 2.0 * mu;
+        if !(bulk.is_finite() && bulk > 0.0) {
+            let fault =
+                format!("give one with 3 lambda + 2 mu above 0 Pa, or the body expands under pressure; it is {bulk}");
+            return Some(("lambda", fault));
+        }
+        let (youngs_modulus, poisson_ratio) = self.young();
+        let largest = LARGEST_POISSON_RATIO;
+        if !(0.0..=largest * (1.0 + ROUNDING)).contains(&poisson_ratio) {
+            let most = 2.0 * mu * largest / (1.0 - 2.0 * largest);
+            let fault = format!(
+                "give 0 to {most:.6} Pa with this mu, for a Poisson's ratio of 0 to {largest}; that of {lambda} is {poisson_ratio:.6}"
+            );
+            return Some(("lambda", fault));
+        }
+        let (least, most) = STIFFNESS;
+        (!(least * (1.0 - ROUNDING)..=most * (1.0 + ROUNDING)).contains(&youngs_modulus)).then(|| {
+            let fault =
+                format!("Young's modulus of lambda and mu is {youngs_modulus:.6} Pa, and must be {least} to {most}");
+            ("mu", fault)
+        })
+    }
+
+    /// Adds what is wrong with the keys together, in the table `path`.
+    pub(super) fn faults(&self, path: &str, out: &mut Vec<(String, String)>) {
+        out.extend(self.fault().map(|(key, fault)| (format!("{path}.{key}"), fault)));
+    }
+
+    /// Adds what is wrong with the keys of a region in the table `path`, which has no defaults.
+    pub(super) fn region_faults(&self, path: &str, out: &mut Vec<(String, String)>) {
+        match (self.youngs_modulus, self.lambda, self.mu) {
+            (None, None, None) => out.push((path.to_owned(), "give youngs_modulus, or lambda and mu".into())),
+            _ => self.faults(path, out),
+        }
+    }
+}
+
+/// Rewrites the elastic constants of a prepared body's `material` as the pair of which `given` has a key: what a scene gives
+/// then replaces one key of a pair and never mixes two.
+pub(super) fn as_given(material: &mut toml::Table, given: &toml::Table) {
+    const YOUNG: [&str; 2] = ["youngs_modulus", "poisson_ratio"];
+    const LAME: [&str; 2] = ["lambda", "mu"];
+    let has = |table: &toml::Table, pair: [&str; 2]| pair.iter().any(|key| table.contains_key(*key));
+    if has(given, LAME) {
+        material.retain(|key, _| YOUNG.iter().all(|of| *of != key));
+    } else if has(given, YOUNG)
+        && has(material, LAME)
+        && let Ok(prepared) = material.clone().try_into::<ElasticKeys>()
+    {
+        material.retain(|key, _| LAME.iter().all(|of| *of != key));
+        let (youngs_modulus, poisson_ratio) = prepared.young();
+        material.extend([(YOUNG[0].into(), youngs_modulus.into()), (YOUNG[1].into(), poisson_ratio.into())]);
+    }
+}
+
+/// Writes the defaults of Young's modulus and Poisson's ratio into keys of which neither pair is given whole.
+fn fill(keys: ElasticKeys, youngs_modulus: &mut Option<Real>, poisson_ratio: &mut Option<Real>) {
+    if keys.lame().is_none() {
+        let (e, nu) = keys.young();
+        (*youngs_modulus, *poisson_ratio) = (Some(e), Some(nu));
+    }
+}
+
+impl MaterialKeys {
+    /// Its elastic constants as written.
+    pub(super) fn elastic_keys(&self) -> ElasticKeys {
+        let Self { youngs_modulus, poisson_ratio, lambda, mu, .. } = *self;
+        ElasticKeys { youngs_modulus, poisson_ratio, lambda, mu }
+    }
+
+    /// Its constants, without viscosity.
+    pub(super) fn elastic(&self) -> Material {
+        self.elastic_keys().material(self.density)
+    }
+
+    /// Writes out the defaults of elastic constants.
+    pub(super) fn fill(&mut self) {
+        fill(self.elastic_keys(), &mut self.youngs_modulus, &mut self.poisson_ratio);
+    }
+}
+
+impl TissueKeys {
+    /// Its elastic constants as written.
+    pub(super) fn elastic_keys(&self) -> ElasticKeys {
+        let Self { youngs_modulus, poisson_ratio, lambda, mu, .. } = *self;
+        ElasticKeys { youngs_modulus, poisson_ratio, lambda, mu }
+    }
+
+    /// Writes out the defaults of elastic constants.
+    pub(super) fn fill(&mut self) {
+        fill(self.elastic_keys(), &mut self.youngs_modulus, &mut self.poisson_ratio);
+    }
+}
+
+impl RegionKeys {
+    /// Its elastic constants as written.
+    pub(super) fn elastic_keys(&self) -> ElasticKeys {
+        let Self { youngs_modulus, poisson_ratio, lambda, mu, .. } = *self;
+        ElasticKeys { youngs_modulus, poisson_ratio, lambda, mu }
+    }
+
+    /// Young's modulus [Pa] and Poisson's ratio of the region in a material of Poisson's ratio `rest`.
+    pub(super) fn young(&self, rest: Real) -> (Real, Real) {
+        let keys = self.elastic_keys();
+        ElasticKeys { poisson_ratio: keys.poisson_ratio.or(Some(rest)), ..keys }.young()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_prepared_body_takes_what_a_scene_gives_as_one_pair() {
+        let (young, lame) = ("youngs_modulus = 5e3\npoisson_ratio = 0.4\n", "lambda = 6000.0\nmu = 4000.0\n");
+        for (prepared, given, expected) in [
+            (young, "", young),
+            (lame, "", lame),
+            (young, "poisson_ratio = 0.3", "youngs_modulus = 5e3\npoisson_ratio = 0.3"),
+            (young, lame, lame),
+            // λ = 6000 and μ = 4000 are E = 10,400 and ν = 0.3.
+            (lame, "youngs_modulus = 8e3", "youngs_modulus = 8e3\npoisson_ratio = 0.3"),
+            (lame, "poisson_ratio = 0.4", "youngs_modulus = 10400.0\npoisson_ratio = 0.4"),
+        ] {
+            let table = |text: &str| toml::from_str::<toml::Table>(text).unwrap();
+            let (mut material, given) = (table(prepared), table(given));
+            as_given(&mut material, &given);
+            material.extend(given);
+            assert_eq!(material, table(expected));
+        }
+    }
+}
