@@ -16,7 +16,7 @@ use std::sync::Arc;
 
 #[path = "../common/random.rs"]
 mod random;
-use random::Random;
+use random::{Random, cases};
 #[path = "../common/shared.rs"]
 mod shared;
 
@@ -48,11 +48,6 @@ impl Random {
     fn within(&mut self, (low, high): (Vec3, Vec3)) -> Vec3 {
         Vec3::from_fn(|i, _| self.between(low[i], high[i]))
     }
-}
-
-/// How many seeds a test runs: `PALPATE_SEEDS` of the environment, else `usual`.
-fn seeds(usual: u64) -> u64 {
-    std::env::var("PALPATE_SEEDS").ok().and_then(|s| s.parse().ok()).unwrap_or(usual)
 }
 
 /// What a covered cube is made of.

@@ -1,6 +1,6 @@
 //! Whatever a tool does, the body stays whole and comes back to rest.
 //!
-//! 200 seeds of wild trajectories; `PALPATE_SEEDS=10000` runs as many.
+//! Wild trajectories at random.
 
 use super::*;
 use palpate_core::math::normalized_quaternion;
@@ -204,7 +204,7 @@ fn is_at_rest(left: (Real, Real)) -> bool {
     left.0 < 1e-4 * SIDE && left.1 < 1e-2 * SIDE
 }
 
-/// Seeds that once broke the body, or left it tangled: far beyond the first 200.
+/// Seeds that once broke the body, or left it tangled: far beyond the first.
 const ONCE: [u64; 9] = [1198, 2426, 4806, 5293, 5799, 5980, 7002, 8698, 8941];
 
 #[test]
@@ -254,7 +254,7 @@ fn a_body_in_a_knot_is_put_back() {
 fn no_wild_tool_breaks_the_body_and_it_comes_back_to_rest() {
     let body = body();
     report(&body);
-    let first = seeds(200);
+    let first = cases(50, 10_000);
     let all: Vec<u64> = (0..first).chain(ONCE.into_iter().filter(|seed| *seed >= first)).collect();
     let count = all.len() as u64;
     let next = AtomicUsize::new(0);
@@ -293,6 +293,6 @@ fn no_wild_tool_breaks_the_body_and_it_comes_back_to_rest() {
         .collect();
     assert!(ran.iter().all(|r| r.1.elements <= 500));
     assert!(most(&|r| r.bend) > 0.02 && changes > 20 * count, "wild enough to mean something");
-    assert!(knots <= count / 100, "{knots} of {count} ended in a knot: {seeds:?}");
+    assert!(knots <= count.div_ceil(100), "{knots} of {count} ended in a knot: {seeds:?}");
     assert!(unsettled.is_empty(), "{} of {count} do not come to rest: {unsettled:#?}", unsettled.len());
 }

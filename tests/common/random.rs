@@ -2,6 +2,16 @@
 
 use palpate_core::math::Real;
 
+/// Whether a run tries all cases, with `PALPATE_WHOLE=1`, and not only some.
+pub fn whole() -> bool {
+    std::env::var_os("PALPATE_WHOLE").is_some()
+}
+
+/// How many of `all` random cases a run tries, if not the `whole`.
+pub fn cases(some: u64, all: u64) -> u64 {
+    if whole() { all } else { some }
+}
+
 /// Splitmix64: any seed gives its own sequence.
 pub struct Random(pub u64);
 

@@ -132,7 +132,7 @@ fn wild_clients_with_solid_tools_never_break_the_body() {
         {name='blade', shape='convex', points=[[0,0,0],[0,0,0.05],[0.01,0,0],[0.01,0,0.05],[0,0.0005,0]], rounding=0.0002}]";
     let damped = "material.damping_time=0.01";
     let cubes = [cube(&["body.cells=[[2,2,2],[4,4,4]]", damped, tools]), adaptive_cube(&[damped, tools])];
-    for seed in 0..10 {
+    for seed in 0..cases(4, 10) {
         let mut client = Wild::new(100 + seed);
         let mut wild = simulation(&cubes[seed as usize % 2]);
         let (mut felt, mut physical) = ([0; 3], 0.0 as Real);
@@ -150,7 +150,7 @@ fn wild_clients_with_solid_tools_never_break_the_body() {
 }
 
 #[test]
-fn thirty_wild_clients_never_break_the_body_and_it_recovers() {
+fn wild_clients_never_break_the_body_and_it_recovers() {
     let (tools, damped) = (WILD_TOOLS, "material.damping_time=0.01");
     // A display surface finer than the level that moves, one as coarse, and levels that come and go.
     let cubes = [
@@ -161,7 +161,8 @@ fn thirty_wild_clients_never_break_the_body_and_it_recovers() {
     assert!(cubes[..2].iter().all(|cube| cube.rest.body.history.len() == 384));
     let limit = cubes[0].settings.limits.force * (1.0 + 1e-9);
     let (mut worst_bend, mut folded, mut knotted) = (0.0 as Real, 0, 0);
-    for seed in 0..30 {
+    let clients = cases(9, 30);
+    for seed in 0..clients {
         let mut client = Wild::new(seed);
         let mut wild = simulation(&cubes[seed as usize % 3]);
         let mut physical = 0.0 as Real;
@@ -193,9 +194,9 @@ fn thirty_wild_clients_never_break_the_body_and_it_recovers() {
             assert!(rest_distance(&wild) < 1e-6 * SIDE, "a reset unfolds it");
         }
     }
-    println!("{folded} of 30 keep a fold, {knotted} were put back out of one");
+    println!("{folded} of {clients} keep a fold, {knotted} were put back out of one");
     assert!(worst_bend > 0.02, "wild enough to mean something");
-    assert!(folded == 0 && knotted <= 3);
+    assert!(folded == 0 && knotted as u64 <= clients.div_ceil(10));
 }
 
 // ---- The same inputs, the same bits ----
@@ -310,7 +311,7 @@ fn a_tick_depends_on_the_snapshot_before_it_and_its_inputs_alone() {
         let mut on = simulation(&cube);
         let (mut client, mut random) = (Wild::new(3), Random(4));
         let mut faults = Vec::new();
-        for i in 0..1000 {
+        for i in 0..cases(300, 1000) {
             let again = Simulation::new(cube.body.clone(), cube.settings.clone(), on.snapshot()).unwrap();
             let mut again = again.with_reset_state(&cube.rest.body).unwrap();
             let budget = Budget::of([u32::MAX, u32::MAX, u32::MAX, 200_000, 0][random.below(5)]);

@@ -102,14 +102,15 @@ fn ask(setup: &Setup, coupling: Coupling, depth: Real, moments: usize) -> (Real,
 #[test]
 fn the_stiffness_told_is_what_a_hand_finds() {
     let setup = adaptive_cube(&["tool.radius=0.01", "material.damping_ratio=0.15"]);
-    let (least, most) = ask(&setup, Coupling::RIGID, 0.005, 20);
+    let (least, most) = ask(&setup, Coupling::RIGID, 0.005, cases(7, 20) as usize);
     assert!(least > 0.8 && most < 1.25);
 }
 
 #[test]
 fn so_it_is_with_friction_and_through_a_coupling() {
     let setup = adaptive_cube(&["tool.radius=0.01", "material.damping_ratio=0.15", "tool.friction=0.5"]);
-    let (least, most) = ask(&setup, Coupling { compliance: 1.0 / 700.0, ..Coupling::RIGID }, 0.005, 8);
+    let (least, most) =
+        ask(&setup, Coupling { compliance: 1.0 / 700.0, ..Coupling::RIGID }, 0.005, cases(4, 8) as usize);
     assert!(least > 0.8 && most < 1.25);
 }
 
@@ -120,6 +121,6 @@ fn so_it_is_where_the_tool_turns_with_the_torque() {
     let lying = Pose { position: Vec3::new(0.015, 0.0, 0.0), orientation: ALONG_X };
     setup.settings.tools[0].shape = ToolShape::compound(vec![Part::capsule(0.01, 0.03).at(lying)]).unwrap();
     let coupling = Coupling { compliance: 1.0 / 800.0, angular_compliance: 1.0 / 0.3 };
-    let (least, most) = ask(&setup, coupling, 0.004, 20);
+    let (least, most) = ask(&setup, coupling, 0.004, cases(7, 20) as usize);
     assert!(least > 0.8 && most < 1.25);
 }

@@ -19,7 +19,7 @@ use std::sync::Arc;
 
 #[path = "../common/random.rs"]
 mod random;
-use random::Random;
+use random::{Random, cases, whole};
 
 mod continuity;
 mod coupling;

@@ -1,6 +1,6 @@
 //! A thin tip does not pass through the displayed surface, whatever the stroke; edges are felt as tips are.
 //!
-//! 1,000 strokes of each tool, and those that once passed; `PALPATE_SEEDS=10000` runs as many. Passing through means:
+//! Strokes of each tool at random, and those that once passed. Passing through means:
 //! after it has been outside, the centre of the tip is more than a quarter of a millimetre below the displayed surface, and
 //! nothing is felt, for three ticks or more. (What a tip touches anew may need a tick or two to push; what the mesh is too
 //! coarse to show lets a tip of half a millimetre sink by millimetres under some newtons, and it feels them.)
@@ -8,7 +8,7 @@
 use super::*;
 
 fn seeds() -> u64 {
-    std::env::var("PALPATE_SEEDS").ok().and_then(|s| s.parse().ok()).unwrap_or(1_000)
+    cases(300, 10_000)
 }
 
 /// Strokes that press a vertex so deep that the walls of its dent stand up around the tip.
