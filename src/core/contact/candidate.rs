@@ -6,7 +6,8 @@
 
 use super::detection::{FASTEST_SURFACE, Touchable, points_of_a_part};
 use super::outside::is_inside;
-use super::shape::{MOST_PARTS, Posed};
+use super::posed::Posed;
+use super::shape::MOST_PARTS;
 use crate::math::{Real, Vec3};
 use crate::model::constraint::PointMemory;
 use crate::model::step_class::TICK;

@@ -8,7 +8,7 @@
 
 use super::candidate::{Candidate, Sheet};
 use super::detection::{MARGIN, Touchable, points_of_a_part};
-use super::shape::Posed;
+use super::posed::Posed;
 use super::tool::MOST_POINTS;
 use crate::math::{Real, Vec3};
 use crate::model::constraint::{Constraint, Firming, PointMemory};

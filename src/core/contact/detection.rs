@@ -7,7 +7,8 @@
 use super::candidate::{ALIKE, Candidate, Sheet, Touch, follow_sunk, is_in, near_triangles, near_vertices, sunk_depth};
 use super::dent::{Dents, Load, share_areas, share_discs};
 use super::nearby::Nearby;
-use super::shape::{MOST_PARTS, Posed, posed};
+use super::posed::{Posed, posed};
+use super::shape::MOST_PARTS;
 use super::tool::{MOST_POINTS, Tool, ToolState};
 use super::wrench::middle_pose;
 use crate::math::{Real, Vec3};

@@ -8,8 +8,10 @@ pub mod detection;
 pub mod friction;
 mod nearby;
 pub mod outside;
+pub mod posed;
 pub mod safety;
 pub mod shape;
+mod solid;
 pub mod tool;
 pub mod wrench;
 

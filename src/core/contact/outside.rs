@@ -1,7 +1,8 @@
 //! Whether a tool is outside the body.
 
 use super::candidate::{is_apart, is_in, weights_in_triangle};
-use super::shape::{Posed, Shape, posed};
+use super::posed::{Posed, posed};
+use super::shape::Shape;
 use crate::math::{Pose, Vec3};
 use crate::model::Body;
 

@@ -2,7 +2,8 @@
 //! elastic half-space. A hand far away is in contact for two delays of the network before it can hear of it.
 
 use super::relaxed::Stiffness;
-use crate::contact::shape::{Posed, Shape, posed};
+use crate::contact::posed::{Posed, posed};
+use crate::contact::shape::Shape;
 use crate::contact::tool::ToolState;
 use crate::math::{Real, Vec3};
 use crate::model::{Body, Material};
