@@ -14,7 +14,6 @@ pub mod interface;
 pub mod knot;
 pub mod lanes;
 pub mod material;
-mod node_compliance;
 pub mod organ;
 pub mod skin;
 pub mod state;

@@ -3,10 +3,10 @@
 //! Estimates, made of what is near: an elastic solution for each node would take minutes. A node held by its neighbours
 //! alone tells most of how its elements lie around it, the rest is as under a load on a half-space.
 
-use super::body::Body;
-use super::csr::Csr;
-use super::material::Material;
+use super::Body;
 use crate::math::{Mat3, Real, Vec3};
+use crate::model::csr::Csr;
+use crate::model::material::Material;
 
 /// How far nodes give way along the surface's normal for a newton along it, on the level at rest [m/N].
 #[derive(Clone, Debug, Default)]
