@@ -7,16 +7,20 @@
 //!
 //! Everything here is sized once. What changes with the resolution changes where it changes, and only there.
 
+mod classes;
 mod display;
 mod easing;
 mod foresight;
+mod masses;
 mod momentum;
 mod reshape;
+mod saving;
 mod supports;
 
 pub use display::{Attachment, MOST_ASIDE};
 use easing::NO_EASE;
 pub use easing::{Ease, Loads};
+use masses::MASS_UNITS;
 use momentum::ByOrgan;
 pub use momentum::Momenta;
 pub use reshape::Upkeep;
@@ -24,18 +28,13 @@ use supports::Supports;
 
 use super::active_set::ActiveSet;
 use super::body::{Body, NONE};
-use super::element_kernel::{Padded, StrainLimit};
-use super::element_pool::{CLASSES, ElementConstants, ElementPool, History};
+use super::element::ElementConstants;
+use super::element_kernel::Padded;
+use super::element_pool::{CLASSES, ElementPool};
 use super::interface::{InterfaceRow, Search};
-use super::organ::MOST_ORGANS;
 use super::state::State;
-use super::step_class::{self, Strained};
 use super::sweeps::{self, Registers};
-use crate::math::{Mat3, Real, Vec3};
-
-/// Units of mass in an organ's mass: sums of whole numbers do not depend on their order, so a node's mass does not
-/// depend on how the set of active nodes came about.
-const MASS_UNITS: Real = (1u64 << 50) as Real;
+use crate::math::{Real, Vec3};
 
 /// Motion and mass by slot: active nodes and interface nodes alike.
 #[derive(Debug)]
@@ -236,159 +235,6 @@ impl ActiveMesh {
         Ok(mesh)
     }
 
-    /// Takes over `state`, from which a mesh of this body has been made before; allocates nothing. Everything that is not
-    /// part of it follows from it, bit for bit.
-    pub fn restore(&mut self, body: &Body, state: &State) {
-        let covers = self.set.assign(body, &state.nodes);
-        debug_assert!(covers, "a state is checked when a mesh is first made from it");
-        self.pool.clear();
-        self.slot.fill(NONE);
-        self.active_vertices.fill(0);
-        self.node.fill(NONE);
-        self.own_mass.fill(0);
-        self.gathered_mass.fill(0);
-        self.handed_mass.fill(0);
-        self.motion.mass.fill(0.0);
-        self.motion.inverse_mass.fill(0.0);
-        self.motion.force.fill([0.0; 4]);
-        self.motion.ease.fill(NO_EASE);
-        self.active.clear();
-        self.interface.clear();
-        self.free.clear();
-        self.free.extend((0..self.node.len() as u32).rev());
-        self.row_entries = 0;
-        for (((&n, x), v), ease) in state.nodes.iter().zip(&state.position).zip(&state.velocity).zip(&state.ease) {
-            let slot = self.take_slot(body, n);
-            self.enlist(slot, true);
-            self.motion.ease[slot as usize] = ease.map(padded);
-            self.motion.position[slot as usize] = padded(*x);
-            self.motion.velocity[slot as usize] = padded(*v);
-        }
-        for &n in &state.interface {
-            let slot = self.take_slot(body, n);
-            self.enlist(slot, false);
-        }
-        let mut next = 0;
-        for (class, ids) in state.classes.iter().enumerate() {
-            for &e in ids {
-                let nodes = body.element(e);
-                let k = nodes.iter().filter(|n| self.set.is_active(**n)).count() as u8;
-                self.active_vertices[e as usize] = k;
-                let constants = constants(body, e, k);
-                let history = state.history.get(next).unwrap_or(&History::REST);
-                self.pool.insert(e, class, nodes.map(|n| self.slot[n as usize]), &constants, history);
-                self.weigh(body, e, i64::from(k));
-                self.omega_squared[e as usize] = step_class::omega_squared(body, e);
-                next += 1;
-            }
-        }
-        for i in 0..self.interface.len() {
-            let slot = self.interface[i];
-            self.make_row(body, slot);
-        }
-        self.normalise(body);
-        self.place_interface();
-        if state.history.is_empty() {
-            for &e in state.classes.iter().flatten() {
-                let constants = constants(body, e, self.active_vertices[e as usize]);
-                let (strain, det) = self.strain(&constants, body.element(e).map(|n| self.slot[n as usize]));
-                self.pool.set_history(e, &History { strain, det, ..History::REST });
-            }
-        }
-        self.fade.copy_from_slice(&state.fade);
-        self.fading.clear();
-        self.fading.extend((0..self.fade.len() as u32).filter(|v| self.fade[*v as usize] != [0.0; 4]));
-        self.astray.clear();
-        self.lever = 1.0;
-        self.eases = state.ease.iter().flatten().any(|e| *e != Vec3::zeros());
-        for v in 0..self.attachment.len() as u32 {
-            self.attach(body, v);
-        }
-        self.fold_all_supports(body);
-        self.weigh_supports();
-        let mut limits = state.strain_limit.iter();
-        for (class, ids) in state.classes.iter().enumerate() {
-            for &e in ids {
-                match limits.next() {
-                    Some(limit) => self.pool.set_strain_limit(e, *limit),
-                    None => self.limit_strain(body, e, class),
-                }
-            }
-        }
-        self.revision.iter_mut().for_each(|r| *r = r.wrapping_add(1));
-    }
-
-    fn check(&self, body: &Body, set: &ActiveSet, state: &State) -> Result<(), String> {
-        let nodes = state.nodes.len();
-        let moving = [state.position.len(), state.velocity.len(), state.ease.len()];
-        if moving.iter().any(|len| *len != nodes) || state.fade.len() != self.fade.len() {
-            return Err(format!("the state's arrays do not fit {nodes} active nodes and the body's surface"));
-        }
-        let elements = state.classes.iter().map(Vec::len).sum::<usize>();
-        let fits = |len: usize| len == 0 || len == elements;
-        if state.classes.len() != CLASSES || !fits(state.strain_limit.len()) || !fits(state.history.len()) {
-            return Err("the state's elements do not fit its step classes".into());
-        }
-        if elements > self.pool.capacity() || nodes + state.interface.len() > self.node.len() {
-            return Err(format!("{elements} elements: this session has room for {}", self.pool.capacity()));
-        }
-        let in_use = |e: u32| body.element(e).iter().any(|n| set.is_active(*n));
-        let mut seen = vec![false; body.element_count()];
-        for &e in state.classes.iter().flatten() {
-            if e as usize >= seen.len() || seen[e as usize] || !in_use(e) {
-                return Err(format!("element {e} of the state is not one that its active nodes need, once"));
-            }
-            seen[e as usize] = true;
-        }
-        let needed = (0..seen.len() as u32).filter(|e| in_use(*e)).count();
-        let mut interface: Vec<u32> = state.interface.clone();
-        interface.sort_unstable();
-        let mut expected: Vec<u32> = (0..seen.len() as u32)
-            .filter(|e| in_use(*e))
-            .flat_map(|e| body.element(e))
-            .filter(|n| !set.is_active(*n))
-            .collect();
-        expected.sort_unstable();
-        expected.dedup();
-        if needed != elements || interface != expected {
-            return Err("the state's elements and interface nodes are not those of its active nodes".into());
-        }
-        Ok(())
-    }
-
-    /// Writes the state into `state`, which was made for this body; allocates nothing once `state` has the room.
-    pub fn save_into(&self, state: &mut State) {
-        self.save_shape_into(state);
-        for e in state.classes.iter().flatten() {
-            state.history.push(self.pool.history(*e).unwrap_or(History::REST));
-            state.strain_limit.push(self.pool.strain_limit(*e).unwrap_or(StrainLimit::NONE));
-        }
-    }
-
-    /// As [`ActiveMesh::save_into`], without what the elements remember, which is most of it.
-    pub fn save_shape_into(&self, state: &mut State) {
-        state.nodes.clear();
-        state.position.clear();
-        state.velocity.clear();
-        state.ease.clear();
-        for &slot in &self.active {
-            state.nodes.push(self.node[slot as usize]);
-            state.position.push(vec3(&self.motion.position[slot as usize]));
-            state.velocity.push(vec3(&self.motion.velocity[slot as usize]));
-            state.ease.push(self.motion.ease[slot as usize].map(|e| vec3(&e)));
-        }
-        state.interface.clear();
-        state.interface.extend(self.interface.iter().map(|s| self.node[*s as usize]));
-        state.history.clear();
-        state.strain_limit.clear();
-        for (class, ids) in state.classes.iter_mut().enumerate() {
-            ids.clear();
-            ids.extend(self.pool.ids(class));
-        }
-        state.fade.clear();
-        state.fade.extend_from_slice(&self.fade);
-    }
-
     /// The active nodes, as a set.
     pub fn set(&self) -> &ActiveSet {
         &self.set
@@ -407,11 +253,6 @@ impl ActiveMesh {
         rates: &super::element_kernel::Rates,
     ) -> super::element_kernel::Extremes {
         self.pool.add_forces(path, class, rates, &self.motion.position, &mut self.motion.force)
-    }
-
-    /// Class of the shortest steps that elements in use take.
-    pub fn finest_class(&self) -> usize {
-        (0..CLASSES).rev().find(|class| self.pool.count(*class) > 0).unwrap_or(0)
     }
 
     /// Slots of the active nodes.
@@ -514,30 +355,6 @@ impl ActiveMesh {
         self.active.iter().all(moves)
     }
 
-    /// Feeds every bit of what [`ActiveMesh::save_into`] saves to `hash`.
-    pub fn hash_into(&self, hash: &mut xxhash_rust::xxh3::Xxh3) {
-        hash.update(&(self.active.len() as u32).to_le_bytes());
-        for &slot in &self.active {
-            let s = slot as usize;
-            hash.update(&self.node[s].to_le_bytes());
-            hash.update(bytemuck::cast_slice(&self.motion.position[s][..3]));
-            hash.update(bytemuck::cast_slice(&self.motion.velocity[s][..3]));
-            let ease = &self.motion.ease[s];
-            let eased = *ease != NO_EASE;
-            hash.update(&[u8::from(eased)]);
-            if eased {
-                hash.update(bytemuck::cast_slice(ease.as_flattened()));
-            }
-        }
-        hash.update(&(self.interface.len() as u32).to_le_bytes());
-        self.interface.iter().for_each(|s| hash.update(&self.node[*s as usize].to_le_bytes()));
-        (0..CLASSES).for_each(|class| self.pool.hash_into(class, hash));
-        for (v, fade) in self.fade.iter().enumerate().filter(|(_, fade)| **fade != [0.0; 4]) {
-            hash.update(&(v as u32).to_le_bytes());
-            hash.update(bytemuck::cast_slice(fade));
-        }
-    }
-
     /// Gives the active nodes other positions and velocities: `change(node, position, velocity)`. For tests, studies
     /// and for settling a body before it is served.
     pub fn change_motion(&mut self, mut change: impl FnMut(u32, &mut Vec3, &mut Vec3)) {
@@ -549,66 +366,6 @@ impl ActiveMesh {
             self.motion.velocity[s] = padded(v);
         }
         self.place_interface();
-    }
-
-    /// Springs' share of `ω²` [1/s²] at the nodes in `slots`, at most.
-    fn springs_at(&self, slots: [u32; 4]) -> Real {
-        slots.iter().map(|s| self.springs[*s as usize]).fold(0.0, Real::max)
-    }
-
-    /// Moves element `e` to the class of its longest stable step; lengthening asks for some margin, so that elements do
-    /// not flutter.
-    pub fn reclass(&mut self, body: &Body, e: u32) {
-        let (Some(class), Some((strain, det))) = (self.pool.class_of(e), self.pool.strain_and_det(e)) else { return };
-        let springs = self.springs_at(body.element(e).map(|n| self.slot[n as usize]));
-        let strained = Strained::of(body.material_of(e), &strain, det);
-        let step = step_class::stable_step(self.omega_squared[e as usize], strained, body.damping_time(), springs);
-        let mut wanted = step_class::class_in(body, step);
-        if wanted < class {
-            wanted = step_class::class_in(body, step / LENGTHENING_MARGIN).min(class);
-        }
-        if wanted != class {
-            self.hand_ease_on(body, e, wanted);
-            self.pool.set_class(e, wanted);
-            self.revision[class] = self.revision[class].wrapping_add(1);
-            self.revision[wanted] = self.revision[wanted].wrapping_add(1);
-            self.limit_strain(body, e, wanted);
-        }
-    }
-
-    /// Tells the kernel up to which strain element `e` may stay in `class`.
-    fn limit_strain(&mut self, body: &Body, e: u32, class: usize) {
-        let springs = self.springs_at(body.element(e).map(|n| self.slot[n as usize]));
-        let omega_squared = self.omega_squared[e as usize];
-        let material = body.material_of(e);
-        let limit = step_class::strain_limit(class, material, omega_squared, body.damping_time(), springs);
-        self.pool.set_strain_limit(e, limit);
-    }
-
-    /// [`ActiveMesh::reclass`] for the elements that their last evaluation found strained beyond what their step
-    /// allows.
-    pub fn reclass_over_limit(&mut self, body: &Body) {
-        self.work.elements.clear();
-        for class in 0..CLASSES {
-            self.work.elements.extend(self.pool.over_limit(class));
-        }
-        self.pool.forget_over_limit();
-        for i in 0..self.work.elements.len() {
-            self.reclass(body, self.work.elements[i]);
-        }
-    }
-
-    /// [`ActiveMesh::reclass`] for part `part` of `parts` of the elements in use.
-    pub fn reclass_part(&mut self, body: &Body, part: u64, parts: u64) {
-        for class in 0..CLASSES {
-            let at = |k: u64| (self.pool.count(class) as u64 * k / parts) as usize;
-            // From the end, because leaving fills the gap with the last.
-            for place in (at(part)..at(part + 1)).rev() {
-                if let Some(e) = self.pool.id_at(class, place) {
-                    self.reclass(body, e);
-                }
-            }
-        }
     }
 
     /// An unused slot, for node `n`; its motion and masses start from nothing.
@@ -656,16 +413,6 @@ impl ActiveMesh {
         }
     }
 
-    /// Adds `more` active vertices' worth of the mass of element `e` to its nodes.
-    fn weigh(&mut self, body: &Body, e: u32, more: i64) {
-        let mass = body.density(e) * body.volume(e);
-        let nodes = body.element(e);
-        let unit = (mass / 16.0 / self.mass_unit[body.organ_of(nodes[0])] + 0.5) as i64;
-        for n in nodes {
-            self.own_mass[self.slot[n as usize] as usize] += more * unit;
-        }
-    }
-
     /// Gives the interface node in `slot` its row, and hands its mass to its masters:
     /// `m_j = Σ_i |P_ij| s_i m_i`, `s_i = Σ_k |P_ik|`, a diagonal that bounds `PᵀMP`, so that the step limit of the
     /// elements holds for the coupled system.
@@ -689,56 +436,7 @@ impl ActiveMesh {
         self.reach[slot as usize] = if row.is_empty() { Real::INFINITY } else { row.reach_squared * (1.0 + 1e-12) };
         self.row[slot as usize] = row;
     }
-
-    fn hand_mass(&mut self, slot: u32, sign: i64) {
-        let row = &self.row[slot as usize];
-        let mass = self.handed_mass[slot as usize] as Real * row.amplification();
-        for (master, weight) in row.entries() {
-            self.gathered_mass[master as usize] += sign * (mass * weight.abs() + 0.5) as i64;
-        }
-    }
-
-    /// Masses in kg: the sums in units, times the one affine function of the rest position that gives each organ its
-    /// mass and its centre of mass whatever the active nodes are.
-    fn normalise(&mut self, body: &Body) {
-        let mut sums = [(0.0, Vec3::zeros(), Mat3::zeros()); MOST_ORGANS];
-        for &slot in &self.active {
-            let s = slot as usize;
-            let organ = usize::from(self.organ[s]);
-            let m = self.raw_mass(body, s);
-            self.motion.mass[s] = m;
-            let d = self.rest[s] - body.organs()[organ].centre_of_mass;
-            let (sum, first, second) = &mut sums[organ];
-            *sum += m;
-            *first += d * m;
-            *second += d * d.transpose() * m;
-        }
-        // Σ m (q + b·d) = M and Σ m (q + b·d) d = 0.
-        let mut affine = [(0.0, Vec3::zeros()); MOST_ORGANS];
-        for ((organ, (sum, first, second)), (q, b)) in body.organs().iter().zip(&sums).zip(&mut affine) {
-            let along = second.try_inverse().map_or(Vec3::zeros(), |inverse| -(inverse * first));
-            *q = organ.mass / (sum + along.dot(first));
-            *b = along * *q;
-        }
-        for &slot in &self.active {
-            let s = slot as usize;
-            let organ = usize::from(self.organ[s]);
-            let (q, b) = &affine[organ];
-            let mass = self.motion.mass[s] * (q + b.dot(&(self.rest[s] - body.organs()[organ].centre_of_mass)));
-            self.motion.mass[s] = mass;
-            self.motion.inverse_mass[s] = if body.is_fixed(self.node[s]) { 0.0 } else { 1.0 / mass };
-        }
-    }
-
-    /// Mass [kg] of the active node in slot `s` before the body's mass and centre are restored.
-    fn raw_mass(&self, body: &Body, s: usize) -> Real {
-        let unit = self.mass_unit[usize::from(self.organ[s])];
-        ((self.own_mass[s] + self.gathered_mass[s]) as Real * unit).max(body.least_mass(self.node[s]))
-    }
 }
-
-/// An element takes a longer step only when it could take one this much longer still.
-const LENGTHENING_MARGIN: Real = 1.15;
 
 /// Rest gradients and weighted stiffness of element `e` with `active` active vertices.
 fn constants(body: &Body, e: u32, active: u8) -> ElementConstants {
