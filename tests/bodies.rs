@@ -4,7 +4,7 @@ use palpate::scene::LoadedScene;
 use palpate_body::geometry::primitives::liver_surface;
 use palpate_core::geometry::primitives::box_mesh;
 use palpate_core::geometry::{Moments, Surface, TetMesh};
-use palpate_core::math::{Real, Vec3};
+use palpate_core::math::{Bounds, Real, Vec3};
 use palpate_core::model::element_kernel::{Path as KernelPath, Rates};
 use palpate_core::model::element_pool::CLASSES;
 use palpate_core::model::step_class::{self, Strained};
@@ -33,7 +33,7 @@ fn the_bundled_shapes_make_tied_levels_of_one_mass() {
     for scene in ["liver", "toy"] {
         let body = build(scene, &[]);
         let surface = body.surface();
-        let (low, high) = surface.bounds();
+        let Bounds { low, high } = surface.bounds();
         let size = (high - low).norm();
         assert!((0.15..0.40).contains(&size), "{scene}: {size} m");
         assert!(body.levels().len() >= 2);

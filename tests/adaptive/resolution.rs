@@ -43,7 +43,7 @@ fn toy() -> Arc<Body> {
 }
 
 fn size(body: &Body) -> Real {
-    (body.surface().bounds().1 - body.surface().bounds().0).norm()
+    body.surface().bounds().size().norm()
 }
 
 /// The active nodes cover the body once, and neighbouring regions are within one level.

@@ -3,7 +3,7 @@
 //! 200 seeds of wild trajectories; `PALPATE_SEEDS=10000` runs as many.
 
 use super::*;
-use palpate_core::math::normalized_quaternion;
+use palpate_core::math::{Bounds, normalized_quaternion};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Ticks of wild motion.
@@ -211,8 +211,11 @@ const ONCE: [u64; 9] = [1198, 2426, 4806, 5293, 5799, 5980, 7002, 8698, 8941];
 fn a_body_in_a_knot_is_put_back() {
     // Wound by a full turn while both its ends are held, a slender bar cannot come home by itself.
     let width = 0.03;
-    let end =
-        |x| Region { bounds: (Vec3::new(x, 0.0, 0.0), Vec3::new(x, width, width)), stiffness: None, exact: false };
+    let end = |x| Region {
+        bounds: Bounds::new(Vec3::new(x, 0.0, 0.0), Vec3::new(x, width, width)),
+        stiffness: None,
+        exact: false,
+    };
     let recipe = Recipe {
         name: "bar".into(),
         shape: Shape::closed(box_surface(Vec3::new(SIDE, width, width), [12, 4, 4]), vec![0.018, 0.013]),

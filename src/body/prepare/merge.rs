@@ -106,8 +106,8 @@ fn part(surface: &Surface, vertex: u32, vertices: u32, triangle: u32, triangles:
 /// Where two closed surfaces cross or touch, or the one lies in the other.
 fn meet(a: &Surface, b: &Surface) -> Option<Vec3> {
     let apart = {
-        let ((a_low, a_high), (b_low, b_high)) = (a.bounds(), b.bounds());
-        (0..3).any(|c| a_high[c] < b_low[c] || b_high[c] < a_low[c])
+        let (a, b) = (a.bounds(), b.bounds());
+        (0..3).any(|c| a.high[c] < b.low[c] || b.high[c] < a.low[c])
     };
     if apart {
         return None;

@@ -4,14 +4,14 @@ use super::PrepareError;
 use palpate_core::geometry::locate::{Host, Locator};
 use palpate_core::hierarchy::Level;
 use palpate_core::hierarchy::level::NOWHERE;
-use palpate_core::math::{Real, Vec3};
+use palpate_core::math::{Bounds, Real, Vec3};
 use palpate_core::model::body::{Body, BodyParts};
 
 /// A part of space: where a level is to reach, or where a material is another.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Reach {
     /// A box between these corners [m].
-    Box(Vec3, Vec3),
+    Box(Bounds),
     /// A ball around a point, of this radius [m].
     Ball(Vec3, Real),
 }
@@ -20,7 +20,7 @@ impl Reach {
     /// Signed distance of `p` from its border [m], negative inside.
     pub fn distance(&self, p: &Vec3) -> Real {
         match self {
-            Reach::Box(low, high) => {
+            Reach::Box(Bounds { low, high }) => {
                 let beyond = (low - p).sup(&(p - high));
                 beyond.sup(&Vec3::zeros()).norm() + beyond.max().min(0.0)
             }
@@ -31,7 +31,7 @@ impl Reach {
     /// How far it reaches across, where that is least [m].
     pub fn width(&self) -> Real {
         match self {
-            Reach::Box(low, high) => (high - low).min(),
+            Reach::Box(all) => all.size().min(),
             Reach::Ball(_, radius) => 2.0 * radius,
         }
     }
@@ -39,7 +39,7 @@ impl Reach {
     /// True for points inside.
     pub fn contains(&self, p: &Vec3) -> bool {
         match self {
-            Reach::Box(low, high) => (0..3).all(|c| p[c] >= low[c] && p[c] <= high[c]),
+            Reach::Box(all) => all.contains(p),
             Reach::Ball(centre, radius) => (p - centre).norm_squared() <= radius * radius,
         }
     }

@@ -8,7 +8,7 @@
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use palpate_body::prepare::{Recipe, Region, Shape, prepare};
 use palpate_core::geometry::primitives::box_mesh;
-use palpate_core::math::{Mat3, Real, Vec3};
+use palpate_core::math::{Bounds, Mat3, Real, Vec3};
 use palpate_core::model::active_set::{ActiveSet, Change};
 use palpate_core::model::element_kernel::{Path, Rates};
 use palpate_core::model::element_pool::CLASSES;
@@ -21,7 +21,7 @@ const SIDE: Real = 0.1;
 
 /// The reference cube: one level for each of `cells` cells a side, lumped masses; clamped at x = 0 or free.
 fn cube_of(cells: &[u32], material: Material, clamped: bool) -> Body {
-    let clamp = Region { bounds: (Vec3::zeros(), Vec3::new(0.0, SIDE, SIDE)), stiffness: None, exact: true };
+    let clamp = Region { bounds: Bounds::new(Vec3::zeros(), Vec3::new(0.0, SIDE, SIDE)), stiffness: None, exact: true };
     let recipe = Recipe {
         name: "cube".into(),
         shape: Shape::meshes(cells.iter().map(|n| box_mesh(Vec3::repeat(SIDE), [*n; 3]))),

@@ -6,7 +6,7 @@
 pub mod indicator;
 mod shedding;
 
-use crate::math::{Real, Vec3};
+use crate::math::{Bounds, Real, Vec3};
 use crate::model::active_mesh::Loads;
 use crate::model::active_set::Change;
 use crate::model::element_pool::CLASSES;
@@ -448,13 +448,10 @@ impl Look<'_> {
     }
 
     /// Box around all places closer to a tool than `distance` [m].
-    fn near_tools(&self, distance: Real) -> (Vec3, Vec3) {
+    fn near_tools(&self, distance: Real) -> Bounds {
         let ends = self.focus.iter().flat_map(|f| [(f.from, f.radius), (f.to, f.radius)]);
-        let none = (Vec3::repeat(Real::INFINITY), Vec3::repeat(Real::NEG_INFINITY));
-        ends.fold(none, |(low, high), (end, radius)| {
-            let around = Vec3::repeat(radius + distance);
-            (low.inf(&(end - around)), high.sup(&(end + around)))
-        })
+        let around = |(end, radius): (Vec3, Real)| Bounds { low: end, high: end }.grown(radius + distance);
+        ends.map(around).fold(Bounds::NOTHING, |all, one| all.joined(&one))
     }
 
     /// How much a place `distance` away from a tool is worth on a level of `spacing`: nothing out of reach, else
@@ -499,7 +496,7 @@ impl Look<'_> {
         if self.focus.is_empty() {
             return;
         }
-        let (low, high) = self.near_tools(self.adaptivity.reach * UNEVEN * self.widest());
+        let near = self.near_tools(self.adaptivity.reach * UNEVEN * self.widest());
         for slot in mesh.active() {
             // Most nodes around a tool are as fine as may be, and most others are far away.
             let n = mesh.node(*slot);
@@ -507,7 +504,7 @@ impl Look<'_> {
                 continue;
             }
             let p = mesh.position(*slot);
-            if (0..3).any(|c| p[c] < low[c] || p[c] > high[c]) {
+            if !near.contains(&p) {
                 continue;
             }
             let distance = self.distance(p);

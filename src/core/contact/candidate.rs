@@ -4,11 +4,11 @@
 //! as before: what is remembered of each point tells the two apart, and where a thin tip slides on below the next
 //! triangle, it is followed.
 
-use super::detection::{FASTEST_SURFACE, Touchable, points_of_a_part};
 use super::outside::is_inside;
 use super::posed::Posed;
 use super::shape::MOST_PARTS;
-use crate::math::{Real, Vec3};
+use super::touchable::{FASTEST_SURFACE, Touchable, area_vector, points_of_a_part, weights_in_triangle};
+use crate::math::{Bounds, Real, Vec3};
 use crate::model::constraint::PointMemory;
 use crate::model::step_class::TICK;
 use crate::model::{ActiveMesh, Body};
@@ -170,8 +170,8 @@ pub(super) fn sunk_depth(body: &Body, mesh: &ActiveMesh, parts: &[Posed], memory
 
 impl Touch<'_> {
     /// Boxes around everything that each part may touch, grown by `more`.
-    pub(super) fn windows(&self, more: Real) -> [(Vec3, Vec3); MOST_PARTS] {
-        let mut windows = [(Vec3::zeros(), Vec3::zeros()); MOST_PARTS];
+    pub(super) fn windows(&self, more: Real) -> [Bounds; MOST_PARTS] {
+        let mut windows = [Bounds::NOTHING; MOST_PARTS];
         for (window, at) in windows.iter_mut().zip(self.parts) {
             *window = at.window(at.part.radius() + self.margin + self.deep + more);
         }
@@ -383,18 +383,8 @@ fn pushed_out(at: &Posed, place: Vec3, side: Side, known: Option<&PointMemory>) 
     }
 }
 
-pub(super) fn is_in((low, high): &(Vec3, Vec3), p: &Vec3) -> bool {
-    (p.x >= low.x) & (p.x <= high.x) & (p.y >= low.y) & (p.y <= high.y) & (p.z >= low.z) & (p.z <= high.z)
-}
-
 fn remembered(memory: &[PointMemory], point: u32) -> Option<&PointMemory> {
     memory.binary_search_by_key(&point, |m| m.point).ok().map(|i| &memory[i])
-}
-
-/// Outward area vector of display triangle `t`, twice its area long [m²].
-pub(super) fn area_vector(on: &Touchable, t: u32) -> Vec3 {
-    let [a, b, c] = on.body.surface().triangles[t as usize].map(|v| on.vertices[v as usize]);
-    (b - a).cross(&(c - a))
 }
 
 /// Part of a triangle's area that is its own point's, far from all corners.
@@ -425,7 +415,7 @@ pub(super) fn near_vertices(on: &Touchable, touch: &Touch, near: &[u32], out: &m
     let windows = touch.windows(0.0);
     for &v in near {
         let place = on.vertices[v as usize];
-        if !windows[..touch.parts.len()].iter().any(|w| is_in(w, &place)) {
+        if !windows[..touch.parts.len()].iter().any(|w| w.contains(&place)) {
             continue;
         }
         let (part, core) = match touch.parts {
@@ -464,7 +454,7 @@ pub(super) fn near_triangles(
         let corners = triangle.map(|v| on.vertices[v as usize]);
         let found = out.len();
         for (part, at) in touch.parts.iter().enumerate() {
-            if is_apart(&corners, &windows[part]) {
+            if windows[part].is_apart(&corners) {
                 continue;
             }
             let outward = area_vector(on, t);
@@ -505,23 +495,4 @@ pub(super) fn near_triangles(
             out[found..].iter_mut().for_each(|c| c.area /= sharing);
         }
     }
-}
-
-/// True when the triangle lies wholly beyond one face of the box.
-pub(super) fn is_apart(corners: &[Vec3; 3], (low, high): &(Vec3, Vec3)) -> bool {
-    (0..3).any(|c| corners.iter().all(|p| p[c] < low[c]) || corners.iter().all(|p| p[c] > high[c]))
-}
-
-/// Barycentric weights of the triangle's place `p`; `None` for a collapsed triangle.
-pub(super) fn weights_in_triangle(corners: &[Vec3; 3], p: Vec3) -> Option<[Real; 3]> {
-    let (e1, e2, d) = (corners[1] - corners[0], corners[2] - corners[0], p - corners[0]);
-    let (a, b, c) = (e1.norm_squared(), e1.dot(&e2), e2.norm_squared());
-    let det = a * c - b * b;
-    #[expect(clippy::neg_cmp_op_on_partial_ord, reason = "NaN, too, must leave here")]
-    if !(det > 0.0) {
-        return None;
-    }
-    let (r, s) = (e1.dot(&d), e2.dot(&d));
-    let (w1, w2) = ((c * r - b * s) / det, (a * s - b * r) / det);
-    Some([1.0 - w1 - w2, w1, w2])
 }

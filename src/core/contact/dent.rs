@@ -7,12 +7,13 @@
 //! [`Body::compliance_between`]: crate::model::Body::compliance_between
 
 use super::candidate::{Candidate, Sheet};
-use super::detection::{MARGIN, Touchable, points_of_a_part};
 use super::posed::Posed;
 use super::tool::MOST_POINTS;
+use super::touchable::{MARGIN, Touchable, points_of_a_part};
 use crate::math::{Real, Vec3};
+use crate::model::active_mesh::skin;
 use crate::model::constraint::{Constraint, Firming, PointMemory};
-use crate::model::{Material, Row, skin};
+use crate::model::{Material, Row};
 use std::f64::consts::PI;
 use std::ops::Range;
 

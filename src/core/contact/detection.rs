@@ -4,24 +4,19 @@
 //! of the tool's parts, so that nothing slips between vertices. Normals run from the core to the point, at the tool's
 //! place in the middle of the tick.
 
-use super::candidate::{ALIKE, Candidate, Sheet, Touch, follow_sunk, is_in, near_triangles, near_vertices, sunk_depth};
+use super::candidate::{ALIKE, Candidate, Sheet, Touch, follow_sunk, near_triangles, near_vertices, sunk_depth};
 use super::dent::{Dents, Load, share_areas, share_discs};
 use super::nearby::Nearby;
 use super::posed::{Posed, posed};
 use super::shape::MOST_PARTS;
 use super::tool::{MOST_POINTS, Tool, ToolState};
+pub use super::touchable::points_of_a_part;
+use super::touchable::{FASTEST_SURFACE, MARGIN, Touchable};
 use super::wrench::middle_pose;
 use crate::math::{Real, Vec3};
 use crate::model::constraint::{Constraint, Firming, PointMemory, Pushed};
 use crate::model::step_class::TICK;
 use crate::model::{ActiveMesh, Body, Friction};
-
-/// Points this far from the tool [m] become constraints, so that contact begins with an open gap, and no tool passes
-/// between two ticks what it did not push: more where a tick's motion is more.
-pub(super) const MARGIN: Real = 2e-3;
-
-/// A surface that comes to meet a tool is taken to be no faster [m/s].
-pub(super) const FASTEST_SURFACE: Real = 1.0;
 
 /// Part of an overlap found late that remains after each tick: 32 of them (a frame) close 99.5 % of it.
 const SLACK_KEPT: Real = 0.85;
@@ -119,15 +114,6 @@ impl Workspace {
     }
 }
 
-/// What a tool may touch.
-#[derive(Debug)]
-pub(super) struct Touchable<'a> {
-    pub(super) body: &'a Body,
-    pub(super) mesh: &'a ActiveMesh,
-    /// Display vertices at the start of the tick [m], (n_vertices), as far as they are near the tool.
-    pub(super) vertices: &'a [Vec3],
-}
-
 /// Appends the constraints of tool `index` on the body at the start of a tick to `constraints` and the surface point at
 /// which each one acts [m] to `points_of_action`; `memory` holds the tool's points of the last tick, ascending, and
 /// receives this tick's.
@@ -155,10 +141,9 @@ pub fn detect(
     // Whatever touches the tool has all its vertices within an edge's length of the box of one of its parts.
     work.near.clear();
     let windows = touch.windows(MOST_STRETCH * work.longest_edge);
-    let joined = |a: (Vec3, Vec3), b: &(Vec3, Vec3)| (a.0.inf(&b.0), a.1.sup(&b.1));
-    let window = windows[..parts].iter().fold(windows[0], joined);
+    let window = windows[..parts].iter().fold(windows[0], |a, b| a.joined(b));
     for &v in work.nearby[index as usize].place(body, mesh, window, &mut work.vertices) {
-        if windows[..parts].iter().any(|w| is_in(w, &work.vertices[v as usize])) {
+        if windows[..parts].iter().any(|w| w.contains(&work.vertices[v as usize])) {
             work.near.push(v);
         }
     }
@@ -403,7 +388,3 @@ const UNNOTICED: Real = 5e-5;
 
 /// [`Workspace::followed`] of a tick.
 const TAKEN_FOLLOWED: Real = 0.05;
-/// Numbers that the points of one part of a tool take: its vertices and triangles.
-pub fn points_of_a_part(body: &Body) -> u32 {
-    (body.surface().vertices.len() + body.surface().triangles.len()) as u32
-}

@@ -13,6 +13,7 @@ pub mod safety;
 pub mod shape;
 mod solid;
 pub mod tool;
+mod touchable;
 pub mod wrench;
 
 pub use shape::Shape;

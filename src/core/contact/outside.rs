@@ -1,8 +1,8 @@
 //! Whether a tool is outside the body.
 
-use super::candidate::{is_apart, is_in, weights_in_triangle};
 use super::posed::{Posed, posed};
 use super::shape::Shape;
+use super::touchable::weights_in_triangle;
 use crate::math::{Pose, Vec3};
 use crate::model::Body;
 
@@ -17,12 +17,12 @@ fn is_part_outside(body: &Body, vertices: &[Vec3], at: &Posed) -> bool {
     let radius = at.part.radius();
     let window = at.window(radius);
     let near = |p: Vec3, core: Vec3| (p - at.frame.at(core)).norm_squared() < radius * radius;
-    if vertices.iter().any(|p| is_in(&window, p) && near(*p, at.nearest(*p))) {
+    if vertices.iter().any(|p| window.contains(p) && near(*p, at.nearest(*p))) {
         return false;
     }
     let grazes = body.surface().triangles.iter().any(|triangle| {
         let corners = triangle.map(|v| vertices[v as usize]);
-        if is_apart(&corners, &window) {
+        if window.is_apart(&corners) {
             return false;
         }
         let (place, core) = at.nearest_in_triangle(&corners, Vec3::z());

@@ -1,7 +1,7 @@
 //! The parts of a tool where they are: what contact asks of them.
 
 use super::shape::{Core, Frame, MOST_PARTS, Part, Shape};
-use crate::math::{Pose, Real, Vec3, from_parry, to_parry};
+use crate::math::{Bounds, Pose, Real, Vec3, from_parry, to_parry};
 use parry3d_f64::query::PointQuery;
 use parry3d_f64::query::details::closest_points_segment_segment_with_locations_nD as segment_segment;
 use parry3d_f64::shape::{Segment, Triangle};
@@ -67,12 +67,12 @@ impl<'a> Posed<'a> {
     }
 
     /// Box around the core, grown by `reach`.
-    pub fn window(&self, reach: Real) -> (Vec3, Vec3) {
-        let (low, high) = self.part.core.bounds();
-        let (middle, half) = ((low + high) * 0.5, (high - low) * 0.5);
+    pub fn window(&self, reach: Real) -> Bounds {
+        let own = self.part.core.bounds();
+        let (middle, half) = (own.middle(), own.size() * 0.5);
         let size: Vec3 = (0..3).map(|c| self.frame.axes[c].abs() * half[c]).sum();
         let place = self.frame.at(middle);
-        (place - size.add_scalar(reach), place + size.add_scalar(reach))
+        Bounds { low: place - size.add_scalar(reach), high: place + size.add_scalar(reach) }
     }
 
     /// The place of a triangle that is nearest to the core, or deepest in it along `push`, along which the core would push

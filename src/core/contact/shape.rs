@@ -5,8 +5,8 @@
 //! own frame in a solid core.
 
 pub use super::solid::MOST_CORNERS;
-use super::solid::{Hull, Solid, bounds};
-use crate::math::{Pose, Real, Vec3};
+use super::solid::{Hull, Solid};
+use crate::math::{Bounds, Pose, Real, Vec3};
 
 /// Most parts of a shape: what bounds the cost of a tick.
 pub const MOST_PARTS: usize = 8;
@@ -170,8 +170,8 @@ impl Part {
 
 /// A capsule about as large as the box of `points`, along the box's longest edge.
 fn outline(points: &[Vec3], rounding: Real) -> (Vec3, Vec3, Real) {
-    let (low, high) = bounds(points);
-    let (middle, half) = ((low + high) * 0.5, (high - low) * 0.5);
+    let around = Bounds::of(points.iter().copied());
+    let (middle, half) = (around.middle(), around.size() * 0.5);
     let longest = half.imax();
     let radius = (0..3).filter(|c| *c != longest).map(|c| half[c]).fold(0.0, Real::max);
     let mut reach = Vec3::zeros();
@@ -185,19 +185,19 @@ impl Core {
     }
 
     /// Least and greatest coordinates.
-    pub(super) fn bounds(&self) -> (Vec3, Vec3) {
+    pub(super) fn bounds(&self) -> Bounds {
         match self {
-            Core::Axis(_) => (Vec3::zeros(), Vec3::z()),
+            Core::Axis(_) => Bounds { low: Vec3::zeros(), high: Vec3::z() },
             Core::Solid(Solid::Hull(hull)) => hull.bounds,
             Core::Solid(Solid::Cylinder { radius, low, high }) => {
-                (Vec3::new(-radius, -radius, *low), Vec3::new(*radius, *radius, *high))
+                Bounds { low: Vec3::new(-radius, -radius, *low), high: Vec3::new(*radius, *radius, *high) }
             }
         }
     }
 
     /// Corners of the box of its coordinates.
     fn box_corners(&self) -> impl Iterator<Item = Vec3> {
-        let (low, high) = self.bounds();
+        let Bounds { low, high } = self.bounds();
         (0..8).map(move |i| Vec3::from_fn(|c, _| if i >> c & 1 == 0 { low[c] } else { high[c] }))
     }
 }

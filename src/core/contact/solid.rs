@@ -1,6 +1,6 @@
 //! Cores of tools that a surface point can get inside of: cylinders and convex hulls.
 
-use crate::math::{ParryVec, Real, Vec3, from_parry, is_finite, to_parry};
+use crate::math::{Bounds, ParryVec, Real, Vec3, from_parry, is_finite, to_parry};
 use parry3d_f64::query::PointQuery;
 use parry3d_f64::query::details::closest_points_support_map_support_map_with_params as closest_of_support_maps;
 use parry3d_f64::query::gjk::{ConstantPoint, GJKResult, VoronoiSimplex};
@@ -28,7 +28,7 @@ pub(super) struct Hull {
     pub(super) corners: Vec<Vec3>,
     /// Outward unit normals and heights of the faces.
     faces: Vec<(Vec3, Real)>,
-    pub(super) bounds: (Vec3, Vec3),
+    pub(super) bounds: Bounds,
 }
 
 /// Width of a hull, over its size, below which it counts as flat.
@@ -37,8 +37,7 @@ const FLAT: Real = 1e-4;
 impl Hull {
     /// Of many points only those are kept that stand out the most.
     pub(super) fn new(points: &[Vec3]) -> Option<Self> {
-        let (low, high) = bounds(points);
-        let size = (high - low).norm();
+        let size = Bounds::of(points.iter().copied()).size().norm();
         if points.len() < 4 || !points.iter().all(is_finite) || size == 0.0 {
             return None;
         }
@@ -83,7 +82,7 @@ impl Hull {
                 faces.push((normal, height));
             }
         }
-        let bounds = bounds(&corners);
+        let bounds = Bounds::of(corners.iter().copied());
         let hull = Self { corners, faces, bounds };
         (hull.faces.len() >= 4 && hull.least_width() > FLAT * size).then_some(hull)
     }
@@ -220,11 +219,11 @@ enum Closest {
 
 /// Nearest points of a core and something `about` there [GJK].
 fn closest(solid: &Solid, other: &impl SupportMap, about: Vec3) -> Closest {
-    let (low, high) = match solid {
-        Solid::Hull(hull) => hull.bounds,
-        Solid::Cylinder { low, high, .. } => (Vec3::z() * *low, Vec3::z() * *high),
+    let middle = match solid {
+        Solid::Hull(hull) => hull.bounds.middle(),
+        Solid::Cylinder { low, high, .. } => (Vec3::z() * *low + Vec3::z() * *high) * 0.5,
     };
-    let direction = to_parry(about - (low + high) * 0.5);
+    let direction = to_parry(about - middle);
     let same = parry3d_f64::math::Pose::IDENTITY;
     let mut simplex = VoronoiSimplex::new();
     match closest_of_support_maps(&same, solid, other, Real::MAX, &mut simplex, Some(direction)) {
@@ -232,10 +231,4 @@ fn closest(solid: &Solid, other: &impl SupportMap, about: Vec3) -> Closest {
         GJKResult::Intersection => Closest::Through,
         GJKResult::NoIntersection(_) | GJKResult::Proximity(_) => Closest::Unknown,
     }
-}
-
-/// Least and greatest coordinates of `points`.
-pub(super) fn bounds(points: &[Vec3]) -> (Vec3, Vec3) {
-    let first = points.first().copied().unwrap_or_default();
-    points.iter().fold((first, first), |(low, high), p| (low.inf(p), high.sup(p)))
 }

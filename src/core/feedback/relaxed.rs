@@ -14,6 +14,7 @@
 //! it is still true a frame later.
 
 use super::approach::ahead;
+pub use super::stiffness::Stiffness;
 use crate::contact::tool::{MOST_TOOLS, Shape};
 use crate::math::{Mat3, Pose, Real, Vec3};
 use crate::model::constraint::Coupling;
@@ -35,23 +36,6 @@ const SMALL: Real = 1e-7;
 const LEAST_FORCE: Real = 1e-3;
 /// Least and largest range of a model [m].
 const RANGES: (Real, Real) = (5e-4, 5e-3);
-
-/// How the force on a handle changes where it goes.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Stiffness {
-    /// K [N/m], symmetric, no negative eigenvalue: the force changes by `−K dx`.
-    pub matrix: Mat3,
-    /// Out of the body, unit.
-    pub normal: Vec3,
-    /// How far it holds [m]: a model that is linear knows nothing of where contact ends.
-    pub range: Real,
-    /// The force under which it is so [N].
-    pub load: Real,
-    /// Where there was no contact yet: `normal · x` of the handle at which it begins [m].
-    pub begins: Option<Real>,
-    /// Iterations that it took, of all axes together.
-    pub iterations: usize,
-}
 
 /// A copy of the simulation to ask questions of, away from the clock.
 #[derive(Debug)]

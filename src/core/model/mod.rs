@@ -18,7 +18,6 @@ pub mod lanes;
 pub mod material;
 pub mod organ;
 pub mod simd;
-pub mod skin;
 pub mod state;
 pub mod step_class;
 pub mod sweeps;

@@ -1,11 +1,10 @@
 //! Everything about a body that moves, as it is saved, sent and restored.
 
-use super::active_mesh::Ease;
 use super::active_set::ActiveSet;
 use super::body::Body;
 use super::element_kernel::StrainLimit;
 use super::element_pool::{CLASSES, History};
-use super::step_class;
+use super::step_class::{self, Ease};
 use crate::math::{Real, Vec3, is_finite};
 use serde::{Deserialize, Serialize};
 

@@ -9,10 +9,10 @@
 use super::constraint_solve::{self, Prepared};
 use super::work::{Laps, Part};
 use crate::math::{Real, Vec3};
-use crate::model::active_mesh::{Ease, Motion};
+use crate::model::active_mesh::Motion;
 use crate::model::element_kernel::{Extremes, Path, Rates};
 use crate::model::element_pool::CLASSES;
-use crate::model::step_class::{self, STEP_VISCOSITY, TICK};
+use crate::model::step_class::{self, Ease, STEP_VISCOSITY, TICK};
 use crate::model::sweeps::{self, Falling, Registers};
 use crate::model::{ActiveMesh, Body, Constraint};
 
@@ -73,7 +73,7 @@ pub fn tick(
     let mut extremes = Extremes::REST;
     let finest = mesh.finest_class();
     let contact = step_class::contact_class(finest);
-    let holds = step_class::support_class(body, mesh);
+    let holds = mesh.support_class(body);
     collect_eased(mesh, work);
     let mut deepest = finest.max(work.eased.iter().rposition(|slots| !slots.is_empty()).unwrap_or(0));
     if !constraints.is_empty() {

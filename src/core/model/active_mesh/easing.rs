@@ -6,6 +6,7 @@
 //! elements are due. They add up to nothing, as those between the elements do, and so do their moments.
 
 use super::foresight::sides;
+use super::skin;
 use super::{ActiveMesh, Upkeep, constants, padded, vec3};
 use crate::math::{Mat3, Real, Vec3};
 use crate::model::active_set::Change;
@@ -14,8 +15,7 @@ use crate::model::constraint::PointMemory;
 use crate::model::element_kernel::Padded;
 use crate::model::element_pool::{ElementConstants, History};
 use crate::model::material::{COLLAPSE_ONSET, COLLAPSE_STIFFNESS};
-use crate::model::skin;
-use crate::model::step_class::{self, SHORTEST_CONTACT_CLASS};
+use crate::model::step_class::{self, EASE_CLASSES, Ease};
 
 /// What acts on a body from outside.
 #[derive(Clone, Copy, Debug)]
@@ -25,12 +25,6 @@ pub struct Loads<'a> {
     /// [m/s²].
     pub gravity: Vec3,
 }
-
-/// Classes of steps by which held forces act: with the elements, or the contact, that they stand for. Those of shorter steps
-/// count to the last.
-const EASE_CLASSES: usize = SHORTEST_CONTACT_CLASS + 1;
-/// By class of step.
-pub type Ease<T> = [T; EASE_CLASSES];
 
 /// Nothing held.
 pub(super) const NO_EASE: Ease<Padded> = [[0.0; 4]; EASE_CLASSES];

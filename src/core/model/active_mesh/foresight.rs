@@ -1,7 +1,7 @@
 //! What changes of resolution will take, counted before they are made.
 
 use super::{ActiveMesh, Upkeep};
-use crate::math::{Real, Vec3};
+use crate::math::Bounds;
 use crate::model::active_set::Change;
 use crate::model::body::{Body, NONE};
 
@@ -83,17 +83,15 @@ impl ActiveMesh {
     /// Notes where `changes` are.
     pub(super) fn bound(&mut self, body: &Body, changes: &[Change]) {
         self.work.boxes.clear();
-        self.work.boxes.extend(changes.iter().map(|change| bounds(body, concerned(body, change))));
+        self.work.boxes.extend(changes.iter().map(|change| Bounds::of(concerned(body, change).map(|n| body.rest(n)))));
     }
 
     /// True for an interface node that has no row (its reach is infinite), or whose row depends on one of the nodes concerned by `changes`, whose
     /// bounds are noted.
     pub(super) fn hangs_otherwise(&self, body: &Body, slot: u32, changes: &[Change]) -> bool {
         let (u, reach) = (&self.rest[slot as usize], self.reach[slot as usize]);
-        let depends = |(change, (low, high)): (&Change, &(Vec3, Vec3))| {
-            let apart = |c: usize| (low[c] - u[c]).max(u[c] - high[c]).max(0.0);
-            let (x, y, z) = (apart(0), apart(1), apart(2));
-            if x * x + y * y + z * z > reach {
+        let depends = |(change, around): (&Change, &Bounds)| {
+            if around.distance_squared(u) > reach {
                 return false;
             }
             let row = &self.row[slot as usize];
@@ -105,12 +103,6 @@ impl ActiveMesh {
         };
         changes.iter().zip(&self.work.boxes).any(depends)
     }
-}
-
-/// Box around the rest positions of `nodes` [m].
-fn bounds(body: &Body, nodes: impl Iterator<Item = u32>) -> (Vec3, Vec3) {
-    let none = (Vec3::repeat(Real::INFINITY), Vec3::repeat(Real::NEG_INFINITY));
-    nodes.fold(none, |(low, high), n| (low.inf(&body.rest(n)), high.sup(&body.rest(n))))
 }
 
 /// Nodes that are active before or after a change, and not both.

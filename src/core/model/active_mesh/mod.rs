@@ -15,11 +15,12 @@ mod masses;
 mod momentum;
 mod reshape;
 mod saving;
+pub mod skin;
 mod supports;
 
 pub use display::{Attachment, MOST_ASIDE};
+pub use easing::Loads;
 use easing::NO_EASE;
-pub use easing::{Ease, Loads};
 use masses::MASS_UNITS;
 use momentum::ByOrgan;
 pub use momentum::Momenta;
@@ -33,8 +34,10 @@ use super::element_kernel::Padded;
 use super::element_pool::{CLASSES, ElementPool};
 use super::interface::{InterfaceRow, Search};
 use super::state::State;
+use super::step_class::Ease;
 use super::sweeps::{self, Registers};
-use crate::math::{Real, Vec3};
+use crate::geometry::tet_mesh::gradients;
+use crate::math::{Bounds, Real, Vec3};
 
 /// Motion and mass by slot: active nodes and interface nodes alike.
 #[derive(Debug)]
@@ -134,7 +137,7 @@ struct Work {
     concerned: Vec<u32>,
     handed: Vec<Ease<Vec3>>,
     /// Of each change, at rest [m].
-    boxes: Vec<(Vec3, Vec3)>,
+    boxes: Vec<Bounds>,
 }
 
 fn vec3(p: &Padded) -> Vec3 {
@@ -155,7 +158,7 @@ impl ActiveMesh {
         // A connected mesh of tetrahedra has at most as many nodes as elements, and three more.
         let slots = (capacity + 64).min(body.node_count());
         let vertices = body.surface().vertices.len();
-        let (low, high) = body.surface().bounds();
+        let Bounds { low, high } = body.surface().bounds();
         let nowhere = Attachment { element: NONE, slots: [0; 4], weights: [0.0; 4], spacing: 0.0 };
         let list = || Vec::with_capacity(slots);
         let mut mesh = Self {
@@ -440,15 +443,12 @@ impl ActiveMesh {
 
 /// Rest gradients and weighted stiffness of element `e` with `active` active vertices.
 fn constants(body: &Body, e: u32, active: u8) -> ElementConstants {
-    let u = body.corners(e);
-    let (d1, d2, d3) = (u[1] - u[0], u[2] - u[0], u[3] - u[0]);
-    let six_volume = d1.cross(&d2).dot(&d3);
-    let gradient = [d2.cross(&d3), d3.cross(&d1), d1.cross(&d2)].map(|g| (g / six_volume).into());
+    let [_, g1, g2, g3] = gradients(&body.corners(e));
     let factor = body.stiffness_factor(e);
     let weight = factor * body.volume(e) * Real::from(active) / 4.0;
     let material = body.material_of(e);
     ElementConstants {
-        gradient,
+        gradient: [g1, g2, g3].map(Into::into),
         lambda: weight * material.lambda,
         mu: weight * material.mu,
         branch: body.branch_factor(e),

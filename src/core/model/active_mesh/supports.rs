@@ -10,6 +10,7 @@ use crate::math::Real;
 use crate::model::body::Body;
 use crate::model::csr::Csr;
 use crate::model::element_kernel::Padded;
+use crate::model::step_class::class_in;
 
 /// The springs of one element.
 #[derive(Clone, Copy, Debug)]
@@ -220,6 +221,11 @@ impl ActiveMesh {
                 }
             }
         }
+    }
+
+    /// The class of steps by which supports act.
+    pub fn support_class(&self, body: &Body) -> usize {
+        class_in(body, 1.0 / self.stiffest_spring().max(1.0).sqrt())
     }
 
     /// What a step of the supports needs [1/s²]: bound on their share of `ω²` at any node.
