@@ -9,6 +9,7 @@
 //! | module | is | does not know |
 //! |---|---|---|
 //! | [`math`] | one scalar, one vector, one pose; nalgebra to parry | anything else |
+//! | [`visited`] | which of the things of one kind have been looked at | anything else |
 //! | [`geometry`] | shapes at rest: surfaces, tetrahedra, where a point lies | materials, levels, time |
 //! | [`hierarchy`] | levels of resolution and what ties them together | motion, tools |
 //! | [`model`] | a body (fixed), its state (moving), the material law and its kernel | steps, tools, messages |
@@ -51,3 +52,4 @@ pub mod math;
 pub mod model;
 pub mod simulation;
 pub mod stepping;
+pub mod visited;

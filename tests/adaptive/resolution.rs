@@ -4,7 +4,7 @@ use super::*;
 use palpate_body::geometry::primitives::toy_surface;
 use palpate_core::model::active_mesh::{Momenta, Upkeep};
 use palpate_core::model::element_kernel::Path;
-use palpate_core::stepping::step;
+use palpate_core::stepping::step::{self, World};
 use std::collections::BTreeSet;
 
 /// Largest `Σ|w|` of a row: fits beyond it are refused, and barycentric rows of the covers here stay below it.
@@ -336,7 +336,13 @@ fn a_mesh_that_was_changed_and_one_made_from_its_state_step_alike() {
                         let arm = (*x - centre).dot(&along);
                         *v = along * (arm * 8.0);
                     });
-                    step::tick(Path::best(), &body, mesh, &mut [], Vec3::zeros(), work, &mut ());
+                    step::tick(
+                        &World { path: Path::best(), body: &body, gravity: Vec3::zeros() },
+                        mesh,
+                        &mut [],
+                        work,
+                        &mut (),
+                    );
                     mesh.reclass_over_limit(&body);
                 }
                 let same = saved(&body, &mesh) == saved(&body, &again);

@@ -15,7 +15,7 @@ use palpate_core::model::element_pool::CLASSES;
 use palpate_core::model::energy::energy;
 use palpate_core::model::step_class::{TICK, class_for, step_of};
 use palpate_core::model::{ActiveMesh, Body, Material, State};
-use palpate_core::stepping::step::{self, Workspace};
+use palpate_core::stepping::step::{self, Workspace, World};
 
 const SIDE: Real = 0.1;
 
@@ -197,7 +197,7 @@ fn trajectory_error(body: &Body, gravity: Real, traces: &[Trace], per_tick: u32)
     let last = traces.iter().flat_map(|t| t.1).map(|p| p.0).max().unwrap_or(0);
     let (mut worst, mut least_det) = (0.0 as Real, Real::INFINITY);
     for tick in 1..=last {
-        let extremes = step::tick(Path::best(), body, &mut mesh, &mut [], gravity, &mut work, &mut ());
+        let extremes = step::tick(&World { path: Path::best(), body, gravity }, &mut mesh, &mut [], &mut work, &mut ());
         least_det = least_det.min(extremes.det_f);
         for (node, points) in traces {
             for (_, value) in points.iter().filter(|p| p.0 == tick) {
@@ -328,7 +328,13 @@ fn a_free_spinning_cube_keeps_its_momentum_to_rounding_and_its_energy_to_the_ste
         let mut work = Workspace::new(&mesh, 0);
         let (mut linear, mut angular, mut drift) = (0.0 as Real, 0.0 as Real, 0.0 as Real);
         for _ in 0..5000 {
-            step::tick(Path::best(), &body, &mut mesh, &mut [], Vec3::zeros(), &mut work, &mut ());
+            step::tick(
+                &World { path: Path::best(), body: &body, gravity: Vec3::zeros() },
+                &mut mesh,
+                &mut [],
+                &mut work,
+                &mut (),
+            );
             let (p, l, e) = momentum(&mesh);
             linear = linear.max((p - p0).norm());
             angular = angular.max((l - l0).norm());
@@ -424,7 +430,13 @@ fn viscosity_damps_the_lowest_mode_as_the_reference() {
                 let mut work = Workspace::new(&mesh, 0);
                 let mut track = vec![amplitude(&mesh)];
                 for _ in 0..600 {
-                    step::tick(Path::best(), &body, &mut mesh, &mut [], Vec3::zeros(), &mut work, &mut ());
+                    step::tick(
+                        &World { path: Path::best(), body: &body, gravity: Vec3::zeros() },
+                        &mut mesh,
+                        &mut [],
+                        &mut work,
+                        &mut (),
+                    );
                     track.push(amplitude(&mesh));
                 }
                 // Peaks by the parabola through three samples.

@@ -5,6 +5,7 @@ use crate::model::active_mesh::MOST_ASIDE;
 use crate::model::element_kernel::Padded;
 use crate::model::element_pool::CLASSES;
 use crate::model::{ActiveMesh, Body};
+use crate::visited::Visited;
 
 /// Display vertices around a tool, kept until one that is not among them may have come near. Which they are makes no
 /// difference but of time.
@@ -16,7 +17,7 @@ pub(super) struct Nearby {
     reach: Bounds,
     /// Where the nodes were then [m], (n_slots).
     from: Vec<Padded>,
-    marked: Vec<bool>,
+    marked: Visited,
     is_known: bool,
 }
 
@@ -30,7 +31,7 @@ impl Nearby {
             vertices: Vec::with_capacity(vertices),
             reach: Bounds::NOTHING,
             from: Vec::with_capacity(mesh.motion.position.len()),
-            marked: vec![false; vertices],
+            marked: Visited::new(vertices),
             is_known: false,
         }
     }
@@ -88,7 +89,7 @@ impl Nearby {
         self.reach = window.grown(AHEAD);
         self.from.clear();
         self.from.extend_from_slice(&mesh.motion.position);
-        self.vertices.iter().for_each(|v| self.marked[*v as usize] = false);
+        self.marked.clear();
         self.vertices.clear();
         for class in 0..CLASSES {
             for e in mesh.pool().ids(class) {
@@ -122,7 +123,7 @@ impl Nearby {
         if self.reach.grown(far).contains(&mesh.vertex(v)) {
             for t in body.triangles_around(v as usize) {
                 for &v in &body.surface().triangles[*t as usize] {
-                    if !std::mem::replace(&mut self.marked[v as usize], true) {
+                    if self.marked.visit(v as usize) {
                         self.vertices.push(v);
                     }
                 }

@@ -8,6 +8,7 @@
 use super::active_set::{ActiveSet, Status};
 use super::body::Body;
 use crate::math::{Real, Vec3};
+use crate::visited::Visited;
 
 /// Most masters of an interface node.
 pub const MOST_MASTERS: usize = 10;
@@ -75,10 +76,9 @@ pub struct Search {
     found: Vec<(Real, u32)>,
     /// Nodes whose neighbours have been looked at.
     ring: Vec<u32>,
-    /// Turn in which each node was looked at, and that in which it was stood in for.
-    stamp: Vec<u32>,
-    stood_in: Vec<u32>,
-    turn: u32,
+    /// Nodes that have been looked at, and those that have been stood in for.
+    looked_at: Visited,
+    stood_in: Visited,
     origin: Vec3,
     /// Squared distance [m²] of the farthest node that was looked at, and of the farthest of the host's.
     reach_squared: Real,
@@ -91,9 +91,8 @@ impl Search {
         Self {
             found: Vec::with_capacity(body.node_count().min(4096)),
             ring: Vec::with_capacity(body.node_count().min(4096)),
-            stamp: vec![0; body.node_count()],
-            stood_in: vec![0; body.node_count()],
-            turn: 0,
+            looked_at: Visited::new(body.node_count()),
+            stood_in: Visited::new(body.node_count()),
             origin: Vec3::zeros(),
             reach_squared: 0.0,
             host_squared: 0.0,
@@ -103,12 +102,8 @@ impl Search {
     fn begin(&mut self, origin: Vec3) {
         self.found.clear();
         self.ring.clear();
-        self.turn = self.turn.wrapping_add(1);
-        if self.turn == 0 {
-            self.stamp.fill(0);
-            self.stood_in.fill(0);
-            self.turn = 1;
-        }
+        self.looked_at.clear();
+        self.stood_in.clear();
         self.origin = origin;
         (self.reach_squared, self.host_squared) = (0.0, 0.0);
     }
@@ -116,8 +111,7 @@ impl Search {
     /// Looks at `n`: notes how far away it is; the first time, whether it is active.
     fn look(&mut self, body: &Body, set: &ActiveSet, n: u32) -> Status {
         let status = set.status(n);
-        if self.stamp[n as usize] != self.turn {
-            self.stamp[n as usize] = self.turn;
+        if self.looked_at.visit(n as usize) {
             let distance = (body.rest(n) - self.origin).norm_squared();
             self.reach_squared = self.reach_squared.max(distance);
             // A node too many is a node too far: there is room for every neighbourhood that can occur.
@@ -130,7 +124,7 @@ impl Search {
 
     /// Finds the active nodes that stand for the region of `n`: itself, one above it, or the next below it.
     fn stand_in(&mut self, body: &Body, set: &ActiveSet, n: u32) {
-        if std::mem::replace(&mut self.stood_in[n as usize], self.turn) == self.turn {
+        if !self.stood_in.visit(n as usize) {
             return;
         }
         match self.look(body, set, n) {

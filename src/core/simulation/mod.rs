@@ -15,9 +15,9 @@ pub use inputs::{Inputs, Settings};
 pub use outputs::{MOST_LEVELS, Outputs, Plan, TickFlags, ToolOutput};
 pub use snapshot::Snapshot;
 
-use crate::adaptation::{self, Focus, Means};
-use crate::contact::detection;
-use crate::contact::friction;
+use crate::adaptation::{self, Focus, Means, Wishes};
+use crate::contact::detection::{self, Found, Held};
+use crate::contact::friction::{self, Solved};
 use crate::contact::outside::is_outside;
 use crate::contact::safety;
 use crate::contact::shape::{MOST_PARTS, Part as ShapePart};
@@ -29,7 +29,8 @@ use crate::model::constraint::PointMemory;
 use crate::model::element_kernel::{Extremes, Path};
 use crate::model::knot::{Home, KNOT_FRAMES};
 use crate::model::{ActiveMesh, Body, Constraint, State};
-use crate::stepping::{step, work};
+use crate::stepping::step::{self, World};
+use crate::stepping::work;
 use std::sync::Arc;
 
 /// Ticks of a frame: the surface is published once per frame (31.25 Hz).
@@ -271,19 +272,10 @@ impl Simulation {
                 frame: ticks.is_multiple_of(TICKS_PER_FRAME / 2),
                 moves: self.frozen >= MOST_FROZEN,
             };
-            let (body, mesh) = (&self.body, &mut self.mesh);
             let loads = Loads { points: &self.points, gravity: self.settings.gravity };
             laps.lap(Part::Fixed, 0);
-            self.outputs.adapted = adaptation::adapt(
-                body,
-                mesh,
-                adaptivity,
-                &self.focus,
-                (&means, &loads),
-                ticks,
-                &mut self.adaptation,
-                laps,
-            );
+            let wishes = Wishes { adaptivity, focus: &self.focus, means, loads, ticks };
+            self.outputs.adapted = adaptation::adapt(&self.body, &mut self.mesh, &wishes, &mut self.adaptation, laps);
             let adapted = &self.outputs.adapted;
             if adapted.splits + adapted.merges > 0 {
                 self.detection.follow_change(&self.body, &self.mesh);
@@ -353,8 +345,9 @@ impl Simulation {
                 continue;
             }
             laps.lap(Part::Fixed, 0);
-            let out = (&mut self.constraints, &mut self.points_of_action);
-            detection::detect((&self.body, &self.mesh), i as u32, of, tool, points, out, &mut self.detection);
+            let out = Found { constraints: &mut self.constraints, points_of_action: &mut self.points_of_action };
+            let held = Held { index: i as u32, of, state: tool };
+            detection::detect(&self.body, &self.mesh, held, points, out, &mut self.detection);
             match points.len() as u32 {
                 0 => laps.lap(Part::Search, 1),
                 n if of.shape.parts().iter().any(ShapePart::is_solid) => laps.lap(Part::SolidPoint, n),
@@ -381,15 +374,8 @@ impl Simulation {
         self.outputs.element_evaluations = 0;
         if moves {
             self.outputs.element_evaluations = work::evaluations(&self.mesh);
-            self.outputs.extremes = step::tick(
-                self.path,
-                &self.body,
-                &mut self.mesh,
-                &mut self.constraints,
-                self.settings.gravity,
-                &mut self.stepping,
-                laps,
-            );
+            let world = World { path: self.path, body: &self.body, gravity: self.settings.gravity };
+            self.outputs.extremes = step::tick(&world, &mut self.mesh, &mut self.constraints, &mut self.stepping, laps);
             self.mesh.ease_off();
             laps.lap(Part::Fixed, 0);
             self.mesh.reclass_over_limit(&self.body);
@@ -431,7 +417,8 @@ impl Simulation {
             let solved_at = tool.pose;
             tool.hang_back(physical.force, physical.torque);
             // What the solver found is where the next tick starts.
-            friction::remember(&self.mesh, (own, per_part), &solved_at, tool, points, !stood_still);
+            let solved = Solved { constraints: own, per_part, at: solved_at, moved: !stood_still };
+            friction::remember(&self.mesh, &solved, tool, points);
             let limited = safety::render(tool, &physical, &self.settings.limits, TICK);
             self.outputs.tools[i] = ToolOutput { state: *tool, contact_points, limited };
         }

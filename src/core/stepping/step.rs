@@ -15,6 +15,7 @@ use crate::model::element_pool::CLASSES;
 use crate::model::step_class::{self, Ease, STEP_VISCOSITY, TICK};
 use crate::model::sweeps::{self, Falling, Registers};
 use crate::model::{ActiveMesh, Body, Constraint};
+use crate::visited::Visited;
 
 /// Nodes that the elements of one class concern.
 #[derive(Debug, Default)]
@@ -33,8 +34,8 @@ pub struct Workspace {
     time: Vec<Real>,
     prepared: Vec<Prepared>,
     concerned: Vec<Concerned>,
-    stamp: Vec<u32>,
-    turn: u32,
+    /// Slots that have been noted.
+    noted: Visited,
     contact_nodes: Vec<u32>,
     /// Active nodes that something is held on.
     eased: Ease<Vec<u32>>,
@@ -51,25 +52,45 @@ impl Workspace {
             concerned: (0..CLASSES)
                 .map(|_| Concerned { active: list(), interface: list(), entries: 0, revision: None })
                 .collect(),
-            stamp: vec![0; slots],
-            turn: 0,
+            noted: Visited::new(slots),
             contact_nodes: list(),
             eased: std::array::from_fn(|_| list()),
         }
     }
 }
 
-/// Moves `mesh` by one tick, and tells `laps` what it does, in the field `gravity` [m/s²], and leaves the mean
-/// multiplier of each constraint over the tick.
+/// What no step changes.
+#[derive(Clone, Copy, Debug)]
+pub struct World<'a> {
+    /// Form of the kernel; it makes no difference but of time.
+    pub path: Path,
+    /// The body.
+    pub body: &'a Body,
+    /// [m/s²].
+    pub gravity: Vec3,
+}
+
+/// What is due within a tick.
+#[derive(Clone, Copy, Debug)]
+struct Due {
+    /// When [s].
+    now: Real,
+    /// The elements of this class.
+    class: usize,
+    /// And the supports.
+    held: bool,
+}
+
+/// Moves `mesh` by one tick, and tells `laps` what it does, and leaves the mean multiplier of each constraint over the
+/// tick.
 pub fn tick(
-    path: Path,
-    body: &Body,
+    world: &World,
     mesh: &mut ActiveMesh,
     constraints: &mut [Constraint],
-    gravity: Vec3,
     work: &mut Workspace,
     laps: &mut dyn Laps,
 ) -> Extremes {
+    let World { body, gravity, .. } = *world;
     let mut extremes = Extremes::REST;
     let finest = mesh.finest_class();
     let contact = step_class::contact_class(finest);
@@ -94,7 +115,7 @@ pub fn tick(
         let held = class == holds && !body.holds().is_empty();
         let touched = class == contact && !constraints.is_empty();
         if mesh.pool().count(class) > 0 || held || !of_class(&work.eased, class).is_empty() {
-            let elements = event((path, body, gravity), mesh, (class, held), now, work, laps);
+            let elements = event(world, mesh, Due { now, class, held }, work, laps);
             extremes = extremes.join(&elements);
         }
         if touched {
@@ -121,15 +142,9 @@ pub fn tick(
     extremes
 }
 
-/// The elements of `class` are due at `now` [s], and the springs when `held`.
-fn event(
-    (path, body, gravity): (Path, &Body, Vec3),
-    mesh: &mut ActiveMesh,
-    (class, held): (usize, bool),
-    now: Real,
-    work: &mut Workspace,
-    laps: &mut dyn Laps,
-) -> Extremes {
+/// Moves what is `due`.
+fn event(world: &World, mesh: &mut ActiveMesh, due: Due, work: &mut Workspace, laps: &mut dyn Laps) -> Extremes {
+    let (World { path, body, gravity }, Due { now, class, held }) = (*world, due);
     let step = step_class::step_of(class);
     let (rates, registers) = (rates(body, step), mesh.registers());
     let eased = of_class(&work.eased, class);
@@ -211,19 +226,14 @@ fn find_concerned(mesh: &ActiveMesh, class: usize, held: bool, work: &mut Worksp
     if work.concerned[class].revision == Some(mesh.revision(class)) {
         return;
     }
-    work.turn = work.turn.wrapping_add(1);
-    if work.turn == 0 {
-        work.stamp.fill(0);
-        work.turn = 1;
-    }
-    let turn = work.turn;
+    work.noted.clear();
     let Concerned { active, interface, entries, revision } = &mut work.concerned[class];
-    let stamp = &mut work.stamp;
+    let noted = &mut work.noted;
     active.clear();
     interface.clear();
     *entries = 0;
     let mut note = |slot: u32| {
-        if std::mem::replace(&mut stamp[slot as usize], turn) == turn {
+        if !noted.visit(slot as usize) {
             return;
         }
         if mesh.is_master(slot) {
@@ -233,7 +243,7 @@ fn find_concerned(mesh: &ActiveMesh, class: usize, held: bool, work: &mut Worksp
         interface.push(slot);
         for (master, _) in mesh.row(slot).entries() {
             *entries += 1;
-            if std::mem::replace(&mut stamp[master as usize], turn) != turn {
+            if noted.visit(master as usize) {
                 active.push(master);
             }
         }
@@ -269,14 +279,10 @@ fn collect_eased(mesh: &ActiveMesh, work: &mut Workspace) {
 }
 
 fn collect_contact_nodes(constraints: &[Constraint], work: &mut Workspace) {
-    work.turn = work.turn.wrapping_add(1);
-    if work.turn == 0 {
-        work.stamp.fill(0);
-        work.turn = 1;
-    }
+    work.noted.clear();
     work.contact_nodes.clear();
     for &(slot, _) in constraints.iter().flat_map(|c| c.row.entries()) {
-        if std::mem::replace(&mut work.stamp[slot as usize], work.turn) != work.turn {
+        if work.noted.visit(slot as usize) {
             work.contact_nodes.push(slot);
         }
     }

@@ -62,7 +62,7 @@ impl ActiveMesh {
 
     /// Where it was before the change that is under way.
     fn place_before(&self, attachment: &Attachment) -> Padded {
-        let moved = |slot: usize| self.work.slot_stamp[slot] == self.work.turn;
+        let moved = |slot: usize| self.work.moved_slots.contains(slot);
         attachment.place(|slot| if moved(slot) { &self.work.was[slot] } else { &self.motion.position[slot] })
     }
 
@@ -88,7 +88,7 @@ impl ActiveMesh {
     /// Remembers where the node in `slot` is, before a change puts it elsewhere for the first time.
     pub(super) fn remember_place(&mut self, slot: u32) {
         let s = slot as usize;
-        if std::mem::replace(&mut self.work.slot_stamp[s], self.work.turn) != self.work.turn {
+        if self.work.moved_slots.visit(s) {
             self.work.was[s] = self.motion.position[s];
             self.work.moved.push(slot);
         }
@@ -137,9 +137,9 @@ impl ActiveMesh {
     /// Returns how many of them, the first ones, may hang elsewhere; the others are on what has moved.
     fn find_shifted(&mut self, body: &Body) -> usize {
         self.work.shifted.clear();
-        let Self { work: Work { shifted, vertex_stamp, turn, moved, elements, .. }, attachment, .. } = self;
+        let Self { work: Work { shifted, noted_vertices, moved, elements, .. }, attachment, .. } = self;
         let mut add = |shifted: &mut Vec<u32>, v: u32| {
-            if std::mem::replace(&mut vertex_stamp[v as usize], *turn) != *turn {
+            if noted_vertices.visit(v as usize) {
                 shifted.push(v);
             }
         };

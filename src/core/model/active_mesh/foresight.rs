@@ -63,7 +63,7 @@ impl ActiveMesh {
 
     /// Puts `e` on the list of those concerned unless it is there.
     fn is_first(&mut self, e: u32) -> bool {
-        let first = std::mem::replace(&mut self.work.element_stamp[e as usize], self.work.turn) != self.work.turn;
+        let first = self.work.noted_elements.visit(e as usize);
         if first {
             self.work.concerned.push(e);
         }
@@ -74,8 +74,8 @@ impl ActiveMesh {
     fn note_nodes(&mut self, body: &Body, e: u32) -> u32 {
         let mut new = 0;
         for n in body.element(e) {
-            let noted = std::mem::replace(&mut self.work.node_stamp[n as usize], self.work.turn) == self.work.turn;
-            new += u32::from(!noted && self.slot[n as usize] == NONE);
+            let first = self.work.noted_nodes.visit(n as usize);
+            new += u32::from(first && self.slot[n as usize] == NONE);
         }
         new
     }

@@ -38,6 +38,7 @@ use super::step_class::Ease;
 use super::sweeps::{self, Registers};
 use crate::geometry::tet_mesh::gradients;
 use crate::math::{Bounds, Real, Vec3};
+use crate::visited::Visited;
 
 /// Motion and mass by slot: active nodes and interface nodes alike.
 #[derive(Debug)]
@@ -123,16 +124,16 @@ struct Work {
     entering: Vec<u32>,
     leaving: Vec<u32>,
     dirty: Vec<u32>,
-    node_stamp: Vec<u32>,
-    element_stamp: Vec<u32>,
-    turn: u32,
+    /// What the change has looked at.
+    noted_nodes: Visited,
+    noted_elements: Visited,
     /// Slots whose nodes the change puts elsewhere, with where they were [m], by slot.
     moved: Vec<u32>,
     was: Vec<Padded>,
-    slot_stamp: Vec<u32>,
+    moved_slots: Visited,
     /// Display vertices that may hang elsewhere, or on what has moved.
     shifted: Vec<u32>,
-    vertex_stamp: Vec<u32>,
+    noted_vertices: Visited,
     rehung: Vec<u32>,
     concerned: Vec<u32>,
     handed: Vec<Ease<Vec3>>,
@@ -217,14 +218,13 @@ impl ActiveMesh {
                 entering: Vec::with_capacity(capacity),
                 leaving: Vec::with_capacity(capacity),
                 dirty: list(),
-                node_stamp: vec![0; body.node_count()],
-                element_stamp: vec![0; body.element_count()],
-                turn: 0,
+                noted_nodes: Visited::new(body.node_count()),
+                noted_elements: Visited::new(body.element_count()),
                 moved: list(),
                 was: vec![[0.0; 4]; slots],
-                slot_stamp: vec![0; slots],
+                moved_slots: Visited::new(slots),
                 shifted: Vec::with_capacity(vertices),
-                vertex_stamp: vec![0; vertices],
+                noted_vertices: Visited::new(vertices),
                 rehung: Vec::with_capacity(vertices),
                 concerned: Vec::with_capacity(body.element_count()),
                 handed: Vec::with_capacity(slots),

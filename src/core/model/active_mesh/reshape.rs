@@ -28,8 +28,7 @@ impl ActiveMesh {
         let mut added = 0;
         for &c in body.children(n) {
             for &e in body.elements_around(c) {
-                if self.active_vertices[e as usize] == 0 && self.work.element_stamp[e as usize] != self.work.turn {
-                    self.work.element_stamp[e as usize] = self.work.turn;
+                if self.active_vertices[e as usize] == 0 && self.work.noted_elements.visit(e as usize) {
                     added += 1;
                 }
             }
@@ -89,15 +88,12 @@ impl ActiveMesh {
         }
     }
 
+    /// Nothing has been looked at yet.
     pub(super) fn next_turn(&mut self) {
-        self.work.turn = self.work.turn.wrapping_add(1);
-        if self.work.turn == 0 {
-            self.work.node_stamp.fill(0);
-            self.work.element_stamp.fill(0);
-            self.work.vertex_stamp.fill(0);
-            self.work.slot_stamp.fill(0);
-            self.work.turn = 1;
-        }
+        self.work.noted_nodes.clear();
+        self.work.noted_elements.clear();
+        self.work.noted_vertices.clear();
+        self.work.moved_slots.clear();
     }
 
     /// What becomes active, with where and how fast it is, and what ceases to be.
@@ -196,8 +192,7 @@ impl ActiveMesh {
         self.work.elements.clear();
         for n in self.work.on.iter().map(|o| o.0).chain(self.work.off.iter().copied()) {
             for &e in body.elements_around(n) {
-                if self.work.element_stamp[e as usize] != self.work.turn {
-                    self.work.element_stamp[e as usize] = self.work.turn;
+                if self.work.noted_elements.visit(e as usize) {
                     self.work.elements.push(e);
                 }
             }
@@ -214,8 +209,7 @@ impl ActiveMesh {
                 continue;
             }
             for n in nodes {
-                if self.work.node_stamp[n as usize] != self.work.turn {
-                    self.work.node_stamp[n as usize] = self.work.turn;
+                if self.work.noted_nodes.visit(n as usize) {
                     self.work.nodes.push(n);
                 }
                 if self.slot[n as usize] == NONE {
@@ -244,7 +238,7 @@ impl ActiveMesh {
             let slot = self.interface[i];
             if self.hangs_otherwise(body, slot, changes) {
                 dirty.push(slot);
-            } else if self.work.node_stamp[self.node[slot as usize] as usize] == self.work.turn {
+            } else if self.work.noted_nodes.contains(self.node[slot as usize] as usize) {
                 self.hand_mass(slot, -1);
                 self.handed_mass[slot as usize] = self.own_mass[slot as usize];
                 self.hand_mass(slot, 1);

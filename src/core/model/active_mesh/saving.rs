@@ -9,6 +9,7 @@ use crate::model::element::{History, StrainLimit};
 use crate::model::element_pool::CLASSES;
 use crate::model::state::State;
 use crate::model::step_class;
+use crate::visited::Visited;
 
 impl ActiveMesh {
     /// Takes over `state`, from which a mesh of this body has been made before; allocates nothing. Everything that is not
@@ -109,17 +110,17 @@ impl ActiveMesh {
             return Err(format!("{elements} elements: this session has room for {}", self.pool.capacity()));
         }
         let in_use = |e: u32| body.element(e).iter().any(|n| set.is_active(*n));
-        let mut seen = vec![false; body.element_count()];
+        let count = body.element_count();
+        let mut seen = Visited::new(count);
         for &e in state.classes.iter().flatten() {
-            if e as usize >= seen.len() || seen[e as usize] || !in_use(e) {
+            if e as usize >= count || !seen.visit(e as usize) || !in_use(e) {
                 return Err(format!("element {e} of the state is not one that its active nodes need, once"));
             }
-            seen[e as usize] = true;
         }
-        let needed = (0..seen.len() as u32).filter(|e| in_use(*e)).count();
+        let needed = (0..count as u32).filter(|e| in_use(*e)).count();
         let mut interface: Vec<u32> = state.interface.clone();
         interface.sort_unstable();
-        let mut expected: Vec<u32> = (0..seen.len() as u32)
+        let mut expected: Vec<u32> = (0..count as u32)
             .filter(|e| in_use(*e))
             .flat_map(|e| body.element(e))
             .filter(|n| !set.is_active(*n))

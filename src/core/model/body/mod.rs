@@ -16,6 +16,7 @@ use crate::geometry::{Moments, Surface};
 use crate::hierarchy::Level;
 use crate::hierarchy::level::NOWHERE;
 use crate::math::{Real, Vec3};
+use crate::visited::Visited;
 use check::check;
 use node_compliance::NodeCompliance;
 use parts::finest_whole;
@@ -124,11 +125,12 @@ impl Body {
         let corners = elements.iter().enumerate().flat_map(|(e, nodes)| nodes.map(|n| (n, e as u32)));
         let around = Csr::new(nodes, corners);
         // Each node once, in the order in which the elements around bring them.
-        let mut seen = vec![u32::MAX; nodes];
+        let mut seen = Visited::new(nodes);
         let mut pairs = Vec::with_capacity(16 * nodes);
         for n in 0..nodes as u32 {
+            seen.clear();
             for m in around.of(n).iter().flat_map(|e| elements[*e as usize]) {
-                if std::mem::replace(&mut seen[m as usize], n) != n {
+                if seen.visit(m as usize) {
                     pairs.push((n, m));
                 }
             }
