@@ -10,10 +10,11 @@ use std::process::Command;
 type Rules = &'static [(&'static str, &'static [&'static str])];
 
 /// Modules of the core that all others may use.
-const LOWEST: [&str; 2] = ["math", "visited"];
+const LOWEST: [&str; 3] = ["math", "ids", "visited"];
 
 const CORE: Rules = &[
     ("math", &[]),
+    ("ids", &[]),
     ("visited", &[]),
     ("geometry", &[]),
     ("hierarchy", &["geometry"]),

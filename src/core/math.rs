@@ -156,6 +156,16 @@ pub fn normalized_quaternion(q: [Real; 4]) -> Option<[Real; 4]> {
     (length.is_finite() && length > 1e-6).then(|| q.map(|c| c / length))
 }
 
+/// Components xx, yy, zz, yz, xz, xy of a symmetric matrix.
+pub fn components(m: &Mat3) -> [Real; 6] {
+    [m[(0, 0)], m[(1, 1)], m[(2, 2)], m[(1, 2)], m[(0, 2)], m[(0, 1)]]
+}
+
+/// The symmetric matrix of these [`components`].
+pub fn symmetric([xx, yy, zz, yz, xz, xy]: [Real; 6]) -> Mat3 {
+    Mat3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz)
+}
+
 /// True when all three components are finite.
 pub fn is_finite(v: &Vec3) -> bool {
     v.x.is_finite() && v.y.is_finite() && v.z.is_finite()

@@ -26,6 +26,7 @@ use merge::MergeError;
 use palpate_core::geometry::{Moments, Surface, TetMesh};
 use palpate_core::hierarchy::level::{Level, mean_edge};
 use palpate_core::hierarchy::{embedding, parentage};
+use palpate_core::ids::NONE;
 use palpate_core::math::{Bounds, Real};
 use palpate_core::model::body::{Body, BodyError, BodyParts, MaxwellBranch, material_in};
 use palpate_core::model::material::Material;
@@ -434,11 +435,11 @@ pub fn maxwell_branches(zeta: Real, slowest: Real, fastest: Real) -> Vec<Maxwell
 
 /// The boundary of a mesh as a surface of its own.
 pub fn boundary_surface(mesh: &TetMesh) -> Surface {
-    let mut number = vec![u32::MAX; mesh.nodes.len()];
+    let mut number = vec![NONE; mesh.nodes.len()];
     let mut surface = Surface::default();
     for triangle in mesh.boundary() {
         let triangle = triangle.map(|n| {
-            if number[n as usize] == u32::MAX {
+            if number[n as usize] == NONE {
                 number[n as usize] = surface.vertices.len() as u32;
                 surface.vertices.push(mesh.nodes[n as usize]);
             }

@@ -10,6 +10,7 @@ use super::candidate::{Candidate, Sheet};
 use super::posed::Posed;
 use super::tool::MOST_POINTS;
 use super::touchable::{MARGIN, Touchable, points_of_a_part};
+use crate::ids::NONE;
 use crate::math::{Real, Vec3};
 use crate::model::active_mesh::skin;
 use crate::model::constraint::{Constraint, Firming, PointMemory};
@@ -128,7 +129,7 @@ impl Load {
 pub(super) struct Dents {
     /// Nodes that carry the points, ascending.
     wanted: Vec<u32>,
-    /// Node in each place; [`NOBODY`] in free ones.
+    /// Node in each place; [`NONE`] in free ones.
     nodes: Vec<u32>,
     /// Place of each node (n_nodes); [`NOWHERE`] for most.
     place_of: Vec<u8>,
@@ -146,7 +147,6 @@ pub(super) struct Dents {
 const MOST_NODES: usize = 12;
 /// Most nodes that carry the points of a tool and count for their dents.
 const MOST_CARRIERS: usize = 192;
-const NOBODY: u32 = u32::MAX;
 const NOWHERE: u8 = u8::MAX;
 
 impl Dents {
@@ -154,7 +154,7 @@ impl Dents {
     pub(super) fn new(nodes: usize) -> Self {
         Self {
             wanted: Vec::with_capacity(MOST_POINTS * MOST_NODES),
-            nodes: vec![NOBODY; MOST_CARRIERS],
+            nodes: vec![NONE; MOST_CARRIERS],
             place_of: vec![NOWHERE; nodes],
             between: vec![0.0; MOST_CARRIERS * MOST_CARRIERS],
             carriers: (0..MOST_POINTS).map(|_| Vec::with_capacity(MOST_NODES)).collect(),
@@ -311,7 +311,7 @@ impl Dents {
         self.wanted.sort_unstable();
         self.wanted.dedup();
         self.wanted.truncate(MOST_CARRIERS);
-        let is_free = |node: u32, wanted: &[u32]| node == NOBODY || wanted.binary_search(&node).is_err();
+        let is_free = |node: u32, wanted: &[u32]| node == NONE || wanted.binary_search(&node).is_err();
         let mut place = 0;
         for w in 0..self.wanted.len() {
             let node = self.wanted[w];
@@ -326,7 +326,7 @@ impl Dents {
                 *old = NOWHERE;
             }
             self.place_of[node as usize] = place as u8;
-            for (other, of) in self.nodes.iter().enumerate().filter(|(_, of)| **of != NOBODY) {
+            for (other, of) in self.nodes.iter().enumerate().filter(|(_, of)| **of != NONE) {
                 let c = on.body.compliance_between(node, *of);
                 self.between[place * MOST_CARRIERS + other] = c;
                 self.between[other * MOST_CARRIERS + place] = c;

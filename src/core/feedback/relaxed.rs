@@ -23,6 +23,7 @@ use crate::model::element_kernel::Path;
 use crate::model::{ActiveMesh, Body, Constraint};
 use crate::simulation::{Settings, Simulation, Snapshot};
 use crate::stepping::step;
+use crate::visited::Visited;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use std::sync::Arc;
 
@@ -49,22 +50,18 @@ pub struct Probe {
 #[derive(Clone, Debug)]
 struct Answer {
     displacement: Vec<[Vec3; 3]>,
-    /// Number of the question to which a node's displacement belongs.
-    asked: Vec<u32>,
-    question: u32,
+    /// Nodes whose displacement answers the last question.
+    asked: Visited,
 }
 
 impl Answer {
     fn new(nodes: usize) -> Self {
-        Self { displacement: vec![[Vec3::zeros(); 3]; nodes], asked: vec![0; nodes], question: 0 }
+        Self { displacement: vec![[Vec3::zeros(); 3]; nodes], asked: Visited::new(nodes) }
     }
 
     /// What is known of node `n`: its own displacement, or that of the nodes that stood for it.
     fn guess(&self, body: &Body, n: u32) -> [Vec3; 3] {
-        let known = |n: u32| (self.asked[n as usize] == self.question).then(|| self.displacement[n as usize]);
-        if self.question == 0 {
-            return [Vec3::zeros(); 3];
-        }
+        let known = |n: u32| self.asked.contains(n as usize).then(|| self.displacement[n as usize]);
         if let Some(own) = known(n).or_else(|| if body.level_of(n) > 0 { known(body.parent(n)) } else { None }) {
             return own;
         }
@@ -321,10 +318,10 @@ impl<'a> System<'a> {
             stiffness.set_column(k, &-on_tool);
             solutions.push(u);
         }
-        answer.question += 1;
+        answer.asked.clear();
         for (i, n) in nodes.iter().enumerate() {
             answer.displacement[*n as usize] = std::array::from_fn(|k| solutions[k][i]);
-            answer.asked[*n as usize] = answer.question;
+            answer.asked.visit(*n as usize);
         }
         let eigen = (0.5 * (stiffness + stiffness.transpose())).symmetric_eigen();
         let values = eigen.eigenvalues.map(|v| v.max(0.0));

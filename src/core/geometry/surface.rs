@@ -1,5 +1,6 @@
 //! A triangulated surface at rest.
 
+use crate::ids::NONE;
 use crate::math::{Bounds, Real, Vec3, to_parry};
 use parry3d_f64::shape::{TriMesh, TriMeshFlags};
 use serde::{Deserialize, Serialize};
@@ -154,7 +155,7 @@ impl Surface {
 
 /// The `points` that some cell refers to, in their old order; `cells` are renumbered to match. Indices must be valid.
 pub fn keep_referenced<const N: usize>(points: &[Vec3], cells: &mut [[u32; N]]) -> Vec<Vec3> {
-    let mut new_index = vec![u32::MAX; points.len()];
+    let mut new_index = vec![NONE; points.len()];
     for &point in cells.as_flattened() {
         new_index[point as usize] = 0;
     }

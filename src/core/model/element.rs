@@ -1,6 +1,7 @@
 //! An element in use: what it is made of, what it remembers, and how far it may be strained.
 
-use crate::math::Real;
+use super::material::{COLLAPSE_ONSET, COLLAPSE_STIFFNESS};
+use crate::math::{Mat3, Real, Vec3, symmetric};
 use serde::{Deserialize, Serialize};
 
 /// Most Maxwell branches of an element.
@@ -17,6 +18,43 @@ pub struct ElementConstants {
     pub mu: Real,
     /// Factor on the shear moduli of the Maxwell branches over μ.
     pub branch: Real,
+}
+
+/// The law of the kernel for one element, on matrices: what the kernel is tested against, and what weighs an element that is
+/// not due.
+impl ElementConstants {
+    /// Deformation gradient `F = Σ (x_i − x_0) ⊗ ∇L_i` with its nodes at `x` [m].
+    pub fn deformation(&self, x: &[Vec3; 4]) -> Mat3 {
+        let g = self.gradient.map(Vec3::from);
+        (0..3).map(|i| (x[i + 1] - x[0]) * g[i].transpose()).sum()
+    }
+
+    /// Second Piola–Kirchhoff stress at `f` times its part of the volume [N·m]: elastic, and that of Maxwell branches of these
+    /// `moduli` over μ with what they remember. Viscosity and the term against collapse are not in it.
+    pub fn stress(&self, f: &Mat3, moduli: impl Iterator<Item = Real>, history: &History) -> Mat3 {
+        let (lambda, mu) = (self.lambda, self.mu);
+        let doubled = f.transpose() * f - Mat3::identity();
+        let mut s = doubled * mu + Mat3::identity() * (0.5 * lambda * doubled.trace());
+        for (modulus, held) in moduli.zip(&history.branch) {
+            let d = symmetric(*held) * 2.0;
+            s += (d - Mat3::identity() * (d.trace() / 3.0)) * (mu * self.branch * modulus);
+        }
+        s
+    }
+
+    /// Forces on its nodes [N] at the deformation gradient `f` and the stress `s`, with the term against collapse.
+    pub fn forces(&self, f: &Mat3, s: &Mat3) -> [Vec3; 4] {
+        let mut p = f * s;
+        let det = f.determinant();
+        if det < COLLAPSE_ONSET {
+            let rows: [Vec3; 3] = std::array::from_fn(|r| f.row(r).transpose());
+            let cofactor = [rows[1].cross(&rows[2]), rows[2].cross(&rows[0]), rows[0].cross(&rows[1])];
+            let squeeze = COLLAPSE_STIFFNESS * (self.lambda + 2.0 * self.mu) * (det - COLLAPSE_ONSET);
+            p += Mat3::from_rows(&cofactor.map(|c| c.transpose())) * squeeze;
+        }
+        let q = self.gradient.map(|g| p * Vec3::from(g));
+        [q[0] + q[1] + q[2], -q[0], -q[1], -q[2]]
+    }
 }
 
 /// What an element remembers between two evaluations. Components of strains are xx, yy, zz, yz, xz, xy.

@@ -9,13 +9,11 @@ use super::element::{MAX_BRANCHES, StrainLimit};
 use super::element_block::{Blocks, Lane};
 use super::element_kernel::{self, Batch, Extremes, Path, Rates};
 use super::lanes::{LANES, Padded};
+use crate::ids::NONE;
 use crate::math::Real;
 
 /// Step classes.
 pub const CLASSES: usize = 8;
-
-/// No element, in a lane that is not in use.
-const NONE: u32 = u32::MAX;
 
 /// Where an element is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

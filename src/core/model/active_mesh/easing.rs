@@ -8,13 +8,11 @@
 use super::foresight::sides;
 use super::skin;
 use super::{ActiveMesh, Upkeep, constants, padded, vec3};
-use crate::math::{Mat3, Real, Vec3};
+use crate::math::{Real, Vec3};
 use crate::model::active_set::Change;
 use crate::model::body::Body;
 use crate::model::constraint::PointMemory;
 use crate::model::element_kernel::Padded;
-use crate::model::element_pool::{ElementConstants, History};
-use crate::model::material::{COLLAPSE_ONSET, COLLAPSE_STIFFNESS};
 use crate::model::step_class::{self, EASE_CLASSES, Ease};
 
 /// What acts on a body from outside.
@@ -99,7 +97,9 @@ impl ActiveMesh {
         let history = self.pool.history(e)?;
         let slots = body.element(e).map(|n| self.slot[n as usize]);
         let x = slots.map(|slot| vec3(&self.motion.position[slot as usize]));
-        let forces = element_forces(body, &constants(body, e, self.active_vertices[e as usize]), &history, &x);
+        let constants = constants(body, e, self.active_vertices[e as usize]);
+        let f = constants.deformation(&x);
+        let forces = constants.forces(&f, &constants.stress(&f, body.maxwell().iter().map(|b| b.modulus), &history));
         Some((class.min(EASE_CLASSES - 1), slots, forces))
     }
 
@@ -174,29 +174,4 @@ impl ActiveMesh {
             }
         }
     }
-}
-
-/// Forces of an element on its nodes at `x` [N], with what its Maxwell branches hold: the law of the kernel for one element
-/// that is not evaluated in its turn.
-fn element_forces(body: &Body, constants: &ElementConstants, history: &History, x: &[Vec3; 4]) -> [Vec3; 4] {
-    let (lambda, mu) = (constants.lambda, constants.mu);
-    let g = constants.gradient.map(Vec3::from);
-    let f: Mat3 = (0..3).map(|i| (x[i + 1] - x[0]) * g[i].transpose()).sum();
-    let doubled = f.transpose() * f - Mat3::identity();
-    let mut s = doubled * mu + Mat3::identity() * (0.5 * lambda * doubled.trace());
-    for (branch, held) in body.maxwell().iter().zip(&history.branch) {
-        let [xx, yy, zz, yz, xz, xy] = *held;
-        let d = Mat3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz) * 2.0;
-        s += (d - Mat3::identity() * (d.trace() / 3.0)) * (mu * constants.branch * branch.modulus);
-    }
-    let mut p = f * s;
-    let det = f.determinant();
-    if det < COLLAPSE_ONSET {
-        let rows: [Vec3; 3] = std::array::from_fn(|r| f.row(r).transpose());
-        let cofactor = [rows[1].cross(&rows[2]), rows[2].cross(&rows[0]), rows[0].cross(&rows[1])];
-        let squeeze = COLLAPSE_STIFFNESS * (lambda + 2.0 * mu) * (det - COLLAPSE_ONSET);
-        p += Mat3::from_rows(&cofactor.map(|c| c.transpose())) * squeeze;
-    }
-    let q = g.map(|g| p * g);
-    [q[0] + q[1] + q[2], -q[0], -q[1], -q[2]]
 }

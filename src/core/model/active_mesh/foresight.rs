@@ -1,9 +1,10 @@
 //! What changes of resolution will take, counted before they are made.
 
 use super::{ActiveMesh, Upkeep};
+use crate::ids::NONE;
 use crate::math::Bounds;
 use crate::model::active_set::Change;
-use crate::model::body::{Body, NONE};
+use crate::model::body::Body;
 
 impl ActiveMesh {
     /// What `changes`, of one kind, take at most; with weighing their forces when `eased`: those of elements around nodes that

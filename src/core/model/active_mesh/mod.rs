@@ -28,7 +28,7 @@ pub use reshape::Upkeep;
 use supports::Supports;
 
 use super::active_set::ActiveSet;
-use super::body::{Body, NONE};
+use super::body::Body;
 use super::element::ElementConstants;
 use super::element_kernel::Padded;
 use super::element_pool::{CLASSES, ElementPool};
@@ -37,6 +37,7 @@ use super::state::State;
 use super::step_class::Ease;
 use super::sweeps::{self, Registers};
 use crate::geometry::tet_mesh::gradients;
+use crate::ids::NONE;
 use crate::math::{Bounds, Real, Vec3};
 use crate::visited::Visited;
 

@@ -2,9 +2,10 @@
 
 use super::{ActiveMesh, constants, padded, vec3};
 use crate::geometry::locate::Host;
-use crate::math::{Mat3, Real, Vec3};
+use crate::ids::NONE;
+use crate::math::{Mat3, Real, Vec3, components};
 use crate::model::active_set::Change;
-use crate::model::body::{Body, NONE};
+use crate::model::body::Body;
 use crate::model::element_pool::{ElementConstants, History};
 use crate::model::interface::InterfaceRow;
 use crate::model::organ::MOST_ORGANS;
@@ -301,10 +302,8 @@ impl ActiveMesh {
     /// Green strain and determinant of an element where its nodes lie now.
     pub(super) fn strain(&self, constants: &ElementConstants, slots: [u32; 4]) -> ([Real; 6], Real) {
         let x = slots.map(|s| vec3(&self.motion.position[s as usize]));
-        let g = constants.gradient.map(Vec3::from);
-        let f: Mat3 = (0..3).map(|i| (x[i + 1] - x[0]) * g[i].transpose()).sum();
-        let e = (f.transpose() * f - Mat3::identity()) * 0.5;
-        ([e[(0, 0)], e[(1, 1)], e[(2, 2)], e[(1, 2)], e[(0, 2)], e[(0, 1)]], f.determinant())
+        let f = constants.deformation(&x);
+        (components(&((f.transpose() * f - Mat3::identity()) * 0.5)), f.determinant())
     }
 
     /// What the Maxwell branches of element `e` hold: the mean over the elements that contain its vertices on the

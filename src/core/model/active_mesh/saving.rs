@@ -2,9 +2,10 @@
 
 use super::easing::NO_EASE;
 use super::{ActiveMesh, constants, padded, vec3};
+use crate::ids::NONE;
 use crate::math::Vec3;
 use crate::model::active_set::ActiveSet;
-use crate::model::body::{Body, NONE};
+use crate::model::body::Body;
 use crate::model::element::{History, StrainLimit};
 use crate::model::element_pool::CLASSES;
 use crate::model::state::State;

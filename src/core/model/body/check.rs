@@ -3,7 +3,7 @@
 use super::parts::{BodyParts, finest_whole};
 use crate::geometry::locate::Host;
 use crate::hierarchy::Level;
-use crate::hierarchy::level::NOWHERE;
+use crate::ids::NONE;
 use crate::math::{Real, Vec3};
 use crate::model::organ::{MOST_ORGANS, OrganLevel, OrganParts};
 
@@ -61,7 +61,7 @@ pub(super) fn check(parts: &BodyParts) -> Result<(), String> {
             && level.density.len() == elements
             && level.node_mass.len() == nodes
             && level.embedding.len() == vertices
-            && level.embedding.iter().all(|h| lies_in(h, elements) || !level.is_whole() && h.element == NOWHERE)
+            && level.embedding.iter().all(|h| lies_in(h, elements) || !level.is_whole() && h.element == NONE)
             && level.fixed.iter().chain(&level.rim).all(in_range)
             && (parts.material_of[i].is_empty() || parts.material_of[i].len() == elements)
             && parts.material_of[i].iter().all(|m| (*m as usize) < parts.materials.len());
@@ -126,7 +126,7 @@ pub(super) fn check(parts: &BodyParts) -> Result<(), String> {
             return Err(format!("level {i} covers only a region, whose rim runs through a family"));
         }
         let hosts_above =
-            |(h, childless): (&Host, &bool)| lies_in(h, fine.mesh.elements.len()) || *childless && h.element == NOWHERE;
+            |(h, childless): (&Host, &bool)| lies_in(h, fine.mesh.elements.len()) || *childless && h.element == NONE;
         let hosted = fine.coarser_host.len() == fine.mesh.nodes.len()
             && coarse.finer_host.len() == coarse_nodes
             && fine.coarser_host.iter().all(|h| lies_in(h, coarse.mesh.elements.len()))
@@ -168,7 +168,7 @@ fn check_organs(parts: &BodyParts) -> Result<(), String> {
     let triangles = owners(organs.iter().map(|o| o.triangles), surface.triangles.len()).ok_or_else(shared)?;
     // True where nothing names a thing of another organ.
     fn own(owner: &[u8], mut names: impl Iterator<Item = (usize, u32)>, of: &[u8]) -> bool {
-        names.all(|(i, named)| named == NOWHERE || of.get(named as usize) == Some(&owner[i]))
+        names.all(|(i, named)| named == NONE || of.get(named as usize) == Some(&owner[i]))
     }
     let corners = surface.triangles.iter().enumerate().flat_map(|(t, corners)| corners.map(|v| (t, v)));
     let mut apart = own(&triangles, corners, &vertices);

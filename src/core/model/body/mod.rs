@@ -14,7 +14,7 @@ use super::organ::{self, Organ, OrganLevel, OrganParts};
 use crate::geometry::locate::Host;
 use crate::geometry::{Moments, Surface};
 use crate::hierarchy::Level;
-use crate::hierarchy::level::NOWHERE;
+use crate::ids::NONE;
 use crate::math::{Real, Vec3};
 use crate::visited::Visited;
 use check::check;
@@ -23,9 +23,6 @@ use parts::finest_whole;
 
 /// First bytes of a body file: name and format version.
 const MAGIC: &[u8; 12] = b"palpate-bdy\x09";
-
-/// Stands for "no node", "no element".
-pub const NONE: u32 = u32::MAX;
 
 /// How much stiffer one element around a node is than another where the material counts as uneven.
 const CONTRAST: Real = 1.25;
@@ -119,7 +116,7 @@ impl Body {
         }
         let hosts: Vec<(u32, u32)> = levels()
             .flat_map(|(r, l)| l.embedding.iter().enumerate().map(move |(v, h)| (r, v as u32, h.element)))
-            .filter(|(_, _, e)| *e != NOWHERE)
+            .filter(|(_, _, e)| *e != NONE)
             .map(|(r, v, e)| (first_element[r] + e, v))
             .collect();
         let corners = elements.iter().enumerate().flat_map(|(e, nodes)| nodes.map(|n| (n, e as u32)));
@@ -336,7 +333,7 @@ impl Body {
     }
 
     fn host_on(&self, r: usize, host: Host) -> Option<Host> {
-        (host.element != NOWHERE).then(|| Host { element: host.element + self.first_element[r], ..host })
+        (host.element != NONE).then(|| Host { element: host.element + self.first_element[r], ..host })
     }
 
     /// Display vertices that lie in element `e` on its level.

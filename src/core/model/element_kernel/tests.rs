@@ -3,7 +3,7 @@
 use super::super::element_pool::{ElementConstants, ElementPool, History};
 use super::super::material::Material;
 use super::*;
-use crate::math::{Mat3, Vec3};
+use crate::math::{Mat3, Vec3, components, symmetric};
 
 /// Numbers in ±1 that look random.
 struct Noise(u64);
@@ -199,30 +199,22 @@ fn a_rigid_rotation_costs_no_force() {
     }
 }
 
-/// The same law on matrices, element by element.
-fn reference(soup: &Soup, rates: &Rates, memory: &mut [[Mat3; 3]], branches: usize, x: &[Vec3]) -> Vec<Vec3> {
+/// The law on matrices, element by element, with viscosity.
+fn reference(soup: &Soup, rates: &Rates, memory: &mut [History], branches: usize, x: &[Vec3]) -> Vec<Vec3> {
     let mut force = vec![Vec3::zeros(); x.len()];
-    for (e, [before, d @ ..]) in memory.iter_mut().enumerate() {
+    for (e, memory) in memory.iter_mut().enumerate() {
         let (nodes, c) = &soup.elements[e];
-        let f = soup.deformation(e, x);
+        let f = c.deformation(&nodes.map(|n| x[n as usize]));
         let strain = (f.transpose() * f - Mat3::identity()) * 0.5;
-        let change = strain - *before;
-        *before = strain;
-        let mut s = Mat3::from_diagonal_element(c.lambda * (strain.trace() + rates.volume * change.trace()))
-            + 2.0 * c.mu * (strain + rates.shear * change);
-        for (b, d) in d.iter_mut().enumerate().take(branches) {
-            *d = (*d + change) * rates.decay[b];
-            let deviator = *d - Mat3::from_diagonal_element(d.trace() / 3.0);
-            s += 2.0 * c.mu * c.branch * rates.share[b] * deviator;
+        let change = strain - symmetric(std::mem::replace(&mut memory.strain, components(&strain)));
+        for (d, decay) in memory.branch.iter_mut().zip(rates.decay).take(branches) {
+            *d = components(&((symmetric(*d) + change) * decay));
         }
-        let squeeze = (f.determinant() - COLLAPSE_ONSET).min(0.0);
-        let rows = [f.row(0).transpose(), f.row(1).transpose(), f.row(2).transpose()];
-        let cofactor = Mat3::from_columns(&[rows[1].cross(&rows[2]), rows[2].cross(&rows[0]), rows[0].cross(&rows[1])]);
-        let p = f * s + COLLAPSE_STIFFNESS * (c.lambda + 2.0 * c.mu) * squeeze * cofactor.transpose();
-        for i in 0..3 {
-            let q = p * Vec3::from(c.gradient[i]);
-            force[nodes[i + 1] as usize] -= q;
-            force[nodes[0] as usize] += q;
+        let viscous =
+            Mat3::from_diagonal_element(c.lambda * rates.volume * change.trace()) + 2.0 * c.mu * rates.shear * change;
+        let stress = c.stress(&f, rates.share[..branches].iter().copied(), memory);
+        for (n, f) in nodes.iter().zip(c.forces(&f, &(stress + viscous))) {
+            force[*n as usize] += f;
         }
     }
     force
@@ -234,7 +226,7 @@ fn the_law_with_viscosity_and_memory_agrees_with_matrices() {
     let soup = Soup::new(&mut noise, 15, 30);
     for branches in 0..=MAX_BRANCHES {
         let mut pool = soup.pool(branches);
-        let mut memory = vec![[Mat3::zeros(); 3]; soup.elements.len()];
+        let mut memory = vec![History::REST; soup.elements.len()];
         for _ in 0..20 {
             let x = soup.moved(&mut noise, 0.3);
             let f = force(&mut pool, &RATES, &x);
