@@ -8,6 +8,7 @@ use palpate_core::contact::safety::ForceLimits;
 use palpate_core::contact::tool::{Coupling, Following, PoseSample, Shape as ToolShape, Tool, ToolEvent};
 use palpate_core::geometry::Surface;
 use palpate_core::geometry::primitives::box_surface;
+use palpate_core::ids::Slot;
 use palpate_core::math::{Bounds, Pose, Real, Vec3};
 use palpate_core::model::active_set::{ActiveSet, Change, Status};
 use palpate_core::model::{ActiveMesh, Body, Material, State};
@@ -276,7 +277,7 @@ fn press_and_stroke(i: u64) -> Inputs {
 
 /// Mean displacement of the mass from rest [m]: the sum that swings when the body does.
 fn mean_displacement(body: &Body, mesh: &ActiveMesh) -> Vec3 {
-    let moved = |slot: &u32| (mesh.position(*slot) - body.rest(mesh.node(*slot))) * mesh.motion.mass[*slot as usize];
+    let moved = |slot: &Slot| (mesh.position(*slot) - body.rest(mesh.node(*slot))) * mesh.motion.mass[slot.index()];
     mesh.active().iter().map(moved).sum::<Vec3>() / body.mass()
 }
 

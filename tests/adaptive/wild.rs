@@ -57,7 +57,7 @@ fn posed(position: Vec3, orientation: [Real; 4]) -> ToolEvent {
 fn unrest(body: &Body, simulation: &Simulation) -> (Real, Real) {
     let mesh = simulation.mesh();
     mesh.active().iter().fold((0.0, 0.0), |worst: (Real, Real), slot| {
-        let v = mesh.motion.velocity[*slot as usize];
+        let v = mesh.motion.velocity[slot.index()];
         let away = (mesh.position(*slot) - body.rest(mesh.node(*slot))).norm();
         (worst.0.max(away), worst.1.max(Vec3::new(v[0], v[1], v[2]).norm()))
     })

@@ -6,6 +6,7 @@ use palpate_core::adaptation::Adaptivity;
 use palpate_core::contact::safety::ForceLimits;
 use palpate_core::contact::tool::{Coupling, Following, PoseSample, Shape as ToolShape, Tool, ToolEvent};
 use palpate_core::geometry::primitives::{box_mesh, box_surface};
+use palpate_core::ids::Slot;
 use palpate_core::math::{Bounds, Pose, Real, Vec3};
 use palpate_core::model::{Body, Material};
 use palpate_core::simulation::{Inputs, Settings, Simulation, Snapshot, TICK};
@@ -24,9 +25,9 @@ fn settings(gravity: Vec3, adaptivity: Option<Adaptivity>, radius: Real) -> Sett
 
 fn kinetic_energy(simulation: &Simulation) -> Real {
     let motion = &simulation.mesh().motion;
-    let one = |s: &u32| {
-        let v = motion.velocity[*s as usize];
-        0.5 * motion.mass[*s as usize] * (v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+    let one = |s: &Slot| {
+        let v = motion.velocity[s.index()];
+        0.5 * motion.mass[s.index()] * (v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
     };
     simulation.mesh().active().iter().map(one).sum()
 }

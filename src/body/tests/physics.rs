@@ -8,6 +8,7 @@
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use palpate_body::prepare::{Recipe, Region, Shape, prepare};
 use palpate_core::geometry::primitives::box_mesh;
+use palpate_core::ids::Slot;
 use palpate_core::math::{Bounds, Mat3, Real, Vec3};
 use palpate_core::model::active_set::{ActiveSet, Change};
 use palpate_core::model::element_kernel::{Path, Rates};
@@ -55,10 +56,10 @@ fn forces_by(path: Path, mesh: &mut ActiveMesh, rates: &Rates) -> Vec<Vec3> {
         mesh.add_forces(path, class, rates);
     }
     mesh.hand_back_all();
-    let slots: Vec<(u32, u32)> = mesh.active().iter().map(|s| (*s, mesh.node(*s))).collect();
+    let slots: Vec<(Slot, u32)> = mesh.active().iter().map(|s| (*s, mesh.node(*s))).collect();
     let mut force = vec![Vec3::zeros(); slots.iter().map(|s| s.1 as usize + 1).max().unwrap_or(0)];
     for (slot, node) in slots {
-        let f = std::mem::replace(&mut mesh.motion.force[slot as usize], [0.0; 4]);
+        let f = std::mem::replace(&mut mesh.motion.force[slot.index()], [0.0; 4]);
         force[node as usize] = Vec3::new(f[0], f[1], f[2]);
     }
     force

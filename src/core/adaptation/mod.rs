@@ -6,6 +6,7 @@
 pub mod indicator;
 mod shedding;
 
+use crate::ids::Slot;
 use crate::math::{Bounds, Real, Vec3};
 use crate::model::active_mesh::Loads;
 use crate::model::active_set::Change;
@@ -529,7 +530,7 @@ impl Look<'_> {
         }
     }
 
-    fn is_settled(&self, mesh: &ActiveMesh, slot: u32) -> bool {
+    fn is_settled(&self, mesh: &ActiveMesh, slot: Slot) -> bool {
         mesh.eased(slot).norm_squared() <= self.settled * self.settled
     }
 
@@ -537,7 +538,7 @@ impl Look<'_> {
     fn spare_families<'s>(
         &self,
         mesh: &ActiveMesh,
-        slots: impl Iterator<Item = &'s u32>,
+        slots: impl Iterator<Item = &'s Slot>,
         limit: Real,
         spare: &mut Vec<(Real, u32)>,
     ) {

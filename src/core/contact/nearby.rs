@@ -47,7 +47,7 @@ impl Nearby {
             return;
         }
         for &slot in mesh.moved() {
-            self.from[slot as usize] = mesh.motion.position[slot as usize];
+            self.from[slot.index()] = mesh.motion.position[slot.index()];
         }
         // They come to hang on nodes that have moved since, and may go back.
         let far = self.farthest(mesh);
@@ -79,7 +79,7 @@ impl Nearby {
     fn farthest(&self, mesh: &ActiveMesh) -> Real {
         let mut moved = 0.0 as Real;
         for &slot in mesh.active().iter().chain(mesh.interface()) {
-            let (now, then) = (&mesh.motion.position[slot as usize], &self.from[slot as usize]);
+            let (now, then) = (&mesh.motion.position[slot.index()], &self.from[slot.index()]);
             moved = moved.max((0..3).map(|c| (now[c] - then[c]) * (now[c] - then[c])).sum());
         }
         mesh.lever() * moved.sqrt()

@@ -171,7 +171,7 @@ impl Contact {
         };
         let n = rows.len();
         let compliance = Cholesky::new(DMatrix::from_fn(n, n, between))?;
-        let index = |row: &Row| row.entries().iter().map(|(slot, b)| (system.index[*slot as usize], *b)).collect();
+        let index = |row: &Row| row.entries().iter().map(|(slot, b)| (system.index[slot.index()], *b)).collect();
         Some(Self { points: pushing.iter().map(|(_, c)| index(&c.row)).collect(), rows, compliance, turning })
     }
 
@@ -251,9 +251,9 @@ struct System<'a> {
 impl<'a> System<'a> {
     fn new(body: &'a Body, path: Path, mesh: &mut ActiveMesh) -> Self {
         let mut index = vec![usize::MAX; mesh.motion.mass.len()];
-        mesh.active().iter().enumerate().for_each(|(i, slot)| index[*slot as usize] = i);
+        mesh.active().iter().enumerate().for_each(|(i, slot)| index[slot.index()] = i);
         let at: Vec<Vec3> = mesh.active().iter().map(|s| mesh.position(*s)).collect();
-        let fixed = mesh.active().iter().map(|s| mesh.motion.inverse_mass[*s as usize] == 0.0).collect();
+        let fixed = mesh.active().iter().map(|s| mesh.motion.inverse_mass[s.index()] == 0.0).collect();
         let diagonal = mesh
             .active()
             .iter()
@@ -384,7 +384,7 @@ fn forces(path: Path, mesh: &mut ActiveMesh, out: &mut [Vec3]) {
     step::add_elastic_forces(path, mesh);
     let (active, motion) = mesh.active_motion();
     for (out, slot) in out.iter_mut().zip(active) {
-        let f = std::mem::take(&mut motion.force[*slot as usize]);
+        let f = std::mem::take(&mut motion.force[slot.index()]);
         *out = Vec3::new(f[0], f[1], f[2]);
     }
 }

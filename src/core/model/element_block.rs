@@ -2,6 +2,7 @@
 
 use super::element::{ElementConstants, History, MAX_BRANCHES, StrainLimit};
 use super::lanes::{LANES, Row};
+use crate::ids::Slot;
 use crate::math::Real;
 
 /// What the kernel reads and writes of [`LANES`] elements. Constants carry fraction·volume, so that forces come out in
@@ -9,7 +10,7 @@ use crate::math::Real;
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
 pub(super) struct Block {
-    /// Node numbers: vertex, then element.
+    /// Slots of the nodes: vertex, then element.
     pub node: [[u32; LANES]; 4],
     /// ∇L_1, ∇L_2, ∇L_3 at rest [1/m]: vertex, then component; ∇L_0 is minus their sum.
     pub gradient: [[Row; 3]; 3],
@@ -85,10 +86,10 @@ impl Blocks {
     }
 
     /// Puts an element between `nodes` into a lane.
-    pub(super) fn write(&mut self, at: Lane, nodes: [u32; 4], constants: &ElementConstants, history: &History) {
+    pub(super) fn write(&mut self, at: Lane, nodes: [Slot; 4], constants: &ElementConstants, history: &History) {
         let (b, lane) = (&mut self.all[at.block], at.lane);
         for (row, node) in b.node.iter_mut().zip(nodes) {
-            row[lane] = node;
+            row[lane] = node.0;
         }
         for (row, x) in b.gradient.as_flattened_mut().iter_mut().zip(constants.gradient.as_flattened()) {
             row[lane] = *x;
@@ -103,7 +104,7 @@ impl Blocks {
     pub(super) fn vacate(&mut self, at: Lane) {
         const NOTHING: ElementConstants =
             ElementConstants { gradient: [[0.0; 3]; 3], lambda: 0.0, mu: 0.0, branch: 0.0 };
-        self.write(at, [0; 4], &NOTHING, &History::REST);
+        self.write(at, [Slot(0); 4], &NOTHING, &History::REST);
         self.set_limit(at, StrainLimit::NONE);
     }
 
@@ -128,8 +129,8 @@ impl Blocks {
     }
 
     /// Nodes of the element in a lane.
-    pub(super) fn nodes(&self, at: Lane) -> [u32; 4] {
-        self.all[at.block].node.map(|row| row[at.lane])
+    pub(super) fn nodes(&self, at: Lane) -> [Slot; 4] {
+        self.all[at.block].node.map(|row| Slot(row[at.lane]))
     }
 
     /// `E` of the element in a lane at its last evaluation.

@@ -10,6 +10,7 @@ use super::element_block::{Blocks, Lane};
 use super::element_kernel::{self, Batch, Extremes, Path, Rates};
 use super::lanes::{LANES, Padded};
 use crate::ids::NONE;
+use crate::ids::Slot;
 use crate::math::Real;
 
 /// Step classes.
@@ -104,7 +105,7 @@ impl ElementPool {
         &mut self,
         id: u32,
         class: usize,
-        nodes: [u32; 4],
+        nodes: [Slot; 4],
         constants: &ElementConstants,
         history: &History,
     ) -> bool {
@@ -217,7 +218,7 @@ impl ElementPool {
     }
 
     /// The nodes of element `id`.
-    pub fn nodes_of(&self, id: u32) -> Option<[u32; 4]> {
+    pub fn nodes_of(&self, id: u32) -> Option<[Slot; 4]> {
         self.find(id).map(|lane| self.blocks.nodes(lane))
     }
 
@@ -305,8 +306,8 @@ impl ElementPool {
     }
 
     /// What lets the kernel go without bounds checks.
-    fn check_nodes(&self, nodes: [u32; 4]) {
-        assert!(nodes.iter().all(|n| (*n as usize) < self.nodes), "an element names a lost node");
+    fn check_nodes(&self, nodes: [Slot; 4]) {
+        assert!(nodes.iter().all(|n| n.index() < self.nodes), "an element names a lost node");
     }
 
     fn place(&self, id: u32) -> Option<Place> {
@@ -371,7 +372,7 @@ mod tests {
 
     #[derive(Clone, Debug)]
     enum Op {
-        Insert(u32, usize, [u32; 4]),
+        Insert(u32, usize, [Slot; 4]),
         Remove(u32),
         SetClass(u32, usize),
         SetStiffness(u32, Real),
@@ -382,7 +383,7 @@ mod tests {
     fn op() -> impl Strategy<Value = Op> {
         let id = || 0..TOTAL as u32;
         let class = || prop_oneof![8 => 0..3usize, 1 => 0..CLASSES];
-        let nodes = || prop::array::uniform4(0..NODES as u32);
+        let nodes = || prop::array::uniform4((0..NODES).prop_map(Slot::at));
         prop_oneof![
             12 => (id(), class(), nodes()).prop_map(|(i, c, n)| Op::Insert(i, c, n)),
             4 => id().prop_map(Op::Remove),
@@ -413,7 +414,7 @@ mod tests {
     /// What the pool must know of an element.
     #[derive(Clone)]
     struct Known {
-        nodes: [u32; 4],
+        nodes: [Slot; 4],
         constants: ElementConstants,
     }
 
@@ -518,9 +519,9 @@ mod tests {
         for capacity in [1, 7, 8, 9, 45, 60] {
             let mut pool = ElementPool::new(TOTAL, capacity, NODES, 1);
             for id in 0..capacity as u32 {
-                assert!(pool.insert(id, id as usize % CLASSES, [0, 1, 2, 3], &constants(id), &History::REST));
+                assert!(pool.insert(id, id as usize % CLASSES, [0, 1, 2, 3].map(Slot), &constants(id), &History::REST));
             }
-            assert!(capacity == TOTAL || !pool.insert(59, 0, [0; 4], &constants(0), &History::REST));
+            assert!(capacity == TOTAL || !pool.insert(59, 0, [Slot(0); 4], &constants(0), &History::REST));
             for class in 0..CLASSES {
                 (0..capacity as u32).for_each(|id| assert!(pool.set_class(id, class)));
                 assert_eq!(pool.count(class), capacity);
@@ -534,7 +535,7 @@ mod tests {
         ElementPool::new(TOTAL, CAPACITY, NODES, 0).insert(
             0,
             0,
-            [0, 1, 2, NODES as u32],
+            [0, 1, 2, NODES as u32].map(Slot),
             &constants(0),
             &History::REST,
         );

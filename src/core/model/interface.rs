@@ -15,9 +15,9 @@ pub const MOST_MASTERS: usize = 10;
 
 /// How far a node hangs on others.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct InterfaceRow {
-    /// Masters; only the first `len` count.
-    node: [u32; MOST_MASTERS],
+pub struct InterfaceRow<Id> {
+    /// Masters, nodes of the body or their slots; only the first `len` count.
+    master: [Id; MOST_MASTERS],
     weight: [Real; MOST_MASTERS],
     len: u8,
     /// It hangs in one element, and does so while all of that is active.
@@ -26,25 +26,30 @@ pub struct InterfaceRow {
     pub reach_squared: Real,
 }
 
-impl InterfaceRow {
+impl<Id: Copy + Default> InterfaceRow<Id> {
     /// No masters.
-    pub const EMPTY: InterfaceRow = InterfaceRow {
-        node: [0; MOST_MASTERS],
-        weight: [0.0; MOST_MASTERS],
-        len: 0,
-        hosted: false,
-        reach_squared: 0.0,
-    };
-
-    /// Masters and weights.
-    pub fn entries(&self) -> impl Iterator<Item = (u32, Real)> + '_ {
-        self.node[..usize::from(self.len)].iter().copied().zip(self.weight[..usize::from(self.len)].iter().copied())
+    pub fn empty() -> Self {
+        Self {
+            master: [Id::default(); MOST_MASTERS],
+            weight: [0.0; MOST_MASTERS],
+            len: 0,
+            hosted: false,
+            reach_squared: 0.0,
+        }
     }
 
-    /// Replaces each master's number by `number(master)`.
-    pub fn renumbered(mut self, number: impl Fn(u32) -> u32) -> Self {
-        self.node[..usize::from(self.len)].iter_mut().for_each(|n| *n = number(*n));
-        self
+    /// Masters and weights.
+    pub fn entries(&self) -> impl Iterator<Item = (Id, Real)> + '_ {
+        self.master[..usize::from(self.len)].iter().copied().zip(self.weight[..usize::from(self.len)].iter().copied())
+    }
+
+    /// Calls each master by `number(master)`.
+    pub fn renumbered<To: Copy + Default>(&self, number: impl Fn(Id) -> To) -> InterfaceRow<To> {
+        let len = usize::from(self.len);
+        let mut master = [To::default(); MOST_MASTERS];
+        master[..len].iter_mut().zip(&self.master[..len]).for_each(|(to, from)| *to = number(*from));
+        let Self { weight, len, hosted, reach_squared, .. } = *self;
+        InterfaceRow { master, weight, len, hosted, reach_squared }
     }
 
     /// `Σ |w|`, at least 1: how much the row amplifies.
@@ -62,8 +67,8 @@ impl InterfaceRow {
         self.len == 0
     }
 
-    fn push(&mut self, node: u32, weight: Real) {
-        self.node[usize::from(self.len)] = node;
+    fn push(&mut self, master: Id, weight: Real) {
+        self.master[usize::from(self.len)] = master;
         self.weight[usize::from(self.len)] = weight;
         self.len += 1;
     }
@@ -148,7 +153,7 @@ impl Search {
     }
 
     /// The row of node `n`, which is not active.
-    pub fn row(&mut self, body: &Body, set: &ActiveSet, n: u32) -> InterfaceRow {
+    pub fn row(&mut self, body: &Body, set: &ActiveSet, n: u32) -> InterfaceRow<u32> {
         self.begin(body.rest(n));
         let host = match set.status(n) {
             Status::Refined => body.finer_host(n),
@@ -157,7 +162,7 @@ impl Search {
         if let Some(host) = host {
             let nodes = body.element(host.element);
             if nodes.iter().filter(|v| self.look(body, set, **v) == Status::Active).count() == 4 {
-                let mut row = InterfaceRow::EMPTY;
+                let mut row = InterfaceRow::empty();
                 nodes.iter().zip(host.weights).for_each(|(v, w)| row.push(*v, w));
                 return InterfaceRow { hosted: true, reach_squared: self.reach_squared, ..row };
             }
@@ -188,8 +193,8 @@ impl Search {
         body.neighbours(n).iter().for_each(|v| self.stand_in(body, set, *v));
     }
 
-    fn nearest_only(&self) -> InterfaceRow {
-        let mut row = InterfaceRow { reach_squared: Real::INFINITY, ..InterfaceRow::EMPTY };
+    fn nearest_only(&self) -> InterfaceRow<u32> {
+        let mut row = InterfaceRow { reach_squared: Real::INFINITY, ..InterfaceRow::empty() };
         if let Some((_, n)) = self.found.first() {
             row.push(*n, 1.0);
         }
@@ -198,7 +203,7 @@ impl Search {
 
     /// Moving least squares on the nearest found nodes, every `stride`-th of them: `P_j = θ_j (1, d_j)·y`, `Σ θ_j (1, d_j)(1, d_j)ᵀ y = (1, 0)`,
     /// `d_j` the offset from the interface node and `θ_j = 1/(d_j² + ε²)²`. `None` when they are too few or flat.
-    fn fit(&mut self, body: &Body, stride: usize) -> Option<InterfaceRow> {
+    fn fit(&mut self, body: &Body, stride: usize) -> Option<InterfaceRow<u32>> {
         let nearer = |a: &(Real, u32), b: &(Real, u32)| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1));
         // Only the nearest are asked for then.
         if stride == 1 && self.found.len() > MOST_MASTERS {
@@ -241,7 +246,7 @@ impl Search {
         // The nearest of all that were found stay the nearest, whatever changes farther away.
         let full = stride == 1 && count == MOST_MASTERS;
         let reach_squared = if full { self.host_squared.max(used[count - 1].0) } else { self.reach_squared };
-        let mut row = InterfaceRow { reach_squared, ..InterfaceRow::EMPTY };
+        let mut row = InterfaceRow { reach_squared, ..InterfaceRow::empty() };
         for &(_, n) in used {
             let (m, theta) = moment(n);
             row.push(n, theta * (m[0] * y[0] + m[1] * y[1] + m[2] * y[2] + m[3] * y[3]));

@@ -46,7 +46,7 @@ pub fn solve(mesh: &mut ActiveMesh, constraints: &mut [Constraint], prepared: &m
     }
     for (i, p) in prepared[..constraints.len()].iter_mut().enumerate() {
         let c = &constraints[i];
-        let mobility: Real = c.row.entries().iter().map(|&(n, b)| b * b * inverse_mass[n as usize]).sum();
+        let mobility: Real = c.row.entries().iter().map(|&(n, b)| b * b * inverse_mass[n.index()]).sum();
         // Those of other tools have a compliance of zero.
         let others = || constraints[c.first as usize..].iter().zip(&c.compliance);
         let place = c.row.interpolate(&motion.position);
@@ -111,8 +111,8 @@ pub fn solve(mesh: &mut ActiveMesh, constraints: &mut [Constraint], prepared: &m
 /// Gives the point's nodes the impulse `impulse`·`direction` [N·s] through its row.
 fn push(velocity: &mut [Padded], inverse_mass: &[Real], c: &Constraint, direction: &Vec3, impulse: Real) {
     for &(n, b) in c.row.entries() {
-        let change = direction * (impulse * b * inverse_mass[n as usize]);
-        for (v, d) in velocity[n as usize].iter_mut().zip(change.iter()) {
+        let change = direction * (impulse * b * inverse_mass[n.index()]);
+        for (v, d) in velocity[n.index()].iter_mut().zip(change.iter()) {
             *v += d;
         }
     }

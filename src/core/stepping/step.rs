@@ -8,6 +8,7 @@
 
 use super::constraint_solve::{self, Prepared};
 use super::work::{Laps, Part};
+use crate::ids::Slot;
 use crate::math::{Real, Vec3};
 use crate::model::active_mesh::Motion;
 use crate::model::element_kernel::{Extremes, Path, Rates};
@@ -20,8 +21,8 @@ use crate::visited::Visited;
 /// Nodes that the elements of one class concern.
 #[derive(Debug, Default)]
 struct Concerned {
-    active: Vec<u32>,
-    interface: Vec<u32>,
+    active: Vec<Slot>,
+    interface: Vec<Slot>,
     /// Entries of the interface nodes' rows.
     entries: u32,
     revision: Option<u32>,
@@ -36,9 +37,9 @@ pub struct Workspace {
     concerned: Vec<Concerned>,
     /// Slots that have been noted.
     noted: Visited,
-    contact_nodes: Vec<u32>,
+    contact_nodes: Vec<Slot>,
     /// Active nodes that something is held on.
-    eased: Ease<Vec<u32>>,
+    eased: Ease<Vec<Slot>>,
 }
 
 impl Workspace {
@@ -130,7 +131,7 @@ pub fn tick(
         }
     }
     drift_all(&mut work.time, mesh, gravity, TICK);
-    mesh.active().iter().for_each(|s| work.time[*s as usize] = 0.0);
+    mesh.active().iter().for_each(|s| work.time[s.index()] = 0.0);
     laps.lap(Part::Node, mesh.active().len() as u32);
     mesh.place_interface();
     laps.lap(Part::Row, mesh.row_entries());
@@ -232,8 +233,8 @@ fn find_concerned(mesh: &ActiveMesh, class: usize, held: bool, work: &mut Worksp
     active.clear();
     interface.clear();
     *entries = 0;
-    let mut note = |slot: u32| {
-        if !noted.visit(slot as usize) {
+    let mut note = |slot: Slot| {
+        if !noted.visit(slot.index()) {
             return;
         }
         if mesh.is_master(slot) {
@@ -243,7 +244,7 @@ fn find_concerned(mesh: &ActiveMesh, class: usize, held: bool, work: &mut Worksp
         interface.push(slot);
         for (master, _) in mesh.row(slot).entries() {
             *entries += 1;
-            if noted.visit(master as usize) {
+            if noted.visit(master.index()) {
                 active.push(master);
             }
         }
@@ -260,7 +261,7 @@ fn find_concerned(mesh: &ActiveMesh, class: usize, held: bool, work: &mut Worksp
 }
 
 /// Nodes that something is held on by steps of `class`; none for the shortest steps.
-fn of_class(eased: &Ease<Vec<u32>>, class: usize) -> &[u32] {
+fn of_class(eased: &Ease<Vec<Slot>>, class: usize) -> &[Slot] {
     eased.get(class).map_or(&[], Vec::as_slice)
 }
 
@@ -270,7 +271,7 @@ fn collect_eased(mesh: &ActiveMesh, work: &mut Workspace) {
         return;
     }
     for &slot in mesh.active() {
-        for (slots, ease) in work.eased.iter_mut().zip(&mesh.motion.ease[slot as usize]) {
+        for (slots, ease) in work.eased.iter_mut().zip(&mesh.motion.ease[slot.index()]) {
             if *ease != [0.0; 4] {
                 slots.push(slot);
             }
@@ -282,7 +283,7 @@ fn collect_contact_nodes(constraints: &[Constraint], work: &mut Workspace) {
     work.noted.clear();
     work.contact_nodes.clear();
     for &(slot, _) in constraints.iter().flat_map(|c| c.row.entries()) {
-        if work.noted.visit(slot as usize) {
+        if work.noted.visit(slot.index()) {
             work.contact_nodes.push(slot);
         }
     }
@@ -299,7 +300,7 @@ pub fn add_elastic_forces(path: Path, mesh: &mut ActiveMesh) {
 }
 
 /// Free fall of the nodes in `slots` up to `now` [s].
-fn drift(slots: &[u32], time: &mut [Real], mesh: &mut ActiveMesh, gravity: Vec3, now: Real) {
+fn drift(slots: &[Slot], time: &mut [Real], mesh: &mut ActiveMesh, gravity: Vec3, now: Real) {
     let registers = mesh.registers();
     fall(registers, slots, &mut mesh.motion, time, gravity, now);
 }
@@ -310,23 +311,23 @@ fn drift_all(time: &mut [Real], mesh: &mut ActiveMesh, gravity: Vec3, now: Real)
     fall(registers, active, motion, time, gravity, now);
 }
 
-fn fall(registers: Registers, slots: &[u32], motion: &mut Motion, time: &mut [Real], gravity: Vec3, now: Real) {
+fn fall(registers: Registers, slots: &[Slot], motion: &mut Motion, time: &mut [Real], gravity: Vec3, now: Real) {
     let Motion { position, velocity, inverse_mass, .. } = motion;
     let falling = Falling { position, velocity, inverse_mass, time };
     sweeps::fall(registers, slots, falling, [gravity.x, gravity.y, gravity.z, 0.0], now);
 }
 
 /// What is held on the nodes in `slots` acts now, with the elements of `class`.
-fn add_eases(slots: &[u32], motion: &mut Motion, class: usize) {
+fn add_eases(slots: &[Slot], motion: &mut Motion, class: usize) {
     for &slot in slots {
-        let ease = motion.ease[slot as usize][class];
-        for (f, e) in motion.force[slot as usize].iter_mut().zip(ease) {
+        let ease = motion.ease[slot.index()][class];
+        for (f, e) in motion.force[slot.index()].iter_mut().zip(ease) {
             *f += e;
         }
     }
 }
 
-fn kick(registers: Registers, slots: &[u32], motion: &mut Motion, step: Real) {
+fn kick(registers: Registers, slots: &[Slot], motion: &mut Motion, step: Real) {
     let Motion { velocity, force, inverse_mass, .. } = motion;
     sweeps::kick(registers, slots, inverse_mass, step, force, velocity);
 }

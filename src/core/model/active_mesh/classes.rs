@@ -1,6 +1,7 @@
 //! The step classes of the elements in use: each steps as long as its strain and the springs at its nodes allow.
 
 use super::ActiveMesh;
+use crate::ids::Slot;
 use crate::math::Real;
 use crate::model::body::Body;
 use crate::model::element_pool::CLASSES;
@@ -13,8 +14,8 @@ impl ActiveMesh {
     }
 
     /// Springs' share of `ω²` [1/s²] at the nodes in `slots`, at most.
-    pub(super) fn springs_at(&self, slots: [u32; 4]) -> Real {
-        slots.iter().map(|s| self.springs[*s as usize]).fold(0.0, Real::max)
+    pub(super) fn springs_at(&self, slots: [Slot; 4]) -> Real {
+        slots.iter().map(|s| self.springs[s.index()]).fold(0.0, Real::max)
     }
 
     /// Moves element `e` to the class of its longest stable step; lengthening asks for some margin, so that elements do

@@ -3,6 +3,7 @@
 use super::{ActiveMesh, Work, vec3};
 use crate::geometry::locate::Host;
 use crate::geometry::tet_mesh::barycentric;
+use crate::ids::Slot;
 use crate::math::{Real, Vec3};
 use crate::model::active_set::Status;
 use crate::model::body::Body;
@@ -14,7 +15,7 @@ pub struct Attachment {
     /// Its element.
     pub element: u32,
     /// Slots of the element's nodes.
-    pub slots: [u32; 4],
+    pub slots: [Slot; 4],
     /// Barycentric weights.
     pub weights: [Real; 4],
     /// Spacing of the element's level [m].
@@ -26,7 +27,7 @@ impl Attachment {
     fn place<'p>(&self, position: impl Fn(usize) -> &'p Padded) -> Padded {
         let mut sum = [0.0; 4];
         for (slot, w) in self.slots.iter().zip(self.weights) {
-            let x = position(*slot as usize);
+            let x = position(slot.index());
             for c in 0..4 {
                 sum[c] += w * x[c];
             }
@@ -81,13 +82,13 @@ impl ActiveMesh {
     }
 
     /// Slots whose nodes the last change has put elsewhere, or there in the first place.
-    pub fn moved(&self) -> &[u32] {
+    pub fn moved(&self) -> &[Slot] {
         &self.work.moved
     }
 
     /// Remembers where the node in `slot` is, before a change puts it elsewhere for the first time.
-    pub(super) fn remember_place(&mut self, slot: u32) {
-        let s = slot as usize;
+    pub(super) fn remember_place(&mut self, slot: Slot) {
+        let s = slot.index();
         if self.work.moved_slots.visit(s) {
             self.work.was[s] = self.motion.position[s];
             self.work.moved.push(slot);
@@ -146,7 +147,7 @@ impl ActiveMesh {
         elements.iter().flat_map(|e| body.hosted(*e)).chain(&self.astray).for_each(|v| add(shifted, *v));
         let may_hang_elsewhere = shifted.len();
         for slot in moved.iter() {
-            for &e in body.elements_around(self.node[*slot as usize]) {
+            for &e in body.elements_around(self.node[slot.index()]) {
                 let on_it = body.hosted(e).iter().filter(|v| attachment[**v as usize].element == e);
                 on_it.for_each(|v| add(shifted, *v));
             }

@@ -1,7 +1,7 @@
 //! What changes of resolution will take, counted before they are made.
 
 use super::{ActiveMesh, Upkeep};
-use crate::ids::NONE;
+use crate::ids::Slot;
 use crate::math::Bounds;
 use crate::model::active_set::Change;
 use crate::model::body::Body;
@@ -25,7 +25,7 @@ impl ActiveMesh {
             }
         }
         // They come with it, but not to hang on others.
-        upkeep.rows -= on().filter(|n| self.slot[*n as usize] == NONE).count() as u32;
+        upkeep.rows -= on().filter(|n| self.slot[*n as usize] == Slot::NONE).count() as u32;
         for n in off() {
             upkeep.rows += 1;
             for &e in body.elements_around(n) {
@@ -47,7 +47,7 @@ impl ActiveMesh {
             if self.hangs_otherwise(body, slot, changes) {
                 upkeep.rows += 1;
                 if eased {
-                    let n = self.node[slot as usize];
+                    let n = self.node[slot.index()];
                     body.elements_around(n).iter().for_each(|e| {
                         self.is_first(*e);
                     });
@@ -76,7 +76,7 @@ impl ActiveMesh {
         let mut new = 0;
         for n in body.element(e) {
             let first = self.work.noted_nodes.visit(n as usize);
-            new += u32::from(first && self.slot[n as usize] == NONE);
+            new += u32::from(first && self.slot[n as usize] == Slot::NONE);
         }
         new
     }
@@ -89,13 +89,13 @@ impl ActiveMesh {
 
     /// True for an interface node that has no row (its reach is infinite), or whose row depends on one of the nodes concerned by `changes`, whose
     /// bounds are noted.
-    pub(super) fn hangs_otherwise(&self, body: &Body, slot: u32, changes: &[Change]) -> bool {
-        let (u, reach) = (&self.rest[slot as usize], self.reach[slot as usize]);
+    pub(super) fn hangs_otherwise(&self, body: &Body, slot: Slot, changes: &[Change]) -> bool {
+        let (u, reach) = (&self.rest[slot.index()], self.reach[slot.index()]);
         let depends = |(change, around): (&Change, &Bounds)| {
             if around.distance_squared(u) > reach {
                 return false;
             }
-            let row = &self.row[slot as usize];
+            let row = &self.row[slot.index()];
             if row.is_hosted() {
                 let mut lost = sides(body, change).0.iter().map(|n| self.slot[*n as usize]);
                 return lost.any(|lost| row.entries().any(|(master, _)| master == lost));

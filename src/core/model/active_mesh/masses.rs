@@ -1,6 +1,7 @@
 //! Masses of the nodes: of their own elements, of what hangs on them, and so that each organ keeps its mass and its centre.
 
 use super::ActiveMesh;
+use crate::ids::Slot;
 use crate::math::{Mat3, Real, Vec3};
 use crate::model::body::Body;
 use crate::model::organ::MOST_ORGANS;
@@ -16,15 +17,15 @@ impl ActiveMesh {
         let nodes = body.element(e);
         let unit = (mass / 16.0 / self.mass_unit[body.organ_of(nodes[0])] + 0.5) as i64;
         for n in nodes {
-            self.own_mass[self.slot[n as usize] as usize] += more * unit;
+            self.own_mass[self.slot[n as usize].index()] += more * unit;
         }
     }
 
-    pub(super) fn hand_mass(&mut self, slot: u32, sign: i64) {
-        let row = &self.row[slot as usize];
-        let mass = self.handed_mass[slot as usize] as Real * row.amplification();
+    pub(super) fn hand_mass(&mut self, slot: Slot, sign: i64) {
+        let row = &self.row[slot.index()];
+        let mass = self.handed_mass[slot.index()] as Real * row.amplification();
         for (master, weight) in row.entries() {
-            self.gathered_mass[master as usize] += sign * (mass * weight.abs() + 0.5) as i64;
+            self.gathered_mass[master.index()] += sign * (mass * weight.abs() + 0.5) as i64;
         }
     }
 
@@ -33,7 +34,7 @@ impl ActiveMesh {
     pub(super) fn normalise(&mut self, body: &Body) {
         let mut sums = [(0.0, Vec3::zeros(), Mat3::zeros()); MOST_ORGANS];
         for &slot in &self.active {
-            let s = slot as usize;
+            let s = slot.index();
             let organ = usize::from(self.organ[s]);
             let m = self.raw_mass(body, s);
             self.motion.mass[s] = m;
@@ -51,7 +52,7 @@ impl ActiveMesh {
             *b = along * *q;
         }
         for &slot in &self.active {
-            let s = slot as usize;
+            let s = slot.index();
             let organ = usize::from(self.organ[s]);
             let (q, b) = &affine[organ];
             let mass = self.motion.mass[s] * (q + b.dot(&(self.rest[s] - body.organs()[organ].centre_of_mass)));

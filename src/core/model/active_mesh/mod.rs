@@ -38,6 +38,7 @@ use super::step_class::Ease;
 use super::sweeps::{self, Registers};
 use crate::geometry::tet_mesh::gradients;
 use crate::ids::NONE;
+use crate::ids::Slot;
 use crate::math::{Bounds, Real, Vec3};
 use crate::visited::Visited;
 
@@ -65,8 +66,8 @@ pub struct ActiveMesh {
     pool: ElementPool,
     /// Motion and mass by slot.
     pub motion: Motion,
-    /// Slot of each node, or [`NONE`].
-    slot: Vec<u32>,
+    /// Slot of each node, or [`Slot::NONE`].
+    slot: Vec<Slot>,
     /// Active vertices of each element; 0 when it is not in use.
     active_vertices: Vec<u8>,
     /// `ω²` at rest [1/s²] of the elements in use, the Maxwell branches' share included.
@@ -80,16 +81,16 @@ pub struct ActiveMesh {
     gathered_mass: Vec<i64>,
     handed_mass: Vec<i64>,
     /// Rows of the interface nodes' slots, masters as slots.
-    row: Vec<InterfaceRow>,
+    row: Vec<InterfaceRow<Slot>>,
     /// By slot: the row's [`InterfaceRow::reach_squared`] [m²], infinite without a row. All are looked at in each change.
     reach: Vec<Real>,
     /// Springs' share of `ω²` [1/s²] by slot.
     springs: Vec<Real>,
     /// Place of each slot in `active` or `interface`.
     place: Vec<u32>,
-    active: Vec<u32>,
-    interface: Vec<u32>,
-    free: Vec<u32>,
+    active: Vec<Slot>,
+    interface: Vec<Slot>,
+    free: Vec<Slot>,
     attachment: Vec<Attachment>,
     /// By display vertex: offset [m] of the displayed from the embedded place, and of the displayed from the level's
     /// spacing [m]; what a change of resolution leaves, faded to zero.
@@ -124,12 +125,12 @@ struct Work {
     nodes: Vec<u32>,
     entering: Vec<u32>,
     leaving: Vec<u32>,
-    dirty: Vec<u32>,
+    dirty: Vec<Slot>,
     /// What the change has looked at.
     noted_nodes: Visited,
     noted_elements: Visited,
     /// Slots whose nodes the change puts elsewhere, with where they were [m], by slot.
-    moved: Vec<u32>,
+    moved: Vec<Slot>,
     was: Vec<Padded>,
     moved_slots: Visited,
     /// Display vertices that may hang elsewhere, or on what has moved.
@@ -161,7 +162,7 @@ impl ActiveMesh {
         let slots = (capacity + 64).min(body.node_count());
         let vertices = body.surface().vertices.len();
         let Bounds { low, high } = body.surface().bounds();
-        let nowhere = Attachment { element: NONE, slots: [0; 4], weights: [0.0; 4], spacing: 0.0 };
+        let nowhere = Attachment { element: NONE, slots: [Slot::NONE; 4], weights: [0.0; 4], spacing: 0.0 };
         let list = || Vec::with_capacity(slots);
         let mut mesh = Self {
             set: ActiveSet::uniform(body, 0),
@@ -174,7 +175,7 @@ impl ActiveMesh {
                 inverse_mass: vec![0.0; slots],
                 mass: vec![0.0; slots],
             },
-            slot: vec![NONE; body.node_count()],
+            slot: vec![Slot::NONE; body.node_count()],
             active_vertices: vec![0; body.element_count()],
             omega_squared: vec![0.0; body.element_count()],
             node: vec![NONE; slots],
@@ -183,7 +184,7 @@ impl ActiveMesh {
             own_mass: vec![0; slots],
             gathered_mass: vec![0; slots],
             handed_mass: vec![0; slots],
-            row: vec![InterfaceRow::EMPTY; slots],
+            row: vec![InterfaceRow::empty(); slots],
             reach: vec![Real::INFINITY; slots],
             springs: vec![0.0; slots],
             place: vec![0; slots],
@@ -213,7 +214,7 @@ impl ActiveMesh {
             work: Work {
                 search: Search::new(body),
                 on: Vec::with_capacity(slots),
-                off: list(),
+                off: Vec::with_capacity(slots),
                 elements: Vec::with_capacity(body.element_count()),
                 nodes: Vec::with_capacity(body.node_count()),
                 entering: Vec::with_capacity(capacity),
@@ -260,33 +261,33 @@ impl ActiveMesh {
     }
 
     /// Slots of the active nodes.
-    pub fn active(&self) -> &[u32] {
+    pub fn active(&self) -> &[Slot] {
         &self.active
     }
 
     /// Slots of the interface nodes.
-    pub fn interface(&self) -> &[u32] {
+    pub fn interface(&self) -> &[Slot] {
         &self.interface
     }
 
     /// Node in `slot`.
-    pub fn node(&self, slot: u32) -> u32 {
-        self.node[slot as usize]
+    pub fn node(&self, slot: Slot) -> u32 {
+        self.node[slot.index()]
     }
 
     /// Slot of node `n`, if it has one.
-    pub fn slot(&self, n: u32) -> Option<u32> {
-        Some(self.slot[n as usize]).filter(|s| *s != NONE)
+    pub fn slot(&self, n: u32) -> Option<Slot> {
+        Some(self.slot[n as usize]).filter(|s| *s != Slot::NONE)
     }
 
     /// True when `slot` holds an active node.
-    pub fn is_master(&self, slot: u32) -> bool {
-        self.set.is_active(self.node[slot as usize])
+    pub fn is_master(&self, slot: Slot) -> bool {
+        self.set.is_active(self.node[slot.index()])
     }
 
     /// Row of the interface node in `slot`; masters are slots.
-    pub fn row(&self, slot: u32) -> &InterfaceRow {
-        &self.row[slot as usize]
+    pub fn row(&self, slot: Slot) -> &InterfaceRow<Slot> {
+        &self.row[slot.index()]
     }
 
     /// Entries of all interface rows.
@@ -305,7 +306,7 @@ impl ActiveMesh {
     }
 
     /// Places the interface nodes of `slots` where their masters say.
-    pub fn place_these(&mut self, slots: &[u32]) {
+    pub fn place_these(&mut self, slots: &[Slot]) {
         sweeps::place(self.registers, &self.row, slots, &mut self.motion.position);
     }
 
@@ -317,7 +318,7 @@ impl ActiveMesh {
     }
 
     /// Hands the forces on the interface nodes of `slots` to their masters.
-    pub fn hand_back(&mut self, slots: &[u32]) {
+    pub fn hand_back(&mut self, slots: &[Slot]) {
         sweeps::hand_back(self.registers, &self.row, slots, &mut self.motion.force);
     }
 
@@ -334,24 +335,24 @@ impl ActiveMesh {
     }
 
     /// Slots of the active nodes, and their motion to be changed.
-    pub fn active_motion(&mut self) -> (&[u32], &mut Motion) {
+    pub fn active_motion(&mut self) -> (&[Slot], &mut Motion) {
         (&self.active, &mut self.motion)
     }
 
     /// World position of node `n` [m], if it has a slot.
     pub fn position_of(&self, n: u32) -> Option<Vec3> {
-        self.slot(n).map(|s| vec3(&self.motion.position[s as usize]))
+        self.slot(n).map(|s| vec3(&self.motion.position[s.index()]))
     }
 
     /// World position of the node in `slot` [m].
-    pub fn position(&self, slot: u32) -> Vec3 {
-        vec3(&self.motion.position[slot as usize])
+    pub fn position(&self, slot: Slot) -> Vec3 {
+        vec3(&self.motion.position[slot.index()])
     }
 
     /// True when no number that moves is infinite or not a number.
     pub fn is_finite(&self) -> bool {
-        let moves = |s: &u32| {
-            let s = *s as usize;
+        let moves = |s: &Slot| {
+            let s = s.index();
             // A product with zero is zero for every finite number, and not a number for the others.
             let sum = |p: &Padded| p[0] * 0.0 + p[1] * 0.0 + p[2] * 0.0;
             sum(&self.motion.position[s]) + sum(&self.motion.velocity[s]) == 0.0
@@ -363,7 +364,7 @@ impl ActiveMesh {
     /// and for settling a body before it is served.
     pub fn change_motion(&mut self, mut change: impl FnMut(u32, &mut Vec3, &mut Vec3)) {
         for i in 0..self.active.len() {
-            let s = self.active[i] as usize;
+            let s = self.active[i].index();
             let (mut x, mut v) = (vec3(&self.motion.position[s]), vec3(&self.motion.velocity[s]));
             change(self.node[s], &mut x, &mut v);
             self.motion.position[s] = padded(x);
@@ -373,11 +374,11 @@ impl ActiveMesh {
     }
 
     /// An unused slot, for node `n`; its motion and masses start from nothing.
-    fn take_slot(&mut self, body: &Body, n: u32) -> u32 {
+    fn take_slot(&mut self, body: &Body, n: u32) -> Slot {
         // Whoever plans a change asks for room first, and restoring counts.
         debug_assert!(!self.free.is_empty());
-        let slot = self.free.pop().unwrap_or(0);
-        let s = slot as usize;
+        let slot = self.free.pop().unwrap_or_default();
+        let s = slot.index();
         self.slot[n as usize] = slot;
         self.node[s] = n;
         self.rest[s] = body.rest(n);
@@ -385,7 +386,7 @@ impl ActiveMesh {
         self.own_mass[s] = 0;
         self.gathered_mass[s] = 0;
         self.handed_mass[s] = 0;
-        self.set_row(slot, InterfaceRow::EMPTY);
+        self.set_row(slot, InterfaceRow::empty());
         self.motion.position[s] = [0.0; 4];
         self.motion.velocity[s] = [0.0; 4];
         self.motion.ease[s] = NO_EASE;
@@ -395,50 +396,50 @@ impl ActiveMesh {
         slot
     }
 
-    fn enlist(&mut self, slot: u32, active: bool) {
+    fn enlist(&mut self, slot: Slot, active: bool) {
         let list = if active { &mut self.active } else { &mut self.interface };
-        self.place[slot as usize] = list.len() as u32;
+        self.place[slot.index()] = list.len() as u32;
         list.push(slot);
         if !active {
-            self.motion.mass[slot as usize] = 0.0;
-            self.motion.inverse_mass[slot as usize] = 0.0;
-            self.motion.velocity[slot as usize] = [0.0; 4];
-            self.motion.ease[slot as usize] = NO_EASE;
-            self.springs[slot as usize] = 0.0;
+            self.motion.mass[slot.index()] = 0.0;
+            self.motion.inverse_mass[slot.index()] = 0.0;
+            self.motion.velocity[slot.index()] = [0.0; 4];
+            self.motion.ease[slot.index()] = NO_EASE;
+            self.springs[slot.index()] = 0.0;
         }
     }
 
-    fn delist(&mut self, slot: u32, active: bool) {
+    fn delist(&mut self, slot: Slot, active: bool) {
         let list = if active { &mut self.active } else { &mut self.interface };
-        let place = self.place[slot as usize];
+        let place = self.place[slot.index()];
         list.swap_remove(place as usize);
         if let Some(&moved) = list.get(place as usize) {
-            self.place[moved as usize] = place;
+            self.place[moved.index()] = place;
         }
     }
 
     /// Gives the interface node in `slot` its row, and hands its mass to its masters:
     /// `m_j = Σ_i |P_ij| s_i m_i`, `s_i = Σ_k |P_ik|`, a diagonal that bounds `PᵀMP`, so that the step limit of the
     /// elements holds for the coupled system.
-    fn make_row(&mut self, body: &Body, slot: u32) {
-        let row = self.work.search.row(body, &self.set, self.node[slot as usize]);
+    fn make_row(&mut self, body: &Body, slot: Slot) {
+        let row = self.work.search.row(body, &self.set, self.node[slot.index()]);
         let row = row.renumbered(|n| self.slot[n as usize]);
         self.set_row(slot, row);
-        self.handed_mass[slot as usize] = self.own_mass[slot as usize];
+        self.handed_mass[slot.index()] = self.own_mass[slot.index()];
         self.hand_mass(slot, 1);
-        self.row_entries += self.row[slot as usize].entries().count() as u32;
+        self.row_entries += self.row[slot.index()].entries().count() as u32;
     }
 
-    fn drop_row(&mut self, slot: u32) {
-        self.row_entries -= self.row[slot as usize].entries().count() as u32;
+    fn drop_row(&mut self, slot: Slot) {
+        self.row_entries -= self.row[slot.index()].entries().count() as u32;
         self.hand_mass(slot, -1);
-        self.handed_mass[slot as usize] = 0;
-        self.set_row(slot, InterfaceRow::EMPTY);
+        self.handed_mass[slot.index()] = 0;
+        self.set_row(slot, InterfaceRow::empty());
     }
 
-    fn set_row(&mut self, slot: u32, row: InterfaceRow) {
-        self.reach[slot as usize] = if row.is_empty() { Real::INFINITY } else { row.reach_squared * (1.0 + 1e-12) };
-        self.row[slot as usize] = row;
+    fn set_row(&mut self, slot: Slot, row: InterfaceRow<Slot>) {
+        self.reach[slot.index()] = if row.is_empty() { Real::INFINITY } else { row.reach_squared * (1.0 + 1e-12) };
+        self.row[slot.index()] = row;
     }
 }
 

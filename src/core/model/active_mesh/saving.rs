@@ -3,6 +3,7 @@
 use super::easing::NO_EASE;
 use super::{ActiveMesh, constants, padded, vec3};
 use crate::ids::NONE;
+use crate::ids::Slot;
 use crate::math::Vec3;
 use crate::model::active_set::ActiveSet;
 use crate::model::body::Body;
@@ -19,7 +20,7 @@ impl ActiveMesh {
         let covers = self.set.assign(body, &state.nodes);
         debug_assert!(covers, "a state is checked when a mesh is first made from it");
         self.pool.clear();
-        self.slot.fill(NONE);
+        self.slot.fill(Slot::NONE);
         self.active_vertices.fill(0);
         self.node.fill(NONE);
         self.own_mass.fill(0);
@@ -32,14 +33,14 @@ impl ActiveMesh {
         self.active.clear();
         self.interface.clear();
         self.free.clear();
-        self.free.extend((0..self.node.len() as u32).rev());
+        self.free.extend((0..self.node.len()).rev().map(Slot::at));
         self.row_entries = 0;
         for (((&n, x), v), ease) in state.nodes.iter().zip(&state.position).zip(&state.velocity).zip(&state.ease) {
             let slot = self.take_slot(body, n);
             self.enlist(slot, true);
-            self.motion.ease[slot as usize] = ease.map(padded);
-            self.motion.position[slot as usize] = padded(*x);
-            self.motion.velocity[slot as usize] = padded(*v);
+            self.motion.ease[slot.index()] = ease.map(padded);
+            self.motion.position[slot.index()] = padded(*x);
+            self.motion.velocity[slot.index()] = padded(*v);
         }
         for &n in &state.interface {
             let slot = self.take_slot(body, n);
@@ -150,13 +151,13 @@ impl ActiveMesh {
         state.velocity.clear();
         state.ease.clear();
         for &slot in &self.active {
-            state.nodes.push(self.node[slot as usize]);
-            state.position.push(vec3(&self.motion.position[slot as usize]));
-            state.velocity.push(vec3(&self.motion.velocity[slot as usize]));
-            state.ease.push(self.motion.ease[slot as usize].map(|e| vec3(&e)));
+            state.nodes.push(self.node[slot.index()]);
+            state.position.push(vec3(&self.motion.position[slot.index()]));
+            state.velocity.push(vec3(&self.motion.velocity[slot.index()]));
+            state.ease.push(self.motion.ease[slot.index()].map(|e| vec3(&e)));
         }
         state.interface.clear();
-        state.interface.extend(self.interface.iter().map(|s| self.node[*s as usize]));
+        state.interface.extend(self.interface.iter().map(|s| self.node[s.index()]));
         state.history.clear();
         state.strain_limit.clear();
         for (class, ids) in state.classes.iter_mut().enumerate() {
@@ -171,7 +172,7 @@ impl ActiveMesh {
     pub fn hash_into(&self, hash: &mut xxhash_rust::xxh3::Xxh3) {
         hash.update(&(self.active.len() as u32).to_le_bytes());
         for &slot in &self.active {
-            let s = slot as usize;
+            let s = slot.index();
             hash.update(&self.node[s].to_le_bytes());
             hash.update(bytemuck::cast_slice(&self.motion.position[s][..3]));
             hash.update(bytemuck::cast_slice(&self.motion.velocity[s][..3]));
@@ -183,7 +184,7 @@ impl ActiveMesh {
             }
         }
         hash.update(&(self.interface.len() as u32).to_le_bytes());
-        self.interface.iter().for_each(|s| hash.update(&self.node[*s as usize].to_le_bytes()));
+        self.interface.iter().for_each(|s| hash.update(&self.node[s.index()].to_le_bytes()));
         (0..CLASSES).for_each(|class| self.pool.hash_into(class, hash));
         for (v, fade) in self.fade.iter().enumerate().filter(|(_, fade)| **fade != [0.0; 4]) {
             hash.update(&(v as u32).to_le_bytes());

@@ -3,6 +3,7 @@
 use super::super::element_pool::{ElementConstants, ElementPool, History};
 use super::super::material::Material;
 use super::*;
+use crate::ids::Slot;
 use crate::math::{Mat3, Vec3, components, symmetric};
 
 /// Numbers in ±1 that look random.
@@ -60,7 +61,7 @@ impl Soup {
         let count = self.elements.len();
         let mut pool = ElementPool::new(count, count, self.rest.len(), branches);
         for (id, (nodes, constants)) in self.elements.iter().enumerate() {
-            assert!(pool.insert(id as u32, 5, *nodes, constants, &History::REST));
+            assert!(pool.insert(id as u32, 5, nodes.map(Slot), constants, &History::REST));
         }
         pool
     }
@@ -152,7 +153,7 @@ fn all_forms_give_the_same_bits() {
                     for (_, pool) in &mut pools {
                         let history = pool.remove(id).expect("there");
                         let (nodes, constants) = &soup.elements[id as usize];
-                        assert!(pool.insert(id, 5, *nodes, constants, &history));
+                        assert!(pool.insert(id, 5, nodes.map(Slot), constants, &history));
                     }
                 }
             }
