@@ -248,6 +248,9 @@ fn write_out<'a>(tokens: &[&'a str], mut at: usize, before: &[&'a str], out: &mu
     if token(at) == "as" { at + 2 } else { at }
 }
 
+/// Who uses whom in a folder, and what for.
+type Uses = BTreeMap<(String, String), BTreeSet<String>>;
+
 /// Circles that are: in this folder, the first with the second. A scene has organs, and an organ is described by the keys of
 /// a scene of its own.
 const CIRCLES: &[(&str, &str, &str)] =
@@ -304,10 +307,10 @@ fn modules(folder: &Path) -> (Vec<Module>, BTreeMap<Vec<String>, Vec<String>>) {
                     inner.pop_if(|(_, braces)| *braces == open);
                     open -= 1;
                 }
-                "crate" | "super" | "self" if !["::", "$"].contains(&tokens[at - 1]) => {
-                    if tokens.get(at + 1) == Some(&"::") {
-                        write_out(&tokens, at, &[], &mut found);
-                    }
+                "crate" | "super" | "self"
+                    if !["::", "$"].contains(&tokens[at - 1]) && tokens.get(at + 1) == Some(&"::") =>
+                {
+                    write_out(&tokens, at, &[], &mut found);
                 }
                 _ if is_parent && tokens[at - 1] == "use" && inner.is_empty() => {
                     let mut children = Vec::new();
@@ -339,7 +342,7 @@ fn no_files_of_a_folder_use_each_other_in_a_circle() {
         let (all, short) = modules(&root().join(folder));
         let is_module = |path: &[String]| all.iter().any(|module| module.path == path);
         // By folder: who uses whom, and what.
-        let mut uses: BTreeMap<Vec<String>, BTreeMap<(String, String), BTreeSet<String>>> = BTreeMap::new();
+        let mut uses: BTreeMap<Vec<String>, Uses> = BTreeMap::new();
         for module in &all {
             for name in &module.names {
                 let mut name = name.clone();

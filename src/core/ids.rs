@@ -42,3 +42,8 @@ id! {
     /// Place of a node among those that move, active and interface nodes alike: another node's once it is free.
     Slot
 }
+
+id! {
+    /// A tool of a session: its place in [`Settings::tools`](crate::simulation::Settings::tools).
+    ToolId
+}

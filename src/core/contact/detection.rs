@@ -13,6 +13,7 @@ use super::tool::{MOST_POINTS, Tool, ToolState};
 pub use super::touchable::points_of_a_part;
 use super::touchable::{FASTEST_SURFACE, MARGIN, Touchable};
 use super::wrench::middle_pose;
+use crate::ids::ToolId;
 use crate::math::{Real, Vec3};
 use crate::model::constraint::{Constraint, Firming, PointMemory, Pushed};
 use crate::model::step_class::TICK;
@@ -116,8 +117,8 @@ impl Workspace {
 /// A tool that a hand holds.
 #[derive(Clone, Copy, Debug)]
 pub struct Held<'a> {
-    /// Its number.
-    pub index: u32,
+    /// Which it is.
+    pub id: ToolId,
     /// What it is.
     pub of: &'a Tool,
     /// Where it is.
@@ -143,7 +144,7 @@ pub fn detect(
     out: Found,
     work: &mut Workspace,
 ) {
-    let (Held { index, of, state: tool }, Found { constraints, points_of_action }) = (held, out);
+    let (Held { id, of, state: tool }, Found { constraints, points_of_action }) = (held, out);
     let candidates = &mut work.candidates;
     candidates.clear();
     let per_part = points_of_a_part(body);
@@ -160,7 +161,7 @@ pub fn detect(
     work.near.clear();
     let windows = touch.windows(MOST_STRETCH * work.longest_edge);
     let window = windows[..parts].iter().fold(windows[0], |a, b| a.joined(b));
-    for &v in work.nearby[index as usize].place(body, mesh, window, &mut work.vertices) {
+    for &v in work.nearby[id.index()].place(body, mesh, window, &mut work.vertices) {
         if windows[..parts].iter().any(|w| w.contains(&work.vertices[v as usize])) {
             work.near.push(v);
         }
@@ -179,7 +180,7 @@ pub fn detect(
     work.memory.clear();
     work.loads.clear();
     work.loads.extend(candidates.iter().map(|c| Load::new(on, c, memory, work.followed)));
-    let dents = &mut work.dents[index as usize];
+    let dents = &mut work.dents[id.index()];
     dents.show(on, candidates, &mut work.loads);
     dents.share_discs(on, &all[..parts], candidates, memory, &mut work.loads);
     dents.take_off_what_is_shown(&work.loads);
@@ -250,7 +251,7 @@ pub fn detect(
             radius: load.radius,
             disc: load.disc,
             firming,
-            tool: index,
+            tool: id,
             point: candidate.point,
             multiplier: load.multiplier,
             mean_multiplier: 0.0,

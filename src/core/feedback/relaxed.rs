@@ -16,6 +16,7 @@
 use super::approach::ahead;
 pub use super::stiffness::Stiffness;
 use crate::contact::tool::{MOST_TOOLS, Shape};
+use crate::ids::ToolId;
 use crate::math::{Mat3, Pose, Real, Vec3};
 use crate::model::constraint::Coupling;
 use crate::model::constraint::Row;
@@ -94,7 +95,7 @@ impl Probe {
         let (mesh, constraints, vertices) = self.simulation.contacts();
         let mut system: Option<System> = None;
         for (i, tool) in tools.iter().enumerate() {
-            let own: Vec<&Constraint> = constraints.iter().filter(|c| c.tool == i as u32).collect();
+            let own: Vec<&Constraint> = constraints.iter().filter(|c| c.tool == ToolId::at(i)).collect();
             if tool.physical_force.norm() < LEAST_FORCE || !own.iter().any(|c| c.multiplier > 0.0) {
                 self.answers[i] = None;
                 found[i] = Some(tool).filter(|t| t.touches()).and_then(|t| ahead(&body, vertices, &shapes[i], t));

@@ -1,7 +1,7 @@
 //! A point of the surface that a tool pushes: what contact hands to the solver, and nothing else passes between them.
 
 use super::element_kernel::Padded;
-use crate::ids::Slot;
+use crate::ids::{Slot, ToolId};
 use crate::math::{Real, Vec3};
 use serde::{Deserialize, Serialize};
 
@@ -169,8 +169,8 @@ pub struct Constraint {
     pub disc: Real,
     /// Where less than these is left.
     pub firming: Firming,
-    /// Index of the tool.
-    pub tool: u32,
+    /// The tool.
+    pub tool: ToolId,
     /// What tells this point from the tool's others, from tick to tick: a display vertex, or the number of vertices
     /// plus a display triangle; plus, for each part of the tool before its own, the number of both.
     pub point: u32,

@@ -23,6 +23,7 @@ use crate::contact::safety;
 use crate::contact::shape::{MOST_PARTS, Part as ShapePart};
 use crate::contact::tool::{MOST_POINTS, MOST_TOOLS, Phase, ToolState};
 use crate::contact::wrench::{self, Wrench};
+use crate::ids::ToolId;
 use crate::math::{Real, Vec3};
 use crate::model::active_mesh::Loads;
 use crate::model::constraint::PointMemory;
@@ -346,7 +347,7 @@ impl Simulation {
             }
             laps.lap(Part::Fixed, 0);
             let out = Found { constraints: &mut self.constraints, points_of_action: &mut self.points_of_action };
-            let held = Held { index: i as u32, of, state: tool };
+            let held = Held { id: ToolId::at(i), of, state: tool };
             detection::detect(&self.body, &self.mesh, held, points, out, &mut self.detection);
             match points.len() as u32 {
                 0 => laps.lap(Part::Search, 1),
@@ -408,7 +409,7 @@ impl Simulation {
             (own, constraints) = constraints.split_at(points.len().min(constraints.len()));
             let middle = wrench::middle_pose(tool);
             let (mut physical, mut contact_points) =
-                wrench::wrench_on(i as u32, &middle, &self.constraints, &self.points_of_action);
+                wrench::wrench_on(ToolId::at(i), &middle, &self.constraints, &self.points_of_action);
             if stood_still && tool.touches() {
                 // No step, no new force: the last one stands.
                 physical = Wrench { force: tool.physical_force, torque: tool.physical_torque };
