@@ -53,7 +53,7 @@ pub struct Outputs {
     pub skin: Vec<Vec3>,
     /// Level of detail that displays each of them, (n_vertices); as of the last frame.
     pub levels: Vec<u8>,
-    /// [`Simulation::hash`] as of the last frame.
+    /// [`Simulation::hash`](super::Simulation::hash) as of the last frame.
     pub hash: u64,
     /// Time that the tick was planned to take: the body stood still when the budget did not cover its motion.
     pub plan: Plan,

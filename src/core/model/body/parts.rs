@@ -88,7 +88,7 @@ impl BodyParts {
         }
     }
 
-    /// [`Body::mass_moments`].
+    /// As [`Body::mass_moments`](super::Body::mass_moments).
     pub fn mass_moments(&self) -> Moments {
         let r = self.levels.iter().rposition(Level::is_whole).unwrap_or_default();
         let level = &self.levels[r];
