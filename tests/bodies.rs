@@ -4,7 +4,8 @@ use palpate::scene::LoadedScene;
 use palpate_body::geometry::primitives::liver_surface;
 use palpate_core::geometry::primitives::box_mesh;
 use palpate_core::geometry::{Moments, Surface, TetMesh};
-use palpate_core::math::{Real, Vec3};
+use palpate_core::ids::Slot;
+use palpate_core::math::{Bounds, Real, Vec3};
 use palpate_core::model::element_kernel::{Path as KernelPath, Rates};
 use palpate_core::model::element_pool::CLASSES;
 use palpate_core::model::step_class::{self, Strained};
@@ -33,7 +34,7 @@ fn the_bundled_shapes_make_tied_levels_of_one_mass() {
     for scene in ["liver", "toy"] {
         let body = build(scene, &[]);
         let surface = body.surface();
-        let (low, high) = surface.bounds();
+        let Bounds { low, high } = surface.bounds();
         let size = (high - low).norm();
         assert!((0.15..0.40).contains(&size), "{scene}: {size} m");
         assert!(body.levels().len() >= 2);
@@ -58,7 +59,7 @@ fn the_bundled_shapes_make_tied_levels_of_one_mass() {
             assert!(inertia.abs() < if i == 0 { 0.01 } else { 1e-3 }, "inertia {inertia:+.1e}");
             let alone = ActiveMesh::new(&body, &State::at_rest(&body, i), usize::MAX).unwrap();
             for (n, m) in body.nodes_of(i).zip(&level.node_mass).filter(|_| i == body.finest()) {
-                let active = alone.motion.mass[alone.slot(n).unwrap() as usize];
+                let active = alone.motion.mass[alone.slot(n).unwrap().index()];
                 assert!((active / m - 1.0).abs() < 1e-6, "node {n} weighs {active} kg among others, {m} kg by itself");
             }
             // At rest every display vertex is where it belongs, whichever level carries it.
@@ -103,13 +104,13 @@ fn explicit_limit(body: &Body, mesh: &mut ActiveMesh) -> Real {
             let pull = (body.surface().vertices[hold.vertex as usize] - mesh.vertex(hold.vertex)) * hold.stiffness;
             let attachment = *mesh.attachment(hold.vertex);
             for (slot, w) in attachment.slots.iter().zip(attachment.weights) {
-                (0..3).for_each(|c| mesh.motion.force[*slot as usize][c] += pull[c] * w);
+                (0..3).for_each(|c| mesh.motion.force[slot.index()][c] += pull[c] * w);
             }
         }
         mesh.hand_back_all();
-        let take = |s: &u32| {
-            let f = std::mem::replace(&mut mesh.motion.force[*s as usize], [0.0; 4]);
-            Vec3::new(f[0], f[1], f[2]) * (-mesh.motion.inverse_mass[*s as usize] / scale)
+        let take = |s: &Slot| {
+            let f = std::mem::replace(&mut mesh.motion.force[s.index()], [0.0; 4]);
+            Vec3::new(f[0], f[1], f[2]) * (-mesh.motion.inverse_mass[s.index()] / scale)
         };
         shape = slots.iter().map(take).collect();
         // Converges from below to the largest eigenvalue: its square root within 1 % is enough here.

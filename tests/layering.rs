@@ -6,11 +6,16 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// Module, and what it may use beside `math`: a module of its own crate, or `crate::module` of another.
+/// Module, and what it may use beside [`LOWEST`]: a module of its own crate, or `crate::module` of another.
 type Rules = &'static [(&'static str, &'static [&'static str])];
+
+/// Modules of the core that all others may use.
+const LOWEST: [&str; 3] = ["math", "ids", "visited"];
 
 const CORE: Rules = &[
     ("math", &[]),
+    ("ids", &[]),
+    ("visited", &[]),
     ("geometry", &[]),
     ("hierarchy", &["geometry"]),
     ("model", &["geometry", "hierarchy"]),
@@ -116,7 +121,8 @@ fn sources(folder: &Path, out: &mut Vec<PathBuf>) {
         }
         if path.is_dir() {
             sources(&path, out);
-        } else if path.extension().is_some_and(|e| e == "rs") {
+        } else if path.extension().is_some_and(|e| e == "rs") && !path.ends_with("tests.rs") {
+            // Tests that have a file of their own are left out like those at the end of another.
             out.push(path);
         }
     }
@@ -145,7 +151,8 @@ fn named(line: &str) -> Vec<String> {
 /// The code of a file, comments and tests left out: these may build their bodies from anywhere.
 fn code(file: &Path) -> String {
     let text = fs::read_to_string(file).unwrap();
-    let before_tests = text.split("#[cfg(test)]\nmod tests").next().unwrap();
+    let tests = ["#[cfg(test)]\nmod tests", "#[cfg(test)]\npub(super) mod tests"];
+    let before_tests = tests.iter().fold(&text[..], |code, tests| code.split(tests).next().unwrap());
     before_tests.lines().map(|line| line.split("//").next().unwrap_or("").to_owned() + "\n").collect()
 }
 
@@ -180,8 +187,9 @@ fn every_import_follows_the_map() {
                 for name in named(line) {
                     imports += 1;
                     let is_own = name == module || (rules.is_none() && !name.contains("::"));
-                    let is_math = name == "core::math" || (folder == "src/core" && name == "math");
-                    if !is_own && !is_math && !allowed.contains(&name.as_str()) {
+                    let lowest = if folder == "src/core" { Some(&name[..]) } else { name.strip_prefix("core::") };
+                    let is_lowest = lowest.is_some_and(|name| LOWEST.contains(&name));
+                    if !is_own && !is_lowest && !allowed.contains(&name.as_str()) {
                         faults.push(format!(
                             "{folder}/{}:{}: {module} may not use {name}",
                             inside.display(),
@@ -194,6 +202,189 @@ fn every_import_follows_the_map() {
     }
     assert!(imports > 300, "the scan found only {imports} imports");
     assert!(faults.is_empty(), "{}", faults.join("\n"));
+}
+
+/// Words of `code`, `::`, and every other mark by itself.
+fn tokens(code: &str) -> Vec<&str> {
+    let is_word = |c: char| c.is_alphanumeric() || c == '_';
+    let mut all = Vec::new();
+    let mut rest = code.trim_start();
+    while let Some(first) = rest.chars().next() {
+        let length = if is_word(first) {
+            rest.find(|c| !is_word(c)).unwrap_or(rest.len())
+        } else if rest.starts_with("::") {
+            2
+        } else {
+            first.len_utf8()
+        };
+        all.push(&rest[..length]);
+        rest = rest[length..].trim_start();
+    }
+    all
+}
+
+/// Writes out the path at `tokens[at]`, which may end in a list in braces, behind `before`; gives what comes after it.
+fn write_out<'a>(tokens: &[&'a str], mut at: usize, before: &[&'a str], out: &mut Vec<Vec<&'a str>>) -> usize {
+    let token = |at: usize| tokens.get(at).copied().unwrap_or_default();
+    let is_name = |at: usize| token(at).starts_with(|c: char| c.is_alphanumeric() || c == '_' || c == '*');
+    let mut path = before.to_vec();
+    loop {
+        if token(at) == "{" {
+            at += 1;
+            while is_name(at) {
+                at = write_out(tokens, at, &path, out);
+                at += usize::from(token(at) == ",");
+            }
+            return at + 1;
+        }
+        path.push(token(at));
+        at += 1;
+        if token(at) != "::" || !(is_name(at + 1) || token(at + 1) == "{") {
+            break;
+        }
+        at += 1;
+    }
+    out.push(path);
+    if token(at) == "as" { at + 2 } else { at }
+}
+
+/// Who uses whom in a folder, and what for.
+type Uses = BTreeMap<(String, String), BTreeSet<String>>;
+
+/// Circles that are: in this folder, the first with the second. A scene has organs, and an organ is described by the keys of
+/// a scene of its own.
+const CIRCLES: &[(&str, &str, &str)] =
+    &[("src/palpate/scene", "keys", "organ_keys"), ("src/palpate/scene", "organ_keys", "keys")];
+
+/// A module of a crate by its path, and what its code names: whole paths from the crate's root on.
+struct Module {
+    path: Vec<String>,
+    names: Vec<Vec<String>>,
+}
+
+/// The modules of the crate in `folder`, and what each calls by a shorter name: `use child::Item` in `mod.rs` lets
+/// others say `parent::Item`.
+fn modules(folder: &Path) -> (Vec<Module>, BTreeMap<Vec<String>, Vec<String>>) {
+    let mut files = Vec::new();
+    sources(folder, &mut files);
+    let (mut all, mut short) = (Vec::new(), BTreeMap::new());
+    for file in files {
+        let inside = file.strip_prefix(folder).unwrap().with_extension("");
+        let mut path: Vec<String> = inside.iter().map(|part| part.to_string_lossy().into_owned()).collect();
+        if path[0] == "tests" {
+            continue;
+        }
+        let is_parent = ["mod", "lib", "main"].contains(&path.last().unwrap().as_str());
+        if is_parent {
+            path.pop();
+        }
+        let code = code(&file);
+        let tokens = tokens(&code);
+        let whole = |module: &[String], named: &[&str]| {
+            let mut whole = if named[0] == "crate" { Vec::new() } else { module.to_vec() };
+            for name in named {
+                match *name {
+                    "crate" | "self" => {}
+                    "super" => drop(whole.pop()),
+                    name => whole.push(name.to_owned()),
+                }
+            }
+            whole
+        };
+        let mut names = Vec::new();
+        // Modules written out within the file, and how many braces stand open around each.
+        let (mut inner, mut open) = (Vec::<(String, usize)>::new(), 0);
+        for at in 1..tokens.len() {
+            let mut found = Vec::new();
+            match tokens[at] {
+                "{" => {
+                    open += 1;
+                    if at > 1 && tokens[at - 2] == "mod" {
+                        inner.push((tokens[at - 1].to_owned(), open));
+                    }
+                }
+                "}" => {
+                    inner.pop_if(|(_, braces)| *braces == open);
+                    open -= 1;
+                }
+                "crate" | "super" | "self"
+                    if !["::", "$"].contains(&tokens[at - 1]) && tokens.get(at + 1) == Some(&"::") =>
+                {
+                    write_out(&tokens, at, &[], &mut found);
+                }
+                _ if is_parent && tokens[at - 1] == "use" && inner.is_empty() => {
+                    let mut children = Vec::new();
+                    write_out(&tokens, at, &[], &mut children);
+                    for child in children {
+                        let name = child.last().unwrap().to_string();
+                        short.insert([&path[..], &[name]].concat(), whole(&path, &child));
+                    }
+                }
+                _ => {}
+            }
+            let here: Vec<String> = path.iter().chain(inner.iter().map(|(name, _)| name)).cloned().collect();
+            names.extend(found.iter().map(|named| whole(&here, named)));
+        }
+        all.push(Module { path, names });
+    }
+    (all, short)
+}
+
+/// Of two files or folders side by side in a folder, one uses the other: never, by whatever way, also the reverse. What
+/// is tested alone (`mod tests`) does not count, and a name that `mod.rs` re-exports counts as that of the file which
+/// has it. A folder's `mod.rs` and the files in the folder are one: they may use each other, so that a type may stand in
+/// `mod.rs` and the files beside it have its methods by subject.
+#[test]
+fn no_files_of_a_folder_use_each_other_in_a_circle() {
+    let mut faults = Vec::new();
+    let mut count = 0;
+    for folder in ["src/core", "src/body", "src/palpate", "src/study"] {
+        let (all, short) = modules(&root().join(folder));
+        let is_module = |path: &[String]| all.iter().any(|module| module.path == path);
+        // By folder: who uses whom, and what.
+        let mut uses: BTreeMap<Vec<String>, Uses> = BTreeMap::new();
+        for module in &all {
+            for name in &module.names {
+                let mut name = name.clone();
+                // A re-exported name may be re-exported once more.
+                for _ in 0..2 {
+                    let known = (1..=name.len()).find(|n| !is_module(&name[..*n]) && short.contains_key(&name[..*n]));
+                    if let Some(n) = known {
+                        name = [&short[&name[..n]][..], &name[n..]].concat();
+                    }
+                }
+                let item = name.join("::");
+                while !is_module(&name) && name.pop().is_some() {}
+                let common = module.path.iter().zip(&name).take_while(|(a, b)| a == b).count();
+                if let (Some(from), Some(to)) = (module.path.get(common), name.get(common)) {
+                    count += 1;
+                    let of = uses.entry(name[..common].to_vec()).or_default();
+                    of.entry((from.clone(), to.clone())).or_default().insert(item);
+                }
+            }
+        }
+        for (inside, uses) in uses {
+            let mut leads: BTreeSet<(String, String)> = uses.keys().cloned().collect();
+            loop {
+                let longer = |(a, b): &(String, String)| {
+                    let on = uses.keys().filter(move |(from, _)| from == b);
+                    on.map(|(_, to)| (a.clone(), to.clone())).collect::<Vec<_>>()
+                };
+                let more: Vec<_> = leads.iter().flat_map(longer).filter(|way| !leads.contains(way)).collect();
+                if more.is_empty() {
+                    break;
+                }
+                leads.extend(more);
+            }
+            let known = |from: &str, to: &str| CIRCLES.contains(&(&format!("{folder}/{}", inside.join("/")), from, to));
+            let circles = uses.iter().filter(|((from, to), _)| leads.contains(&(to.clone(), from.clone())));
+            for ((from, to), items) in circles.filter(|((from, to), _)| !known(from, to)) {
+                faults.push(format!("{folder}/{}: {from} uses {to} for {items:?}", inside.join("/")));
+            }
+        }
+    }
+    assert!(count > 500, "the scan found only {count} uses");
+    assert!(faults.is_empty(), "in circles:\n{}", faults.join("\n"));
 }
 
 /// Crates that `package` is made of, itself among them.

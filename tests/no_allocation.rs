@@ -9,7 +9,7 @@ use palpate::scene::LoadedScene;
 use palpate_body::prepare::{Recipe, Region, Shape, prepare};
 use palpate_core::contact::tool::{Coupling, PoseSample, ToolEvent};
 use palpate_core::geometry::primitives::box_surface;
-use palpate_core::math::{Pose, Real, Vec3};
+use palpate_core::math::{Bounds, Pose, Real, Vec3};
 use palpate_core::model::body::{BodyParts, LabelParts};
 use palpate_core::model::{Body, Material};
 use palpate_core::simulation::{Budget, Inputs, Part, Settings, Simulation, Snapshot};
@@ -230,7 +230,8 @@ fn held<T>(make: impl FnOnce() -> T) -> (T, Real) {
 fn cube(finest: Real) -> Body {
     let side = Vec3::repeat(0.1);
     let cells = (side.x / finest) as u32;
-    let face = Region { bounds: (Vec3::zeros(), Vec3::new(0.0, side.y, side.z)), stiffness: None, exact: false };
+    let face =
+        Region { bounds: Bounds::new(Vec3::zeros(), Vec3::new(0.0, side.y, side.z)), stiffness: None, exact: false };
     let recipe = Recipe {
         name: "cube".into(),
         shape: Shape::closed(box_surface(side, [cells; 3]), vec![3.24 * finest, 1.8 * finest, finest]),

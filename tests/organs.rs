@@ -5,6 +5,7 @@ use palpate::scene::LoadedScene;
 use palpate_body::prepare::body_file::{BodyFile, Provenance};
 use palpate_body::prepare::merge::merge;
 use palpate_core::contact::tool::{Coupling, PoseSample, ToolEvent};
+use palpate_core::ids::Slot;
 use palpate_core::math::{Pose, Real, Vec3, is_finite};
 use palpate_core::model::active_set::Change;
 use palpate_core::model::element_kernel::Path as KernelPath;
@@ -236,13 +237,13 @@ fn a_change_of_resolution_in_one_organ_leaves_the_other_as_it_was() {
     });
     let motion = |mesh: &ActiveMesh, organ: usize| {
         let own = mesh.active().iter().filter(|s| body.organ_of(mesh.node(**s)) == organ);
-        let moves = |s: &u32| (mesh.node(*s), mesh.motion.position[*s as usize], mesh.motion.velocity[*s as usize]);
+        let moves = |s: &Slot| (mesh.node(*s), mesh.motion.position[s.index()], mesh.motion.velocity[s.index()]);
         let mut all: Vec<_> = own.map(moves).collect();
         all.sort_by_key(|(n, ..)| *n);
         all
     };
     let momenta = |mesh: &ActiveMesh, organ: usize| {
-        let own = mesh.active().iter().filter(|s| body.organ_of(mesh.node(**s)) == organ).map(|s| *s as usize);
+        let own = mesh.active().iter().filter(|s| body.organ_of(mesh.node(**s)) == organ).map(|s| s.index());
         own.fold((0.0, Vec3::zeros(), Vec3::zeros()), |(mass, linear, angular), s| {
             let at = |p: &[Real; 4]| Vec3::new(p[0], p[1], p[2]);
             let m = mesh.motion.mass[s];

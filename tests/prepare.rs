@@ -13,7 +13,7 @@ use palpate_body::prepare::spacings;
 use palpate_body::prepare::{Recipe, Region, Shape, prepare, refit};
 use palpate_core::geometry::primitives::box_mesh;
 use palpate_core::geometry::{Moments, Surface};
-use palpate_core::math::{Mat3, Real, Vec3};
+use palpate_core::math::{Bounds, Mat3, Real, Vec3};
 use palpate_core::model::{Body, Material};
 use std::fmt::Write as _;
 use std::fs;
@@ -111,7 +111,7 @@ fn recipe(material: Material, contrast: Real, holds: Vec<Region>, damping_ratio:
 
 /// A place in the middle of the liver that is stiffer by `contrast`.
 fn nodule(rest: Material, contrast: Real) -> Vec<Inclusion> {
-    let (low, high) = liver_surface(0.008).bounds();
+    let Bounds { low, high } = liver_surface(0.008).bounds();
     let place = Reach::Ball((low + high) / 2.0, 0.02);
     let (youngs_modulus, poisson_ratio) = (contrast * rest.youngs_modulus(), rest.poisson_ratio());
     vec![Inclusion { place: place.into(), youngs_modulus, poisson_ratio, density: rest.density }]
@@ -119,7 +119,7 @@ fn nodule(rest: Material, contrast: Real) -> Vec<Inclusion> {
 
 /// The lowest part of the liver, up to `height` [m].
 fn below(height: Real) -> Vec<Region> {
-    let bounds = (Vec3::repeat(-1.0), Vec3::new(1.0, 1.0, height));
+    let bounds = Bounds::new(Vec3::repeat(-1.0), Vec3::new(1.0, 1.0, height));
     vec![Region { bounds, stiffness: None, exact: false }]
 }
 

@@ -3,7 +3,7 @@
 use palpate::scene::LoadedScene;
 use palpate::wire::surface::{SurfaceEncoder, topology};
 use palpate_core::contact::tool::{Coupling, PoseSample, ToolEvent};
-use palpate_core::math::{Pose, Vec3};
+use palpate_core::math::{Bounds, Pose, Vec3};
 use palpate_core::model::Body;
 use palpate_core::simulation::{Inputs, Outputs, Simulation};
 use palpate_proto::Message;
@@ -48,7 +48,7 @@ fn stroke(body: &Body, tick: u64) -> Vec3 {
 
 /// Through the body and back at a metre a second, ever elsewhere.
 fn stab(body: &Body, tick: u64) -> Vec3 {
-    let (low, high) = body.surface().bounds();
+    let Bounds { low, high } = body.surface().bounds();
     let (turn, way) = (tick / 100, 0.01 * (tick % 100) as f64);
     let part = |prime: u64| (turn * prime % 17) as f64 / 16.0;
     let (from, to) = (Vec3::new(0.0, part(5), part(3)), Vec3::new(1.0, part(11), part(7)));

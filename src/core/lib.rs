@@ -9,6 +9,8 @@
 //! | module | is | does not know |
 //! |---|---|---|
 //! | [`math`] | one scalar, one vector, one pose; nalgebra to parry | anything else |
+//! | [`ids`] | numbers that things go by | anything else |
+//! | [`visited`] | which of the things of one kind have been looked at | anything else |
 //! | [`geometry`] | shapes at rest: surfaces, tetrahedra, where a point lies | materials, levels, time |
 //! | [`hierarchy`] | levels of resolution and what ties them together | motion, tools |
 //! | [`model`] | a body (fixed), its state (moving), the material law and its kernel | when it is moved, and how far; of tools all but their index and points of contact; messages |
@@ -47,7 +49,9 @@ pub mod geometry;
 #[doc = include_str!("glossary.md")]
 pub mod glossary {}
 pub mod hierarchy;
+pub mod ids;
 pub mod math;
 pub mod model;
 pub mod simulation;
 pub mod stepping;
+pub mod visited;

@@ -23,6 +23,71 @@ pub fn from_parry(v: ParryVec) -> Vec3 {
     Vec3::new(v.x, v.y, v.z)
 }
 
+/// A box along the axes: least and greatest coordinates [m].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bounds {
+    /// Least coordinates [m].
+    pub low: Vec3,
+    /// Greatest coordinates [m].
+    pub high: Vec3,
+}
+
+impl Bounds {
+    /// Around nothing.
+    pub const NOTHING: Self = Self {
+        low: Vec3::new(Real::INFINITY, Real::INFINITY, Real::INFINITY),
+        high: Vec3::new(-Real::INFINITY, -Real::INFINITY, -Real::INFINITY),
+    };
+
+    /// From `low` to `high` [m].
+    pub const fn new(low: Vec3, high: Vec3) -> Self {
+        Self { low, high }
+    }
+
+    /// Around `points`.
+    pub fn of(points: impl IntoIterator<Item = Vec3>) -> Self {
+        points.into_iter().fold(Self::NOTHING, |all, p| Self { low: all.low.inf(&p), high: all.high.sup(&p) })
+    }
+
+    /// Around both.
+    pub fn joined(&self, other: &Self) -> Self {
+        Self { low: self.low.inf(&other.low), high: self.high.sup(&other.high) }
+    }
+
+    /// With `by` [m] more on each side.
+    pub fn grown(&self, by: Real) -> Self {
+        Self { low: self.low.add_scalar(-by), high: self.high.add_scalar(by) }
+    }
+
+    /// From the least to the greatest coordinates [m].
+    pub fn size(&self) -> Vec3 {
+        self.high - self.low
+    }
+
+    /// The place in the middle [m].
+    pub fn middle(&self) -> Vec3 {
+        (self.low + self.high) * 0.5
+    }
+
+    /// True when `p` is inside, or on a face.
+    pub fn contains(&self, p: &Vec3) -> bool {
+        let (low, high) = (&self.low, &self.high);
+        (p.x >= low.x) & (p.x <= high.x) & (p.y >= low.y) & (p.y <= high.y) & (p.z >= low.z) & (p.z <= high.z)
+    }
+
+    /// True when all of `points` lie beyond one and the same face.
+    pub fn is_apart(&self, points: &[Vec3]) -> bool {
+        (0..3).any(|c| points.iter().all(|p| p[c] < self.low[c]) || points.iter().all(|p| p[c] > self.high[c]))
+    }
+
+    /// `(Δx, Δy, Δz)` squared and summed [m²]: how far `p` is outside; zero inside.
+    pub fn distance_squared(&self, p: &Vec3) -> Real {
+        let apart = |c: usize| (self.low[c] - p[c]).max(p[c] - self.high[c]).max(0.0);
+        let (x, y, z) = (apart(0), apart(1), apart(2));
+        x * x + y * y + z * z
+    }
+}
+
 /// Position [m] and orientation of a rigid thing in the world frame.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Pose {
@@ -89,6 +154,16 @@ impl Pose {
 pub fn normalized_quaternion(q: [Real; 4]) -> Option<[Real; 4]> {
     let length = (q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]).sqrt();
     (length.is_finite() && length > 1e-6).then(|| q.map(|c| c / length))
+}
+
+/// Components xx, yy, zz, yz, xz, xy of a symmetric matrix.
+pub fn components(m: &Mat3) -> [Real; 6] {
+    [m[(0, 0)], m[(1, 1)], m[(2, 2)], m[(1, 2)], m[(0, 2)], m[(0, 1)]]
+}
+
+/// The symmetric matrix of these [`components`].
+pub fn symmetric([xx, yy, zz, yz, xz, xy]: [Real; 6]) -> Mat3 {
+    Mat3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz)
 }
 
 /// True when all three components are finite.

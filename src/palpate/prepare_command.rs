@@ -18,7 +18,7 @@ use palpate_body::prepare::region::{Reach, keep_finest_within};
 use palpate_body::prepare::report::{LevelReport, report};
 use palpate_body::prepare::thin_walls::{Thin, ThinPlaces, thin_places};
 use palpate_body::prepare::{self, Shape, prepare};
-use palpate_core::math::Vec3;
+use palpate_core::math::{Bounds, Vec3};
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -168,7 +168,7 @@ pub fn run(args: &PrepareArgs) -> anyhow::Result<ExitCode> {
         Shape::Meshes { .. } => vec![ThinPlaces::default(); body.levels().len()],
     };
     progress.finish("looked at the levels");
-    let size = body.surface().bounds().1 - body.surface().bounds().0;
+    let size = body.surface().bounds().size();
     println!(
         "{}: {:.4} × {:.4} × {:.4} m, {:.4} L, {:.4} kg, slowest mode {:.2} Hz, held at {} points",
         body.name(),
@@ -240,7 +240,7 @@ fn picture(file: &std::path::Path, body: &palpate_core::model::Body, shape: &Sha
         Shape::Closed { surface, .. } => surface,
         Shape::Meshes { .. } => body.surface(),
     };
-    let (low, high) = surface.bounds();
+    let Bounds { low, high } = surface.bounds();
     let plane = Plane::through(low, high);
     let section = |(r, level): (usize, &Level)| Section {
         title: format!("level {r}: {:.2} mm, {} elements", 1e3 * level.spacing, level.mesh.elements.len()),
@@ -287,7 +287,7 @@ impl PrepareArgs {
         Ok(match numbers.len() {
             0 => None,
             4 => Some(Reach::Ball(point(0), numbers[3])),
-            6 => Some(Reach::Box(point(0).inf(&point(3)), point(0).sup(&point(3)))),
+            6 => Some(Reach::Box(Bounds::of([point(0), point(3)]))),
             n => bail!("--finest-in: {n} numbers; a box has 6 (x0,y0,z0,x1,y1,z1), a ball 4 (x,y,z,radius)"),
         })
     }

@@ -12,7 +12,7 @@ use palpate_core::contact::tool::{Coupling, Following, PoseSample, Shape, Tool, 
 use palpate_core::geometry::Moments;
 use palpate_core::geometry::primitives::{box_mesh, box_surface};
 use palpate_core::hierarchy::{Level, embedding};
-use palpate_core::math::{Pose, Real, Vec3};
+use palpate_core::math::{Bounds, Pose, Real, Vec3};
 use palpate_core::model::{Body, Material};
 use palpate_core::simulation::{Inputs, Settings, Simulation, Snapshot};
 use rayon::prelude::*;
@@ -51,7 +51,7 @@ fn contact_radius(depth: Real) -> Real {
 }
 
 fn on_its_bottom(size: Vec3) -> Vec<Region> {
-    vec![Region { bounds: (Vec3::zeros(), Vec3::new(size.x, size.y, 0.0)), stiffness: None, exact: false }]
+    vec![Region { bounds: Bounds::new(Vec3::zeros(), Vec3::new(size.x, size.y, 0.0)), stiffness: None, exact: false }]
 }
 
 fn covered(size: Vec3, cells: [u32; 3], spacings: Vec<Real>) -> Result<Body> {

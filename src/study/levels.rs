@@ -9,7 +9,7 @@ use palpate_core::geometry::primitives::box_mesh;
 use palpate_core::geometry::tet_mesh::volume;
 use palpate_core::hierarchy::level::mean_edge;
 use palpate_core::hierarchy::{Level, parentage};
-use palpate_core::math::{Real, Vec3};
+use palpate_core::math::{Bounds, Real, Vec3};
 use palpate_core::model::Material;
 
 /// Chance from a seed: SplitMix64, so that every study repeats bit for bit.
@@ -214,9 +214,9 @@ impl Levels {
     /// tool does; odd seeds split single nodes here and there, the worst that any criterion could do.
     pub fn random_active_set(&self, seed: u64) -> Vec<bool> {
         let mut random = Random::new(1000 + seed);
-        let (low, high) = self.rest.iter().fold((self.rest[0], self.rest[0]), |(a, b), u| (a.inf(u), b.sup(u)));
-        let centre = low + (high - low).component_mul(&Vec3::from_fn(|_, _| random.unit()));
-        let radius = (0.35 + 0.25 * random.unit()) * (high - low).max();
+        let around = Bounds::of(self.rest.iter().copied());
+        let centre = around.low + around.size().component_mul(&Vec3::from_fn(|_, _| random.unit()));
+        let radius = (0.35 + 0.25 * random.unit()) * around.size().max();
         let mut active = self.uniform(0);
         for level in 0..self.count() - 1 {
             for node in self.first_node[level]..self.first_node[level + 1] {

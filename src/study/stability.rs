@@ -10,7 +10,7 @@ use palpate_core::adaptation::Adaptivity;
 use palpate_core::contact::safety::ForceLimits;
 use palpate_core::contact::tool::{Following, Shape, Tool};
 use palpate_core::geometry::primitives::box_surface;
-use palpate_core::math::{Real, Vec3};
+use palpate_core::math::{Bounds, Real, Vec3};
 use palpate_core::model::step_class::TICK;
 use palpate_core::model::{Body, Material};
 use palpate_core::simulation::Settings;
@@ -77,7 +77,11 @@ pub fn cube(stiffness: Real) -> Result<Arc<Body>> {
         shape: prepare::Shape::closed(surface, vec![0.034, 0.022]),
         material: Material::from_young(stiffness * MODULUS_FOR, 0.45, 1050.0),
         inclusions: vec![],
-        holds: vec![Region { bounds: (Vec3::zeros(), Vec3::new(SIDE, SIDE, 0.0)), stiffness: None, exact: false }],
+        holds: vec![Region {
+            bounds: Bounds::new(Vec3::zeros(), Vec3::new(SIDE, SIDE, 0.0)),
+            stiffness: None,
+            exact: false,
+        }],
         damping_ratio: 0.15,
     };
     Ok(Arc::new(prepare(&recipe, &mut |_, _, _| {}).map_err(Error::other)?))

@@ -11,7 +11,7 @@ use palpate_core::contact::safety::ForceLimits;
 use palpate_core::contact::tool::{Coupling, Following, PoseSample, Shape, Tool, ToolEvent};
 use palpate_core::geometry::Surface;
 use palpate_core::geometry::primitives::box_surface;
-use palpate_core::math::{Pose, Real, Vec3};
+use palpate_core::math::{Bounds, Pose, Real, Vec3};
 use palpate_core::model::step_class::TICK;
 use palpate_core::model::{Body, Material};
 use palpate_core::simulation::{Budget, Inputs, Settings, Simulation, Snapshot};
@@ -128,7 +128,7 @@ fn error(run: &Run, reference: &Run) -> Real {
     (squares / run.force.len() as Real).sqrt() / peak
 }
 
-fn body(surface: Surface, spacings: &[Real], young: Real, holds: (Vec3, Vec3)) -> Result<Arc<Body>> {
+fn body(surface: Surface, spacings: &[Real], young: Real, holds: Bounds) -> Result<Arc<Body>> {
     let recipe = Recipe {
         name: "study".into(),
         shape: prepare::Shape::closed(surface, spacings.to_vec()),
@@ -144,14 +144,14 @@ fn body(surface: Surface, spacings: &[Real], young: Real, holds: (Vec3, Vec3)) -
 fn cube_stroke(spacings: &[Real]) -> Result<Stroke> {
     let side = 0.1;
     let surface = box_surface(Vec3::repeat(side), [24; 3]);
-    let body = body(surface, spacings, 1e4, (Vec3::zeros(), Vec3::new(side, side, 0.0)))?;
+    let body = body(surface, spacings, 1e4, Bounds::new(Vec3::zeros(), Vec3::new(side, side, 0.0)))?;
     let start = Vec3::new(0.25 * side, 0.5 * side, 1.1 * side);
     Ok(Stroke { body, radius: 0.1 * side, depth: 0.05 * side, start, length: 0.5 * side, height: vec![0.0] })
 }
 
 /// An organ in its bed, a ball of 10 mm pressed 10 mm and stroked 50 mm along its top.
 fn organ_stroke(surface: Surface, spacings: &[Real], young: Real) -> Result<Stroke> {
-    let (low, high) = surface.bounds();
+    let Bounds { low, high } = surface.bounds();
     let bed = Vec3::new(high.x, high.y, low.z + 0.45 * (high.z - low.z));
     let radius = 0.01;
     let top = surface.vertices.iter().copied().max_by(|a, b| a.z.total_cmp(&b.z)).unwrap_or_default();
@@ -167,7 +167,7 @@ fn organ_stroke(surface: Surface, spacings: &[Real], young: Real) -> Result<Stro
     let first = top.x - 0.5 * length;
     let start = Vec3::new(first, top.y, touch(first));
     let height = (0..=100).map(|i| touch(first + length * Real::from(i) / 100.0) - start.z).collect();
-    let body = body(surface, spacings, young, (low, bed))?;
+    let body = body(surface, spacings, young, Bounds::new(low, bed))?;
     Ok(Stroke { body, radius, depth: 0.01, start, length, height })
 }
 

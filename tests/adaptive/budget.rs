@@ -1,6 +1,7 @@
 //! The work budget: resolution gives way to it, the rate and the hand's safety never do.
 
 use super::*;
+use palpate_core::ids::Slot;
 use palpate_core::math::is_finite;
 use palpate_core::simulation::{MOST_FROZEN, Outputs};
 use palpate_core::stepping::work::{self, Part, Prices};
@@ -206,7 +207,7 @@ fn on_a_short_budget_the_fine_levels_follow_a_stroke() {
             assert!(spent <= budget, "{spent} ns of {budget} in tick {i}");
             needed = o.plan.needed.max(if budget == u32::MAX { needed } else { 0 });
             let (centre, mesh) = (o.tools[0].state.pose.position, press.mesh());
-            let distance = |s: u32| (mesh.position(s) - centre).norm();
+            let distance = |s: Slot| (mesh.position(s) - centre).norm();
             let near = mesh.active().iter().min_by(|a, b| distance(**a).total_cmp(&distance(**b)));
             under[body.level_of(mesh.node(*near.unwrap()))] += 1;
         }

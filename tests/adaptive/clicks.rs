@@ -4,6 +4,7 @@
 //! without the change.
 
 use super::*;
+use palpate_core::math::Bounds;
 
 /// Jump of the force [N] that a hand does not feel, at any force.
 const UNFELT: Real = 0.010;
@@ -157,7 +158,7 @@ fn a_press_and_a_stroke_on_the_cube_feel_and_show_no_change() {
 #[test]
 fn a_press_and_a_stroke_on_the_liver_feel_and_show_no_change() {
     let body = liver(0.45, vec![0.028, 0.017, 0.010], 5e3, 0.15);
-    let (low, high) = body.surface().bounds();
+    let Bounds { low, high } = body.surface().bounds();
     judge(&press(&body, summit(&body), Vec3::x()), (high - low).max(), 1.0);
 }
 

@@ -3,6 +3,7 @@
 use super::shared::shared;
 use super::*;
 use palpate_body::geometry::mesh_io::{LengthUnit, read_surface};
+use palpate_core::ids::Slot;
 
 /// Levels with fewer nodes are too coarse to be asked.
 const LEAST_NODES: usize = 100;
@@ -55,8 +56,7 @@ fn answer(body: &Arc<Body>, level: usize, gravity: Vec3) -> Answer {
     let moved = |(v, area): (usize, &Real)| (mesh.vertex(v as u32) - vertices[v]).dot(&along) * area;
     let area: Real = body.vertex_area().iter().sum();
     let surface = body.vertex_area().iter().enumerate().map(moved).sum::<Real>() / area;
-    let square =
-        |s: &u32| (mesh.position(*s) - body.rest(mesh.node(*s))).norm_squared() * mesh.motion.mass[*s as usize];
+    let square = |s: &Slot| (mesh.position(*s) - body.rest(mesh.node(*s))).norm_squared() * mesh.motion.mass[s.index()];
     let mean_square = (mesh.active().iter().map(square).sum::<Real>() / body.mass()).sqrt();
 
     let mut swing = with_settings(&sag, &settings(None));

@@ -8,7 +8,8 @@ use palpate_core::contact::safety::ForceLimits;
 use palpate_core::contact::tool::{Coupling, Following, PoseSample, Shape as ToolShape, Tool, ToolEvent};
 use palpate_core::geometry::Surface;
 use palpate_core::geometry::primitives::box_surface;
-use palpate_core::math::{Pose, Real, Vec3};
+use palpate_core::ids::Slot;
+use palpate_core::math::{Bounds, Pose, Real, Vec3};
 use palpate_core::model::active_set::{ActiveSet, Change, Status};
 use palpate_core::model::{ActiveMesh, Body, Material, State};
 use palpate_core::simulation::{Budget, Inputs, Settings, Simulation, Snapshot, TICK, TICKS_PER_FRAME};
@@ -45,7 +46,7 @@ impl Random {
         Vec3::from_fn(|_, _| self.between(-size, size))
     }
 
-    fn within(&mut self, (low, high): (Vec3, Vec3)) -> Vec3 {
+    fn within(&mut self, Bounds { low, high }: Bounds) -> Vec3 {
         Vec3::from_fn(|i, _| self.between(low[i], high[i]))
     }
 }
@@ -68,7 +69,8 @@ fn elastic_cube(young: Real, held: bool) -> Cube {
 
 impl Cube {
     fn body(&self) -> Arc<Body> {
-        let face = Region { bounds: (Vec3::zeros(), Vec3::new(0.0, SIDE, SIDE)), stiffness: None, exact: false };
+        let face =
+            Region { bounds: Bounds::new(Vec3::zeros(), Vec3::new(0.0, SIDE, SIDE)), stiffness: None, exact: false };
         let recipe = Recipe {
             name: "cube".into(),
             shape: Shape::closed(box_surface(Vec3::repeat(SIDE), [12; 3]), self.spacings.clone()),
@@ -88,8 +90,8 @@ fn liver(bed: Real, spacings: Vec<Real>, young: Real, damping_ratio: Real) -> Ar
 
 /// An organ in a bed up to `bed` of its height, of `young` [Pa].
 fn organ(surface: Surface, bed: Real, spacings: Vec<Real>, young: Real, damping_ratio: Real) -> Arc<Body> {
-    let (low, high) = surface.bounds();
-    let bounds = (low, Vec3::new(high.x, high.y, low.z + bed * (high.z - low.z)));
+    let Bounds { low, high } = surface.bounds();
+    let bounds = Bounds::new(low, Vec3::new(high.x, high.y, low.z + bed * (high.z - low.z)));
     let recipe = Recipe {
         name: "liver".into(),
         shape: Shape::closed(surface, spacings),
@@ -155,7 +157,7 @@ fn active_nodes(body: &Body, set: &ActiveSet) -> Vec<u32> {
 /// Refined around one to three random places, as tools would.
 fn random_set(body: &Body, random: &mut Random) -> Vec<u32> {
     let mut set = ActiveSet::uniform(body, 0);
-    let size = (body.surface().bounds().1 - body.surface().bounds().0).norm() / 1.7;
+    let size = body.surface().bounds().size().norm() / 1.7;
     for _ in 0..1 + random.below(3) {
         let place = random.within(body.surface().bounds());
         let radius = random.between(0.1, 0.5) * size;
@@ -263,7 +265,7 @@ fn press_and_stroke(i: u64) -> Inputs {
 
 /// Mean displacement of the mass from rest [m]: the sum that swings when the body does.
 fn mean_displacement(body: &Body, mesh: &ActiveMesh) -> Vec3 {
-    let moved = |slot: &u32| (mesh.position(*slot) - body.rest(mesh.node(*slot))) * mesh.motion.mass[*slot as usize];
+    let moved = |slot: &Slot| (mesh.position(*slot) - body.rest(mesh.node(*slot))) * mesh.motion.mass[slot.index()];
     mesh.active().iter().map(moved).sum::<Vec3>() / body.mass()
 }
 

@@ -19,7 +19,7 @@ impl<'a> Linear<'a> {
     fn new(body: &'a Body, nodes: Vec<u32>) -> Self {
         let mesh = mesh_on(body, nodes);
         let rest = mesh.active().iter().map(|s| body.rest(mesh.node(*s))).collect();
-        let mass = mesh.active().iter().map(|s| mesh.motion.mass[*s as usize]).collect();
+        let mass = mesh.active().iter().map(|s| mesh.motion.mass[s.index()]).collect();
         Self { body, mesh, rest, mass }
     }
 
@@ -39,14 +39,14 @@ impl<'a> Linear<'a> {
             let attachment = *self.mesh.attachment(hold.vertex);
             for (slot, w) in attachment.slots.iter().zip(attachment.weights) {
                 for c in 0..3 {
-                    self.mesh.motion.force[*slot as usize][c] += stretch[c] * hold.stiffness * w;
+                    self.mesh.motion.force[slot.index()][c] += stretch[c] * hold.stiffness * w;
                 }
             }
         }
         self.mesh.hand_back_all();
         let (active, motion) = self.mesh.active_motion();
         for (sum, slot) in sum.iter_mut().zip(active) {
-            let f = std::mem::take(&mut motion.force[*slot as usize]);
+            let f = std::mem::take(&mut motion.force[slot.index()]);
             *sum += Vec3::new(f[0], f[1], f[2]) * factor;
         }
     }

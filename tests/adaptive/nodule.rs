@@ -3,6 +3,7 @@
 use super::*;
 use palpate_body::prepare::inclusions::Inclusion;
 use palpate_body::prepare::region::Reach;
+use palpate_core::math::Bounds;
 
 /// A block of soft tissue [m], and its material.
 const BLOCK: Vec3 = Vec3::new(0.08, 0.06, 0.04);
@@ -23,7 +24,7 @@ fn block(nodule: bool) -> Arc<Body> {
         material: Material::from_young(SOFT, 0.45, 1050.0),
         inclusions: if nodule { vec![inclusion] } else { vec![] },
         holds: vec![Region {
-            bounds: (Vec3::zeros(), Vec3::new(BLOCK.x, BLOCK.y, 0.0)),
+            bounds: Bounds::new(Vec3::zeros(), Vec3::new(BLOCK.x, BLOCK.y, 0.0)),
             stiffness: None,
             exact: false,
         }],

@@ -4,6 +4,7 @@
 
 use super::*;
 use palpate_core::geometry::primitives::box_mesh;
+use palpate_core::math::Bounds;
 
 /// How far calibrated levels may differ in sag and decrement, as a part.
 const LEVELS: Real = 0.02;
@@ -15,7 +16,7 @@ const INTERFACES: Real = 0.04;
 
 /// The reference cube of 50 kPa, exactly clamped at x = 0, on conforming boxes of `cells` cells a side. `psi` [Pa s].
 fn reference_cube(cells: [u32; 3], psi: Real) -> Arc<Body> {
-    let clamp = Region { bounds: (Vec3::zeros(), Vec3::new(0.0, SIDE, SIDE)), stiffness: None, exact: true };
+    let clamp = Region { bounds: Bounds::new(Vec3::zeros(), Vec3::new(0.0, SIDE, SIDE)), stiffness: None, exact: true };
     let recipe = Recipe {
         name: "reference cube".into(),
         shape: Shape::meshes(cells.map(|n| box_mesh(Vec3::repeat(SIDE), [n; 3]))),

@@ -2,9 +2,10 @@
 
 use super::*;
 use palpate_body::geometry::primitives::toy_surface;
+use palpate_core::ids::Slot;
 use palpate_core::model::active_mesh::{Momenta, Upkeep};
 use palpate_core::model::element_kernel::Path;
-use palpate_core::stepping::step;
+use palpate_core::stepping::step::{self, World};
 use std::collections::BTreeSet;
 
 /// Largest `Σ|w|` of a row: fits beyond it are refused, and barycentric rows of the covers here stay below it.
@@ -43,7 +44,7 @@ fn toy() -> Arc<Body> {
 }
 
 fn size(body: &Body) -> Real {
-    (body.surface().bounds().1 - body.surface().bounds().0).norm()
+    body.surface().bounds().size().norm()
 }
 
 /// The active nodes cover the body once, and neighbouring regions are within one level.
@@ -123,7 +124,7 @@ fn check_mesh(body: &Body, mesh: &ActiveMesh, worst: &mut Worst) {
 
     let (mut mass, mut moment) = (0.0, Vec3::zeros());
     for &slot in mesh.active() {
-        let m = mesh.motion.mass[slot as usize];
+        let m = mesh.motion.mass[slot.index()];
         mass += m;
         moment += body.rest(mesh.node(slot)) * m;
         worst.lightest = worst.lightest.min(m / body.mass() * mesh.active().len() as Real);
@@ -142,14 +143,14 @@ fn check_mesh(body: &Body, mesh: &ActiveMesh, worst: &mut Worst) {
 fn derived(body: &Body, mesh: &ActiveMesh) -> Vec<(u32, Vec<u64>)> {
     let mut all = Vec::new();
     for &slot in mesh.active() {
-        let s = slot as usize;
+        let s = slot.index();
         let x = mesh.motion.position[s].map(Real::to_bits);
         let masses = [mesh.motion.mass[s], mesh.motion.inverse_mass[s]].map(Real::to_bits);
         all.push((mesh.node(slot), [&masses[..], &x[..]].concat()));
     }
     for &slot in mesh.interface() {
         let row = mesh.row(slot).entries().flat_map(|(m, w)| [u64::from(mesh.node(m)), w.to_bits()]);
-        let x = mesh.motion.position[slot as usize].map(Real::to_bits);
+        let x = mesh.motion.position[slot.index()].map(Real::to_bits);
         all.push((mesh.node(slot), row.chain(x).collect()));
     }
     for v in 0..body.surface().vertices.len() as u32 {
@@ -194,14 +195,14 @@ fn stir(body: &Body, mesh: &mut ActiveMesh, random: &mut Random) {
 fn scale(mesh: &ActiveMesh) -> (Real, Real) {
     let vec3 = |p: &[Real; 4]| Vec3::new(p[0], p[1], p[2]);
     mesh.active().iter().fold((0.0, 0.0), |sum, s| {
-        let s = *s as usize;
+        let s = s.index();
         let p = vec3(&mesh.motion.velocity[s]).norm() * mesh.motion.mass[s];
         (sum.0 + p, sum.1 + p * vec3(&mesh.motion.position[s]).norm())
     })
 }
 
 fn fastest(mesh: &ActiveMesh) -> Real {
-    let speed = |s: &u32| Vec3::from_iterator(mesh.motion.velocity[*s as usize][..3].iter().copied()).norm();
+    let speed = |s: &Slot| Vec3::from_iterator(mesh.motion.velocity[s.index()][..3].iter().copied()).norm();
     mesh.active().iter().map(speed).fold(0.0, Real::max)
 }
 
@@ -282,13 +283,13 @@ fn walk(body: &Body, seeds: std::ops::Range<u64>, batches: usize) {
         let fresh = mesh_on(body, start);
         for &slot in fresh.active() {
             let n = fresh.node(slot);
-            let walked = mesh.motion.mass[mesh.slot(n).unwrap() as usize];
-            let mass = fresh.motion.mass[slot as usize];
+            let walked = mesh.motion.mass[mesh.slot(n).unwrap().index()];
+            let mass = fresh.motion.mass[slot.index()];
             assert!((walked / mass - 1.0).abs() < 1e-13, "mass of node {n}: {walked} kg, fresh {mass} kg");
         }
         for &slot in fresh.interface() {
             let n = fresh.node(slot);
-            let row = |mesh: &ActiveMesh, slot: u32| -> Vec<(u32, u64)> {
+            let row = |mesh: &ActiveMesh, slot: Slot| -> Vec<(u32, u64)> {
                 mesh.row(slot).entries().map(|(m, w)| (mesh.node(m), w.to_bits())).collect()
             };
             assert_eq!(row(&mesh, mesh.slot(n).unwrap()), row(&fresh, slot), "row of node {n}");
@@ -336,7 +337,13 @@ fn a_mesh_that_was_changed_and_one_made_from_its_state_step_alike() {
                         let arm = (*x - centre).dot(&along);
                         *v = along * (arm * 8.0);
                     });
-                    step::tick(Path::best(), &body, mesh, &mut [], Vec3::zeros(), work, &mut ());
+                    step::tick(
+                        &World { path: Path::best(), body: &body, gravity: Vec3::zeros() },
+                        mesh,
+                        &mut [],
+                        work,
+                        &mut (),
+                    );
                     mesh.reclass_over_limit(&body);
                 }
                 let same = saved(&body, &mesh) == saved(&body, &again);

@@ -3,7 +3,7 @@
 //! Wild trajectories at random.
 
 use super::*;
-use palpate_core::math::normalized_quaternion;
+use palpate_core::math::{Bounds, normalized_quaternion};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Ticks of wild motion.
@@ -57,7 +57,7 @@ fn posed(position: Vec3, orientation: [Real; 4]) -> ToolEvent {
 fn unrest(body: &Body, simulation: &Simulation) -> (Real, Real) {
     let mesh = simulation.mesh();
     mesh.active().iter().fold((0.0, 0.0), |worst: (Real, Real), slot| {
-        let v = mesh.motion.velocity[*slot as usize];
+        let v = mesh.motion.velocity[slot.index()];
         let away = (mesh.position(*slot) - body.rest(mesh.node(*slot))).norm();
         (worst.0.max(away), worst.1.max(Vec3::new(v[0], v[1], v[2]).norm()))
     })
@@ -211,8 +211,11 @@ const ONCE: [u64; 9] = [1198, 2426, 4806, 5293, 5799, 5980, 7002, 8698, 8941];
 fn a_body_in_a_knot_is_put_back() {
     // Wound by a full turn while both its ends are held, a slender bar cannot come home by itself.
     let width = 0.03;
-    let end =
-        |x| Region { bounds: (Vec3::new(x, 0.0, 0.0), Vec3::new(x, width, width)), stiffness: None, exact: false };
+    let end = |x| Region {
+        bounds: Bounds::new(Vec3::new(x, 0.0, 0.0), Vec3::new(x, width, width)),
+        stiffness: None,
+        exact: false,
+    };
     let recipe = Recipe {
         name: "bar".into(),
         shape: Shape::closed(box_surface(Vec3::new(SIDE, width, width), [12, 4, 4]), vec![0.018, 0.013]),

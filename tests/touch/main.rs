@@ -7,6 +7,7 @@ use palpate_core::contact::safety::ForceLimits;
 use palpate_core::contact::tool::{Coupling, Following, PoseSample, Shape as ToolShape, Tool, ToolEvent};
 use palpate_core::contact::tool::{Phase, ToolState};
 use palpate_core::geometry::primitives::box_mesh;
+use palpate_core::ids::Slot;
 use palpate_core::math::{Pose, Real, Vec3, is_finite, normalized_quaternion};
 use palpate_core::model::element_kernel;
 use palpate_core::model::energy::energy;
@@ -107,6 +108,6 @@ fn rest_distance(simulation: &Simulation) -> Real {
 /// Speed of the fastest node [m/s].
 fn fastest(simulation: &Simulation) -> Real {
     let mesh = simulation.mesh();
-    let speed = |s: &u32| mesh.motion.velocity[*s as usize].iter().map(|c| c * c).sum::<Real>().sqrt();
+    let speed = |s: &Slot| mesh.motion.velocity[s.index()].iter().map(|c| c * c).sum::<Real>().sqrt();
     mesh.active().iter().map(speed).fold(0.0, Real::max)
 }

@@ -6,6 +6,7 @@ use palpate_body::prepare::Region;
 use palpate_core::adaptation::Adaptivity;
 use palpate_core::contact::tool::Part;
 use palpate_core::geometry::primitives::box_surface;
+use palpate_core::math::Bounds;
 
 /// A box with the least corner `low` [m].
 pub(super) fn block(low: Vec3, size: Vec3, rounding: Real) -> Part {
@@ -260,7 +261,7 @@ fn sliding(cube: &Setup, radius: Real, depth: Real, beside: Real) -> (Real, Real
 /// `spacings` [m]: the second moves as a whole, of more than two it adapts between them.
 fn covered(spacings: &[Real], cells: u32, radius: Real) -> Setup {
     let elastic = Material::from_young(1e4, 0.35, 1000.0);
-    let bounds = (Vec3::zeros(), Vec3::new(SIDE, SIDE, 1e-3));
+    let bounds = Bounds::new(Vec3::zeros(), Vec3::new(SIDE, SIDE, 1e-3));
     let recipe = Recipe {
         name: "covered".into(),
         shape: Shape::closed(box_surface(Vec3::repeat(SIDE), [cells; 3]), spacings.to_vec()),

@@ -7,7 +7,7 @@
 
 use palpate_core::geometry::Surface;
 use palpate_core::geometry::tet_mesh::TetMesh;
-use palpate_core::math::{Mat3, Pose, Real, Vec3, from_parry, to_parry};
+use palpate_core::math::{Bounds, Mat3, Pose, Real, Vec3, from_parry, to_parry};
 use parry3d_f64::query::PointQuery;
 use parry3d_f64::shape::TriMesh;
 use rayon::prelude::*;
@@ -30,7 +30,7 @@ impl Lattice {
         let turn = rotation(motion);
         let back = turn.transpose();
         let used = surface.triangles.iter().flatten().map(|v| turn * surface.vertices[*v as usize] + motion.position);
-        let (low, high) = bounds(used);
+        let Bounds { low, high } = Bounds::of(used);
         // Two cubes of margin, so that all elements around a node of the surface's cubes are there.
         let origin = low.add_scalar(-spacing).add_scalar(-spacing);
         let half = spacing * 0.5;
@@ -119,12 +119,6 @@ fn elements_of(cube: [i32; 3]) -> impl Iterator<Item = [[i32; 3]; 4]> {
 fn oriented(element: [[i32; 3]; 4]) -> [[i32; 3]; 4] {
     let [a, b, c, d] = element.map(|p| Vec3::new(p[0].into(), p[1].into(), p[2].into()));
     if (b - a).cross(&(c - a)).dot(&(d - a)) < 0.0 { [element[1], element[0], element[2], element[3]] } else { element }
-}
-
-fn bounds(points: impl Iterator<Item = Vec3>) -> (Vec3, Vec3) {
-    points.fold((Vec3::repeat(Real::INFINITY), Vec3::repeat(-Real::INFINITY)), |(low, high), p| {
-        (low.inf(&p), high.sup(&p))
-    })
 }
 
 fn rotation(pose: &Pose) -> Mat3 {

@@ -6,11 +6,12 @@
 
 mod lattice;
 
-use crate::geometry::pieces::{Groups, NO_ELEMENT, neighbours};
+use crate::geometry::pieces::{Groups, neighbours};
 use lattice::{Lattice, signed_distance};
 use palpate_core::geometry::Surface;
 use palpate_core::geometry::tet_mesh::TetMesh;
 use palpate_core::hierarchy::Level;
+use palpate_core::ids::NONE;
 use palpate_core::math::{Pose, Real, Vec3, normalized_quaternion};
 use parry3d_f64::shape::TriMesh;
 use rayon::prelude::*;
@@ -200,7 +201,7 @@ fn linear_cut(mut d: [Real; 4]) -> Real {
 fn keep_one_piece(mesh: &TetMesh, fraction: &mut [Real]) -> Vec<bool> {
     let mut kept: Vec<bool> = fraction.iter().map(|f| *f >= LEAST_FRACTION).collect();
     let across = neighbours(&mesh.elements);
-    let next = |e: usize| across[e].iter().filter(|other| **other != NO_ELEMENT).map(|other| *other as usize);
+    let next = |e: usize| across[e].iter().filter(|other| **other != NONE).map(|other| *other as usize);
     let mut pieces = Groups::new(kept.len());
     for e in (0..kept.len()).filter(|e| kept[*e]) {
         next(e).filter(|other| kept[*other]).for_each(|other| {
@@ -223,7 +224,7 @@ fn keep_one_piece(mesh: &TetMesh, fraction: &mut [Real]) -> Vec<bool> {
         _ => OUTSIDE,
     };
     let mut cost = vec![u32::MAX; kept.len()];
-    let mut from = vec![NO_ELEMENT; kept.len()];
+    let mut from = vec![NONE; kept.len()];
     let mut open = BinaryHeap::new();
     for e in (0..kept.len()).filter(|e| kept[*e] && piece_of[*e] == largest) {
         cost[e] = 0;
@@ -243,10 +244,10 @@ fn keep_one_piece(mesh: &TetMesh, fraction: &mut [Real]) -> Vec<bool> {
     }
 
     // The element of each piece that is nearest, the smallest piece last: its way may lead through others.
-    let mut nearest: Vec<u32> = vec![NO_ELEMENT; kept.len()];
+    let mut nearest: Vec<u32> = vec![NONE; kept.len()];
     for e in (0..kept.len()).filter(|e| kept[*e]) {
         let best = &mut nearest[piece_of[e] as usize];
-        if *best == NO_ELEMENT || cost[e] < cost[*best as usize] {
+        if *best == NONE || cost[e] < cost[*best as usize] {
             *best = e as u32;
         }
     }
@@ -259,7 +260,7 @@ fn keep_one_piece(mesh: &TetMesh, fraction: &mut [Real]) -> Vec<bool> {
         if is_joined[piece as usize] || cost[e as usize] > size[piece as usize] {
             continue;
         }
-        while e != NO_ELEMENT {
+        while e != NONE {
             if fraction[e as usize] >= LEAST_FRACTION {
                 is_joined[piece_of[e as usize] as usize] |= kept[e as usize];
             } else {
@@ -315,12 +316,12 @@ const MOST_MISSED: Real = 0.25;
 
 /// The elements that are kept, with unused nodes removed.
 fn only(mesh: &TetMesh, kept: &[bool], fraction: &[Real]) -> (TetMesh, Vec<Real>) {
-    let mut number = vec![u32::MAX; mesh.nodes.len()];
+    let mut number = vec![NONE; mesh.nodes.len()];
     let mut piece = TetMesh::default();
     let mut inside = Vec::new();
     for e in (0..kept.len()).filter(|e| kept[*e]) {
         let element = mesh.elements[e].map(|n| {
-            if number[n as usize] == u32::MAX {
+            if number[n as usize] == NONE {
                 number[n as usize] = piece.nodes.len() as u32;
                 piece.nodes.push(mesh.nodes[n as usize]);
             }
@@ -405,7 +406,7 @@ mod tests {
         let mut groups = Groups::new(mesh.elements.len());
         let mut count = mesh.elements.len();
         for (e, across) in (0..).zip(neighbours(&mesh.elements)) {
-            count -= across.iter().filter(|other| **other != NO_ELEMENT && groups.join(e, **other)).count();
+            count -= across.iter().filter(|other| **other != NONE && groups.join(e, **other)).count();
         }
         count
     }

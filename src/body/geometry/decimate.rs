@@ -3,7 +3,7 @@
 use super::soundness::check_closed;
 use palpate_core::geometry::Surface;
 use palpate_core::geometry::surface::keep_referenced;
-use palpate_core::math::Real;
+use palpate_core::math::{Bounds, Real};
 
 /// Share of the volume [1] that decimation may add or take away.
 const VOLUME_TOLERANCE: Real = 0.02;
@@ -25,7 +25,7 @@ pub fn decimate(surface: &Surface, target_vertices: usize) -> Surface {
 fn simplified(surface: &Surface, target_vertices: usize) -> Option<Surface> {
     // The simplifier trusts its indices.
     check_closed(&mut surface.clone()).ok()?;
-    let (low, high) = surface.bounds();
+    let Bounds { low, high } = surface.bounds();
     let centre = (low + high) / 2.0;
     let positions: Vec<[f32; 3]> = surface.vertices.iter().map(|p| (p - centre).map(|c| c as f32).into()).collect();
     let adapter =

@@ -240,6 +240,7 @@ pub(super) mod tests {
     use crate::geometry::mesh_io::{LengthUnit, parse_surface};
     use palpate_core::geometry::Surface;
     use palpate_core::geometry::primitives::box_surface;
+    use palpate_core::math::Bounds;
     use std::path::Path;
 
     fn gltf(bytes: &[u8]) -> Result<Surface, MeshError> {
@@ -306,12 +307,12 @@ pub(super) mod tests {
         // A quarter turn about z, twice as large, mirrored in x, lifted.
         let node = r#", "rotation": [0, 0, 0.70710678, 0.70710678], "scale": [-2, 2, 2], "translation": [0, 0, 1]"#;
         let turned = gltf(&glb(&cube(), node)).unwrap();
-        let (low, high) = turned.bounds();
+        let Bounds { low, high } = turned.bounds();
         assert!((low - Vec3::new(-0.5, -1.0, 1.0)).norm() < 1e-6 && (high - Vec3::new(0.0, 0.0, 1.25)).norm() < 1e-6);
         assert!((turned.volume() - 8.0 * cube().volume()).abs() < 1e-6);
         let node = r#", "matrix": [-2, 0, 0, 0, 0, 2, 0, 0, 0, 0, 2, 0, 0, 0, 1, 1]"#;
         let moved = gltf(&glb(&cube(), node)).unwrap();
-        assert!((moved.bounds().0 - Vec3::new(-1.0, 0.0, 1.0)).norm() < 1e-12 && moved.volume() > 0.0);
+        assert!((moved.bounds().low - Vec3::new(-1.0, 0.0, 1.0)).norm() < 1e-12 && moved.volume() > 0.0);
     }
 
     #[test]

@@ -30,6 +30,7 @@ use super::medit::parse_medit;
 use super::mesh_error::MeshError;
 use super::msh::parse_msh;
 use super::ply::parse_ply;
+pub use super::reader::MAX_FILE;
 use super::repair::{Repairs, repair};
 use super::soundness::{check_closed, check_finite, orient};
 use super::surface_file::{parse_obj, parse_stl};
@@ -43,9 +44,6 @@ use serde::{Deserialize, Serialize};
 use std::collections::HashSet;
 use std::io::Read;
 use std::path::{Path, PathBuf};
-
-/// Longest file read [bytes]; a surface that moves in real time needs a hundredth of it.
-pub const MAX_FILE: usize = 128 << 20;
 
 /// The unit of length in which a file was written; mesh files do not say.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]

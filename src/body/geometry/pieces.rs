@@ -1,10 +1,8 @@
 //! What of a mesh hangs together, and what only by a hinge.
 
 use palpate_core::geometry::tet_mesh::{FACES, TetMesh};
+use palpate_core::ids::NONE;
 use palpate_core::math::Vec3;
-
-/// Stands for no neighbour.
-pub const NO_ELEMENT: u32 = u32::MAX;
 
 /// Things of which some have been found to belong together.
 pub struct Groups {
@@ -34,7 +32,7 @@ impl Groups {
     }
 }
 
-/// The element across each face of each of `elements` (n_elements), or [`NO_ELEMENT`].
+/// The element across each face of each of `elements` (n_elements), or [`NONE`].
 pub fn neighbours(elements: &[[u32; 4]]) -> Vec<[u32; 4]> {
     let face = |e: usize, i: usize| {
         let mut nodes = FACES[i].map(|c| elements[e][c]);
@@ -43,7 +41,7 @@ pub fn neighbours(elements: &[[u32; 4]]) -> Vec<[u32; 4]> {
     };
     let mut faces: Vec<_> = (0..elements.len()).flat_map(|e| (0..4).map(move |i| face(e, i))).collect();
     faces.sort_unstable();
-    let mut across = vec![[NO_ELEMENT; 4]; elements.len()];
+    let mut across = vec![[NONE; 4]; elements.len()];
     for pair in faces.windows(2).filter(|pair| pair[0].0 == pair[1].0) {
         let [(_, a, i), (_, b, j)] = [pair[0], pair[1]];
         across[a as usize][i as usize] = b;
@@ -58,7 +56,7 @@ pub fn firm_pieces(mesh: &TetMesh) -> Vec<u32> {
     let all = 0..mesh.elements.len() as u32;
     let mut groups = Groups::new(mesh.elements.len());
     for (e, across) in all.clone().zip(neighbours(&mesh.elements)) {
-        across.into_iter().filter(|other| *other != NO_ELEMENT).for_each(|other| {
+        across.into_iter().filter(|other| *other != NONE).for_each(|other| {
             groups.join(e, other);
         });
     }
@@ -131,12 +129,12 @@ mod tests {
         let mesh = box_mesh(Vec3::repeat(0.1), [2; 3]);
         let across = neighbours(&mesh.elements);
         for (e, others) in across.iter().enumerate() {
-            for (i, other) in others.iter().enumerate().filter(|(_, other)| **other != NO_ELEMENT) {
+            for (i, other) in others.iter().enumerate().filter(|(_, other)| **other != NONE) {
                 assert!(FACES[i].iter().all(|c| mesh.elements[*other as usize].contains(&mesh.elements[e][*c])));
                 assert!(across[*other as usize].contains(&(e as u32)));
             }
         }
-        let outer = across.iter().flatten().filter(|other| **other == NO_ELEMENT).count();
+        let outer = across.iter().flatten().filter(|other| **other == NONE).count();
         assert_eq!(outer, mesh.boundary().len());
     }
 }

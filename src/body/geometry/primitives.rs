@@ -185,6 +185,7 @@ fn newton_step(signed: impl Fn(Vec3) -> Real, p: Vec3, spacing: Real) -> Vec3 {
 mod tests {
     use super::*;
     use palpate_core::geometry::primitives::box_surface;
+    use palpate_core::math::Bounds;
 
     /// Vertices − edges + faces: 2 for a closed surface without a handle.
     fn euler_characteristic(surface: &Surface) -> isize {
@@ -232,7 +233,7 @@ mod tests {
         let surface = box_surface(Vec3::new(0.1, 0.2, 0.3), [2, 3, 4]);
         is_one_piece_without_handles("box", &surface);
         assert!((surface.volume() - 0.006).abs() < 1e-17);
-        assert_eq!(surface.bounds(), (Vec3::zeros(), Vec3::new(0.1, 0.2, 0.3)));
+        assert_eq!(surface.bounds(), Bounds::new(Vec3::zeros(), Vec3::new(0.1, 0.2, 0.3)));
     }
 
     #[test]
@@ -250,7 +251,7 @@ mod tests {
             let surface = liver_surface(spacing);
             is_one_piece_without_handles("liver", &surface);
             has_no_fold("liver", &surface, liver);
-            let (low, high) = surface.bounds();
+            let Bounds { low, high } = surface.bounds();
             let size = high - low;
             assert!((size - Vec3::new(0.20, 0.13, 0.11)).amax() < 0.006, "{spacing}: {size:?}");
             assert!(low.z.abs() < 0.002 && (low.x + high.x).abs() < 0.008, "{low:?} {high:?}");
@@ -263,7 +264,7 @@ mod tests {
             let surface = kidney_surface(spacing);
             is_one_piece_without_handles("kidney", &surface);
             has_no_fold("kidney", &surface, kidney);
-            let (low, high) = surface.bounds();
+            let Bounds { low, high } = surface.bounds();
             let size = high - low;
             assert!((size - Vec3::new(0.11, 0.06, 0.045)).amax() < 0.006, "{spacing}: {size:?}");
             assert!(low.z.abs() < 1e-3, "{spacing}: stands on {}", low.z);
@@ -276,7 +277,7 @@ mod tests {
             let surface = toy_surface(spacing);
             is_one_piece_without_handles("toy", &surface);
             has_no_fold("toy", &surface, toy);
-            let (low, high) = surface.bounds();
+            let Bounds { low, high } = surface.bounds();
             assert!(low.z.abs() < 0.002 && (high.z - 0.2).abs() < 0.004, "{low:?} {high:?}");
         }
     }

@@ -3,6 +3,9 @@
 use super::mesh_error::{MeshError, shown};
 use palpate_core::math::Real;
 
+/// Longest file read [bytes]; a surface that moves in real time needs a hundredth of it.
+pub const MAX_FILE: usize = 128 << 20;
+
 /// How numbers are written.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Encoding {

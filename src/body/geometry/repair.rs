@@ -2,7 +2,7 @@
 
 use super::soundness::weld;
 use palpate_core::geometry::Surface;
-use palpate_core::math::{Real, Vec3};
+use palpate_core::math::{Bounds, Real, Vec3};
 use std::collections::BTreeMap;
 
 /// What has been repaired, and how often.
@@ -123,9 +123,8 @@ fn close_holes(surface: &mut Surface, width: Real) -> usize {
             next = onward.remove(&v).flatten();
         }
         let at = |v: &u32| surface.vertices[*v as usize];
-        let (low, high) =
-            hole.iter().fold((at(&first), at(&first)), |(low, high), v| (low.inf(&at(v)), high.sup(&at(v))));
-        if next != Some(first) || hole.len() < 3 || (high - low).norm() > width {
+        let wide = Bounds::of(hole.iter().map(at)).size().norm();
+        if next != Some(first) || hole.len() < 3 || wide > width {
             continue;
         }
         // The border runs the way of its triangles, what closes it the other way.

@@ -4,7 +4,7 @@ use super::mesh_error::MeshError;
 use palpate_core::geometry::surface::keep_referenced;
 use palpate_core::geometry::tet_mesh::volume;
 use palpate_core::geometry::{Surface, TetMesh};
-use palpate_core::math::{Real, Vec3};
+use palpate_core::math::{Bounds, Real, Vec3};
 use std::collections::HashMap;
 
 /// Coordinates beyond this [m] are taken for damage or a wrong unit.
@@ -87,7 +87,7 @@ pub fn check_closed(surface: &mut Surface) -> Result<(), MeshError> {
     }
 
     let volume = surface.volume();
-    let (low, high) = surface.bounds();
+    let Bounds { low, high } = surface.bounds();
     let size = (high - low).norm();
     if volume.abs() <= FLAT * size * size * size {
         return Err(MeshError::NoVolume { volume });

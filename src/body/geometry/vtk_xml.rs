@@ -3,8 +3,7 @@
 
 use super::cells::Cells;
 use super::mesh_error::{MeshError, shown};
-use super::mesh_io::MAX_FILE;
-use super::reader::{Encoding, Number, Reader};
+use super::reader::{Encoding, MAX_FILE, Number, Reader};
 use super::vtk::Lists;
 use base64::Engine;
 use base64::prelude::BASE64_STANDARD;

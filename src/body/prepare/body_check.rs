@@ -5,7 +5,7 @@ use crate::geometry::crossings::crossings;
 use crate::geometry::mesh_io::{LengthUnit, Solid};
 use crate::geometry::pieces::{Groups, firm_pieces};
 use palpate_core::geometry::{Moments, Surface, TetMesh};
-use palpate_core::math::{Real, Vec3, to_parry};
+use palpate_core::math::{Bounds, Real, Vec3, to_parry};
 use parry3d_f64::query::PointQuery;
 
 /// Extents that bodies to be touched have [m]; others are asked about.
@@ -70,11 +70,11 @@ pub fn check(
     allow_crossings: bool,
 ) -> Result<(), ShapeFault> {
     for solid in solids {
-        let (low, high) = match solid {
+        let bounds = match solid {
             Solid::Surface(surface) => surface.bounds(),
-            Solid::Volume(mesh) => Surface { vertices: mesh.mesh.nodes.clone(), triangles: vec![] }.bounds(),
+            Solid::Volume(mesh) => Bounds::of(mesh.mesh.nodes.iter().copied()),
         };
-        let extent = (high - low).max();
+        let extent = bounds.size().max();
         if !any_size && !EXTENTS.contains(&extent) {
             return Err(ShapeFault::Size(doubt(extent, unit, scale)));
         }

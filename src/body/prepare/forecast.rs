@@ -6,7 +6,7 @@
 use palpate_core::adaptation::Adaptivity;
 use palpate_core::contact::safety::ForceLimits;
 use palpate_core::contact::tool::{Coupling, Following, PoseSample, Shape, Tool, ToolEvent};
-use palpate_core::math::{Pose, Real, Vec3};
+use palpate_core::math::{Bounds, Pose, Real, Vec3};
 use palpate_core::model::Body;
 use palpate_core::model::step_class::{TICK_NS, class_at_rest, step_of};
 use palpate_core::simulation::{Inputs, Laps, Part, Prices, Settings, Simulation, Snapshot, TICKS_PER_FRAME};
@@ -84,7 +84,7 @@ struct Touch {
 
 impl Touch {
     fn of(body: &Arc<Body>) -> Result<Self, String> {
-        let (low, high) = body.surface().bounds();
+        let Bounds { low, high } = body.surface().bounds();
         let radius = RADIUS.min(WIDEST * (high - low).max());
         let ball = Tool { name: "ball".into(), shape: Shape::ball(radius), friction: 0.0 };
         let settings = Settings {

@@ -3,7 +3,7 @@
 use super::{PrepareError, Region};
 use palpate_core::geometry::Surface;
 use palpate_core::hierarchy::Level;
-use palpate_core::math::{Real, Vec3};
+use palpate_core::math::{Bounds, Real, Vec3};
 use palpate_core::model::body::{Hold, vertices_in};
 use palpate_core::model::material::Material;
 use std::collections::BTreeMap;
@@ -27,9 +27,9 @@ pub(super) fn hold_regions(
     let areas = surface.vertex_areas();
     let mut held = Held { springs: Vec::new(), fixed: vec![Vec::new(); levels.len()] };
     for (i, region) in regions.iter().enumerate() {
-        let (low, high) = region.bounds;
+        let Bounds { low, high } = region.bounds;
         // A hair of tolerance, so that a box face that coincides with a mesh face holds it.
-        let slack = 1e-9 + 1e-6 * (surface.bounds().1 - surface.bounds().0).norm();
+        let slack = 1e-9 + 1e-6 * surface.bounds().size().norm();
         let inside = |p: &Vec3| (0..3).all(|c| p[c] >= low[c] - slack && p[c] <= high[c] + slack);
         let empty =
             |what| PrepareError::EmptyHold { index: i + 1, what, region: region.bounds, body: surface.bounds() };

@@ -215,6 +215,7 @@ mod tests {
     use super::*;
     use crate::cover::cover;
     use palpate_core::geometry::primitives::box_surface;
+    use palpate_core::math::Bounds;
 
     const BASE: Material = Material { lambda: 2e4, mu: 1e4, phi: 2.0, psi: 1.0, density: 1000.0 };
 
@@ -233,7 +234,7 @@ mod tests {
     fn every_level_has_the_volume_of_a_small_ball_and_of_a_box() {
         let levels = levels();
         let ball = Reach::Ball(Vec3::new(0.05, 0.05, 0.09), 0.004);
-        let slab = Reach::Box(Vec3::new(0.02, 0.02, 0.02), Vec3::new(0.08, 0.07, 0.05));
+        let slab = Reach::Box(Bounds::new(Vec3::new(0.02, 0.02, 0.02), Vec3::new(0.08, 0.07, 0.05)));
         for (place, wanted) in [(ball, 4.0 / 3.0 * std::f64::consts::PI * 0.004f64.powi(3)), (slab, 0.06 * 0.05 * 0.03)]
         {
             for level in &levels {
@@ -280,8 +281,8 @@ mod tests {
     #[test]
     fn a_later_inclusion_covers_an_earlier_one_and_where_they_meet_is_something_between() {
         let levels = levels();
-        let all = Reach::Box(Vec3::repeat(-1.0), Vec3::repeat(1.0));
-        let half = Reach::Box(Vec3::repeat(-1.0), Vec3::new(0.05, 1.0, 1.0));
+        let all = Reach::Box(Bounds::new(Vec3::repeat(-1.0), Vec3::repeat(1.0)));
+        let half = Reach::Box(Bounds::new(Vec3::repeat(-1.0), Vec3::new(0.05, 1.0, 1.0)));
         let (list, of) =
             materials(BASE, &[stiff(all, 3.0), stiff(half, 5.0)], &levels, &LabelParts::default()).unwrap();
         for (level, of) in levels.iter().zip(of) {

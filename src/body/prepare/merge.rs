@@ -8,7 +8,7 @@ use crate::geometry::crossings::crossings;
 use palpate_core::geometry::locate::Host;
 use palpate_core::geometry::{Moments, Surface};
 use palpate_core::hierarchy::Level;
-use palpate_core::hierarchy::level::NOWHERE;
+use palpate_core::ids::NONE;
 use palpate_core::math::{Mat3, Pose, Real, Vec3, to_parry};
 use palpate_core::model::Body;
 use palpate_core::model::body::{BodyParts, LabelParts};
@@ -106,8 +106,8 @@ fn part(surface: &Surface, vertex: u32, vertices: u32, triangle: u32, triangles:
 /// Where two closed surfaces cross or touch, or the one lies in the other.
 fn meet(a: &Surface, b: &Surface) -> Option<Vec3> {
     let apart = {
-        let ((a_low, a_high), (b_low, b_high)) = (a.bounds(), b.bounds());
-        (0..3).any(|c| a_high[c] < b_low[c] || b_high[c] < a_low[c])
+        let (a, b) = (a.bounds(), b.bounds());
+        (0..3).any(|c| a.high[c] < b.low[c] || b.high[c] < a.low[c])
     };
     if apart {
         return None;
@@ -175,7 +175,7 @@ fn append_level(to: &mut Level, from: Level, coarser: Count, own: Count, finer: 
     to.altitude = to.altitude.min(from.altitude);
     to.least_mass = to.least_mass.min(from.least_mass);
     let behind = |first: u32| {
-        move |host: Host| Host { element: if host.element == NOWHERE { NOWHERE } else { host.element + first }, ..host }
+        move |host: Host| Host { element: if host.element == NONE { NONE } else { host.element + first }, ..host }
     };
     to.mesh.nodes.extend(from.mesh.nodes);
     to.mesh.elements.extend(from.mesh.elements.into_iter().map(|e| e.map(|n| n + own.nodes)));

@@ -26,7 +26,8 @@ use merge::MergeError;
 use palpate_core::geometry::{Moments, Surface, TetMesh};
 use palpate_core::hierarchy::level::{Level, mean_edge};
 use palpate_core::hierarchy::{embedding, parentage};
-use palpate_core::math::{Real, Vec3};
+use palpate_core::ids::NONE;
+use palpate_core::math::{Bounds, Real};
 use palpate_core::model::body::{Body, BodyError, BodyParts, MaxwellBranch, material_in};
 use palpate_core::model::material::Material;
 
@@ -107,23 +108,18 @@ impl Shape {
     }
 
     /// The box [m] that regions given as fractions are fractions of: around what is shown, or around all meshes.
-    pub fn bounds(&self) -> (Vec3, Vec3) {
+    pub fn bounds(&self) -> Bounds {
         match self {
             Shape::Closed { surface, display, .. } => display.as_ref().unwrap_or(surface).bounds(),
-            Shape::Meshes { meshes, .. } => bounds_of(meshes.iter().map(|mesh| &mesh.mesh.nodes)),
+            Shape::Meshes { meshes, .. } => Bounds::of(meshes.iter().flat_map(|mesh| mesh.mesh.nodes.iter().copied())),
         }
     }
 }
 
-/// Smallest and largest coordinates of all `points` [m].
-fn bounds_of<'a>(points: impl Iterator<Item = &'a Vec<Vec3>>) -> (Vec3, Vec3) {
-    Surface { vertices: points.flatten().copied().collect(), triangles: vec![] }.bounds()
-}
-
 /// [`Shape::bounds`] of the shape that `body` was made from.
-pub fn bounds(body: &Body) -> (Vec3, Vec3) {
+pub fn bounds(body: &Body) -> Bounds {
     if body.level(body.finest()).fills_body() {
-        bounds_of(body.levels().iter().map(|level| &level.mesh.nodes))
+        Bounds::of(body.levels().iter().flat_map(|level| level.mesh.nodes.iter().copied()))
     } else {
         body.surface().bounds()
     }
@@ -132,8 +128,8 @@ pub fn bounds(body: &Body) -> (Vec3, Vec3) {
 /// A region that is held in space.
 #[derive(Clone, Debug)]
 pub struct Region {
-    /// Corners of a box around it at rest [m].
-    pub bounds: (Vec3, Vec3),
+    /// A box around it at rest.
+    pub bounds: Bounds,
     /// Stiffness per area [N/m³]; `None` takes 10 E over the finest spacing.
     pub stiffness: Option<Real>,
     /// Do not move its nodes at all, instead of holding its surface by springs.
@@ -172,8 +168,8 @@ pub enum PrepareError {
     #[error(
         "hold {index} holds nothing: no {what} of the body lies between ({:.4}, {:.4}, {:.4}) and ({:.4}, {:.4}, {:.4}) m; \
          the body reaches from ({:.4}, {:.4}, {:.4}) to ({:.4}, {:.4}, {:.4}) m",
-        region.0.x, region.0.y, region.0.z, region.1.x, region.1.y, region.1.z,
-        body.0.x, body.0.y, body.0.z, body.1.x, body.1.y, body.1.z
+        region.low.x, region.low.y, region.low.z, region.high.x, region.high.y, region.high.z,
+        body.low.x, body.low.y, body.low.z, body.high.x, body.high.y, body.high.z
     )]
     EmptyHold {
         /// Hold, counted from 1.
@@ -181,9 +177,9 @@ pub enum PrepareError {
         /// "surface point" or "node".
         what: &'static str,
         /// Its box [m].
-        region: (Vec3, Vec3),
+        region: Bounds,
         /// The body's box [m].
-        body: (Vec3, Vec3),
+        body: Bounds,
     },
     /// Lattice covers reach beyond the body, so fixing their nodes in a box would hold more than the box.
     #[error(
@@ -194,11 +190,11 @@ pub enum PrepareError {
     #[error(
         "no node of the level before the finest lies in the region that the finest is to cover: give a larger one; the body \
          reaches from ({:.4}, {:.4}, {:.4}) to ({:.4}, {:.4}, {:.4}) m",
-        body.0.x, body.0.y, body.0.z, body.1.x, body.1.y, body.1.z
+        body.low.x, body.low.y, body.low.z, body.high.x, body.high.y, body.high.z
     )]
     EmptyReach {
         /// The body's box [m].
-        body: (Vec3, Vec3),
+        body: Bounds,
     },
     /// A place of another material that is not in the body.
     #[error(
@@ -439,11 +435,11 @@ pub fn maxwell_branches(zeta: Real, slowest: Real, fastest: Real) -> Vec<Maxwell
 
 /// The boundary of a mesh as a surface of its own.
 pub fn boundary_surface(mesh: &TetMesh) -> Surface {
-    let mut number = vec![u32::MAX; mesh.nodes.len()];
+    let mut number = vec![NONE; mesh.nodes.len()];
     let mut surface = Surface::default();
     for triangle in mesh.boundary() {
         let triangle = triangle.map(|n| {
-            if number[n as usize] == u32::MAX {
+            if number[n as usize] == NONE {
                 number[n as usize] = surface.vertices.len() as u32;
                 surface.vertices.push(mesh.nodes[n as usize]);
             }

@@ -3,15 +3,15 @@
 use super::PrepareError;
 use palpate_core::geometry::locate::{Host, Locator};
 use palpate_core::hierarchy::Level;
-use palpate_core::hierarchy::level::NOWHERE;
-use palpate_core::math::{Real, Vec3};
+use palpate_core::ids::NONE;
+use palpate_core::math::{Bounds, Real, Vec3};
 use palpate_core::model::body::{Body, BodyParts};
 
 /// A part of space: where a level is to reach, or where a material is another.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Reach {
     /// A box between these corners [m].
-    Box(Vec3, Vec3),
+    Box(Bounds),
     /// A ball around a point, of this radius [m].
     Ball(Vec3, Real),
 }
@@ -20,7 +20,7 @@ impl Reach {
     /// Signed distance of `p` from its border [m], negative inside.
     pub fn distance(&self, p: &Vec3) -> Real {
         match self {
-            Reach::Box(low, high) => {
+            Reach::Box(Bounds { low, high }) => {
                 let beyond = (low - p).sup(&(p - high));
                 beyond.sup(&Vec3::zeros()).norm() + beyond.max().min(0.0)
             }
@@ -31,7 +31,7 @@ impl Reach {
     /// How far it reaches across, where that is least [m].
     pub fn width(&self) -> Real {
         match self {
-            Reach::Box(low, high) => (high - low).min(),
+            Reach::Box(all) => all.size().min(),
             Reach::Ball(_, radius) => 2.0 * radius,
         }
     }
@@ -39,7 +39,7 @@ impl Reach {
     /// True for points inside.
     pub fn contains(&self, p: &Vec3) -> bool {
         match self {
-            Reach::Box(low, high) => (0..3).all(|c| p[c] >= low[c] && p[c] <= high[c]),
+            Reach::Box(all) => all.contains(p),
             Reach::Ball(centre, radius) => (p - centre).norm_squared() <= radius * radius,
         }
     }
@@ -80,7 +80,7 @@ pub fn keep_finest_within(body: Body, reach: &Reach) -> Result<Body, PrepareErro
         parent: nodes.iter().map(|n| fine.parent[*n as usize]).collect(),
         coarser_host: nodes.iter().map(|n| fine.coarser_host[*n as usize]).collect(),
         embedding: fine.embedding.iter().map(|h| Host { element: renumbered(&element, h.element), ..*h }).collect(),
-        fixed: fine.fixed.iter().map(|n| number[*n as usize]).filter(|n| *n != NOWHERE).collect(),
+        fixed: fine.fixed.iter().map(|n| number[*n as usize]).filter(|n| *n != NONE).collect(),
         rim: (0..nodes.len() as u32).filter(|n| !stands(nodes[*n as usize])).collect(),
         finer_host: Vec::new(),
         ..fine
@@ -88,7 +88,7 @@ pub fn keep_finest_within(body: Body, reach: &Reach) -> Result<Body, PrepareErro
     small.fixed.sort_unstable();
     let locator = Locator::new(&small.mesh, small.spacing);
     let host = |(u, refined): (&Vec3, &bool)| {
-        if *refined { locator.host(*u) } else { Host { element: NOWHERE, weights: [0.25; 4] } }
+        if *refined { locator.host(*u) } else { Host { element: NONE, weights: [0.25; 4] } }
     };
     coarse.finer_host = coarse.mesh.nodes.iter().zip(&refined).map(host).collect();
     material_of.push(if materials.is_empty() { materials } else { kept.iter().map(|e| materials[*e]).collect() });
@@ -99,9 +99,9 @@ pub fn keep_finest_within(body: Body, reach: &Reach) -> Result<Body, PrepareErro
     Ok(Body::new(parts)?)
 }
 
-/// Which of `count` things are `named`, ascending, and the new number of each; [`NOWHERE`] for the others.
+/// Which of `count` things are `named`, ascending, and the new number of each; [`NONE`] for the others.
 fn numbered(count: usize, named: impl Iterator<Item = u32>) -> (Vec<u32>, Vec<u32>) {
-    let mut number = vec![NOWHERE; count];
+    let mut number = vec![NONE; count];
     named.for_each(|n| number[n as usize] = 0);
     let kept: Vec<u32> = (0..count as u32).filter(|n| number[*n as usize] == 0).collect();
     kept.iter().zip(0..).for_each(|(n, new)| number[*n as usize] = new);
@@ -110,5 +110,5 @@ fn numbered(count: usize, named: impl Iterator<Item = u32>) -> (Vec<u32>, Vec<u3
 
 /// The new number of `element`, which may lie nowhere already.
 fn renumbered(number: &[u32], element: u32) -> u32 {
-    number.get(element as usize).copied().unwrap_or(NOWHERE)
+    number.get(element as usize).copied().unwrap_or(NONE)
 }

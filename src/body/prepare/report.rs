@@ -3,7 +3,7 @@
 use palpate_core::geometry::Moments;
 use palpate_core::geometry::tet_mesh::FACES;
 use palpate_core::hierarchy::Level;
-use palpate_core::hierarchy::level::NOWHERE;
+use palpate_core::ids::NONE;
 use palpate_core::math::{Real, Vec3};
 use palpate_core::model::Body;
 use palpate_core::model::element_pool::CLASSES;
@@ -189,7 +189,7 @@ fn worst_row(body: &Body, r: usize) -> Real {
     let coarser = r.checked_sub(1).map_or(&[][..], |c| &body.level(c).finer_host);
     let finer = body.levels().get(r + 1).map_or(&[][..], |f| &f.coarser_host);
     let rows = body.level(r).embedding.iter().chain(coarser).chain(finer);
-    rows.filter(|host| host.element != NOWHERE).map(|host| host.extrapolation()).fold(0.0, Real::min)
+    rows.filter(|host| host.element != NONE).map(|host| host.extrapolation()).fold(0.0, Real::min)
 }
 
 /// What a body keeps of a level [bytes]: the level itself, and what follows from it for stepping.

@@ -6,7 +6,8 @@ use palpate_core::adaptation::Adaptivity;
 use palpate_core::contact::safety::ForceLimits;
 use palpate_core::contact::tool::{Coupling, Following, PoseSample, Shape as ToolShape, Tool, ToolEvent};
 use palpate_core::geometry::primitives::{box_mesh, box_surface};
-use palpate_core::math::{Pose, Real, Vec3};
+use palpate_core::ids::Slot;
+use palpate_core::math::{Bounds, Pose, Real, Vec3};
 use palpate_core::model::{Body, Material};
 use palpate_core::simulation::{Inputs, Settings, Simulation, Snapshot, TICK};
 use std::sync::Arc;
@@ -24,9 +25,9 @@ fn settings(gravity: Vec3, adaptivity: Option<Adaptivity>, radius: Real) -> Sett
 
 fn kinetic_energy(simulation: &Simulation) -> Real {
     let motion = &simulation.mesh().motion;
-    let one = |s: &u32| {
-        let v = motion.velocity[*s as usize];
-        0.5 * motion.mass[*s as usize] * (v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+    let one = |s: &Slot| {
+        let v = motion.velocity[s.index()];
+        0.5 * motion.mass[s.index()] * (v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
     };
     simulation.mesh().active().iter().map(one).sum()
 }
@@ -34,7 +35,8 @@ fn kinetic_energy(simulation: &Simulation) -> Real {
 /// Displacement of the corner at `place` of a box of `size` clamped at x = 0, at rest under `gravity`: whenever the
 /// kinetic energy falls, all velocities are taken away.
 fn sagging_corner(size: Vec3, cells: [u32; 3], material: Material, gravity: Real, place: Vec3) -> Vec3 {
-    let clamp = Region { bounds: (Vec3::zeros(), Vec3::new(0.0, size.y, size.z)), stiffness: None, exact: true };
+    let clamp =
+        Region { bounds: Bounds::new(Vec3::zeros(), Vec3::new(0.0, size.y, size.z)), stiffness: None, exact: true };
     let recipe = Recipe {
         name: "box".into(),
         shape: Shape::meshes([box_mesh(size, cells)]),
@@ -112,7 +114,8 @@ fn a_cantilever_bends_as_the_continuum_does() {
 #[test]
 fn a_ball_is_felt_as_the_continuum_says() {
     let side = 0.1;
-    let bottom = Region { bounds: (Vec3::zeros(), Vec3::new(side, side, 0.0)), stiffness: None, exact: false };
+    let bottom =
+        Region { bounds: Bounds::new(Vec3::zeros(), Vec3::new(side, side, 0.0)), stiffness: None, exact: false };
     let body = |spacings: &[Real]| -> Arc<Body> {
         let recipe = Recipe {
             name: "block".into(),

@@ -9,7 +9,7 @@ use palpate_body::prepare::input::Input;
 use palpate_body::prepare::{Recipe, Region, Shape, prepare};
 use palpate_core::geometry::primitives::box_surface;
 use palpate_core::geometry::{Surface, TetMesh};
-use palpate_core::math::{Real, Vec3};
+use palpate_core::math::{Bounds, Real, Vec3};
 use palpate_core::model::{Body, Material};
 use palpate_core::simulation::Snapshot;
 use proptest::prelude::*;
@@ -67,7 +67,11 @@ static PREPARED: LazyLock<Vec<u8>> = LazyLock::new(|| {
         shape: Shape::closed(toy_surface(0.006), vec![0.025, 0.016]),
         material: Material::from_young(5e3, 0.45, 1050.0),
         inclusions: vec![],
-        holds: vec![Region { bounds: (Vec3::repeat(-1.0), Vec3::new(1.0, 1.0, 0.03)), stiffness: None, exact: false }],
+        holds: vec![Region {
+            bounds: Bounds::new(Vec3::repeat(-1.0), Vec3::new(1.0, 1.0, 0.03)),
+            stiffness: None,
+            exact: false,
+        }],
         damping_ratio: 0.15,
     };
     let body = prepare(&recipe, &mut |_, _, _| {}).unwrap();

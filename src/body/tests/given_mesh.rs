@@ -22,6 +22,7 @@ use std::sync::Arc;
 
 #[path = "../../../tests/common/shared.rs"]
 mod shared;
+use palpate_core::ids::Slot;
 use shared::shared;
 
 fn vector(value: &Value) -> Vec3 {
@@ -51,9 +52,9 @@ fn reactions(simulation: &mut Simulation, gravity: Vec3) -> Vec<(u32, Vec3)> {
         mesh.add_forces(KernelPath::best(), class, &Rates::ELASTIC);
     });
     let slots = mesh.active().to_vec();
-    let of = |slot: &u32| {
+    let of = |slot: &Slot| {
         let n = mesh.node(*slot);
-        let f = std::mem::take(&mut mesh.motion.force[*slot as usize]);
+        let f = std::mem::take(&mut mesh.motion.force[slot.index()]);
         (n, -(Vec3::new(f[0], f[1], f[2]) + gravity * body.level(0).node_mass[n as usize]))
     };
     slots.iter().map(of).collect()

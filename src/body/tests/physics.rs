@@ -8,20 +8,21 @@
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use palpate_body::prepare::{Recipe, Region, Shape, prepare};
 use palpate_core::geometry::primitives::box_mesh;
-use palpate_core::math::{Mat3, Real, Vec3};
+use palpate_core::ids::Slot;
+use palpate_core::math::{Bounds, Mat3, Real, Vec3};
 use palpate_core::model::active_set::{ActiveSet, Change};
 use palpate_core::model::element_kernel::{Path, Rates};
 use palpate_core::model::element_pool::CLASSES;
 use palpate_core::model::energy::energy;
 use palpate_core::model::step_class::{TICK, class_for, step_of};
 use palpate_core::model::{ActiveMesh, Body, Material, State};
-use palpate_core::stepping::step::{self, Workspace};
+use palpate_core::stepping::step::{self, Workspace, World};
 
 const SIDE: Real = 0.1;
 
 /// The reference cube: one level for each of `cells` cells a side, lumped masses; clamped at x = 0 or free.
 fn cube_of(cells: &[u32], material: Material, clamped: bool) -> Body {
-    let clamp = Region { bounds: (Vec3::zeros(), Vec3::new(0.0, SIDE, SIDE)), stiffness: None, exact: true };
+    let clamp = Region { bounds: Bounds::new(Vec3::zeros(), Vec3::new(0.0, SIDE, SIDE)), stiffness: None, exact: true };
     let recipe = Recipe {
         name: "cube".into(),
         shape: Shape::meshes(cells.iter().map(|n| box_mesh(Vec3::repeat(SIDE), [*n; 3]))),
@@ -55,10 +56,10 @@ fn forces_by(path: Path, mesh: &mut ActiveMesh, rates: &Rates) -> Vec<Vec3> {
         mesh.add_forces(path, class, rates);
     }
     mesh.hand_back_all();
-    let slots: Vec<(u32, u32)> = mesh.active().iter().map(|s| (*s, mesh.node(*s))).collect();
+    let slots: Vec<(Slot, u32)> = mesh.active().iter().map(|s| (*s, mesh.node(*s))).collect();
     let mut force = vec![Vec3::zeros(); slots.iter().map(|s| s.1 as usize + 1).max().unwrap_or(0)];
     for (slot, node) in slots {
-        let f = std::mem::replace(&mut mesh.motion.force[slot as usize], [0.0; 4]);
+        let f = std::mem::replace(&mut mesh.motion.force[slot.index()], [0.0; 4]);
         force[node as usize] = Vec3::new(f[0], f[1], f[2]);
     }
     force
@@ -197,7 +198,7 @@ fn trajectory_error(body: &Body, gravity: Real, traces: &[Trace], per_tick: u32)
     let last = traces.iter().flat_map(|t| t.1).map(|p| p.0).max().unwrap_or(0);
     let (mut worst, mut least_det) = (0.0 as Real, Real::INFINITY);
     for tick in 1..=last {
-        let extremes = step::tick(Path::best(), body, &mut mesh, &mut [], gravity, &mut work, &mut ());
+        let extremes = step::tick(&World { path: Path::best(), body, gravity }, &mut mesh, &mut [], &mut work, &mut ());
         least_det = least_det.min(extremes.det_f);
         for (node, points) in traces {
             for (_, value) in points.iter().filter(|p| p.0 == tick) {
@@ -328,7 +329,13 @@ fn a_free_spinning_cube_keeps_its_momentum_to_rounding_and_its_energy_to_the_ste
         let mut work = Workspace::new(&mesh, 0);
         let (mut linear, mut angular, mut drift) = (0.0 as Real, 0.0 as Real, 0.0 as Real);
         for _ in 0..5000 {
-            step::tick(Path::best(), &body, &mut mesh, &mut [], Vec3::zeros(), &mut work, &mut ());
+            step::tick(
+                &World { path: Path::best(), body: &body, gravity: Vec3::zeros() },
+                &mut mesh,
+                &mut [],
+                &mut work,
+                &mut (),
+            );
             let (p, l, e) = momentum(&mesh);
             linear = linear.max((p - p0).norm());
             angular = angular.max((l - l0).norm());
@@ -424,7 +431,13 @@ fn viscosity_damps_the_lowest_mode_as_the_reference() {
                 let mut work = Workspace::new(&mesh, 0);
                 let mut track = vec![amplitude(&mesh)];
                 for _ in 0..600 {
-                    step::tick(Path::best(), &body, &mut mesh, &mut [], Vec3::zeros(), &mut work, &mut ());
+                    step::tick(
+                        &World { path: Path::best(), body: &body, gravity: Vec3::zeros() },
+                        &mut mesh,
+                        &mut [],
+                        &mut work,
+                        &mut (),
+                    );
                     track.push(amplitude(&mesh));
                 }
                 // Peaks by the parabola through three samples.

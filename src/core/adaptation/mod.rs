@@ -7,7 +7,8 @@
 pub mod indicator;
 mod shedding;
 
-use crate::math::{Real, Vec3};
+use crate::ids::Slot;
+use crate::math::{Bounds, Real, Vec3};
 use crate::model::active_mesh::Loads;
 use crate::model::active_set::Change;
 use crate::model::element_pool::CLASSES;
@@ -185,18 +186,31 @@ impl Means<'_> {
     }
 }
 
-/// Decides what to change after `ticks` completed ticks, with tools in `focus`, while `loads` act on the body, and has it done.
-#[expect(clippy::too_many_arguments, reason = "the place where all meets")]
+/// What decides about resolution.
+#[derive(Clone, Copy, Debug)]
+pub struct Wishes<'a> {
+    /// When to refine and to coarsen.
+    pub adaptivity: &'a Adaptivity,
+    /// Where the tools are or will be.
+    pub focus: &'a [Focus],
+    /// What may be spent.
+    pub means: Means<'a>,
+    /// What acts on the body.
+    pub loads: Loads<'a>,
+    /// Completed ticks.
+    pub ticks: u64,
+}
+
+/// Decides by `wishes` what to change, and has it done.
 pub fn adapt(
     body: &Body,
     mesh: &mut ActiveMesh,
-    adaptivity: &Adaptivity,
-    focus: &[Focus],
-    (means, loads): (&Means, &Loads),
-    ticks: u64,
+    wishes: &Wishes,
     work: &mut Workspace,
     laps: &mut dyn Laps,
 ) -> Adapted {
+    let Wishes { adaptivity, focus, means, loads, ticks } = wishes;
+    let ticks = *ticks;
     if work.finest == 0 {
         return Adapted::default();
     }
@@ -220,7 +234,7 @@ pub fn adapt(
         return Adapted::default();
     }
     let settled = if eases && !must { UNSETTLED * pressed } else { Real::INFINITY };
-    let look = Look { body, adaptivity, focus, settled };
+    let look = Look { body, adaptivity, focus, settled, prices: means.prices };
     // No refinement that a little strain, or a little more to pay for it, would make a load to be shed.
     let looked = if sheds { shedding::looked(mesh) } else { mesh.pool().len() as u32 };
     let looking = means.prices.of(Part::Look, looked);
@@ -234,9 +248,9 @@ pub fn adapt(
             standing: must.then(|| units(limit, now - motion)),
             moves: means.moves,
             eases,
+            excess: load.saturating_sub(full),
         };
-        let excess = load.saturating_sub(full);
-        shedding::plan(&look, mesh, left, (excess, means.prices), ticks, work);
+        shedding::plan(&look, mesh, left, ticks, work);
         None
     } else {
         // Nothing is refined that could not be merged again beside the contacts that are expected: that takes as long.
@@ -250,7 +264,7 @@ pub fn adapt(
             look.wanted_nodes(mesh, ticks, work.finest, &mut work.wanted);
         }
         let room = [full, sixteenths(full, STRAIN_FILLED)].map(|filled| filled.saturating_sub(load));
-        let short = plan_splits(&look, mesh, &mut pay, (room, means.prices), work);
+        let short = plan_splits(&look, mesh, &mut pay, room, work);
         Some((short, pay)).filter(|_| work.changes.is_empty())
     };
     if let Some((short, mut pay)) = short {
@@ -262,7 +276,7 @@ pub fn adapt(
         };
         let some = slice(mesh.active(), ticks / (2 * LOOK_TICKS) % INDICATOR_LOOKS, INDICATOR_LOOKS);
         look.spare_families(mesh, some.iter(), limit, &mut work.spare);
-        plan_merges(&look, mesh, &mut pay, (short, adaptivity.merge, means.prices), work);
+        plan_merges(&look, mesh, &mut pay, Saving { excess: short, below: adaptivity.merge }, work);
     }
     laps.lap(Part::Look, looked);
     let upkeep = match work.changes.as_slice() {
@@ -333,13 +347,8 @@ impl Pay {
 
 /// Splits nodes that `pay` is enough for and whose elements take no more than `room` [ns] a tick, those that only strain asks
 /// for no more than the second. Time that the best of those that do not fit is short of [ns].
-fn plan_splits(
-    look: &Look,
-    mesh: &mut ActiveMesh,
-    pay: &mut Pay,
-    (room, prices): ([u32; 2], &Prices),
-    work: &mut Workspace,
-) -> u32 {
+fn plan_splits(look: &Look, mesh: &mut ActiveMesh, pay: &mut Pay, room: [u32; 2], work: &mut Workspace) -> u32 {
+    let prices = look.prices;
     let (mut elements, mut taken, mut short, mut least) = (0, 0, 0, 0.0);
     for &(value, wanted) in &work.wanted {
         if work.changes.len() >= MOST_CHANGES || pay.is_spent() {
@@ -407,18 +416,21 @@ fn class_of_level(body: &Body, n: u32) -> usize {
     element.map_or(0, |e| step_class::class_at_rest(body, *e))
 }
 
-/// Merges families that `pay` is enough for, the least valuable first: those worth less than `merge`, and others until about
-/// `excess` [ns] a tick is saved.
-fn plan_merges(
-    look: &Look,
-    mesh: &mut ActiveMesh,
-    pay: &mut Pay,
-    (excess, merge, prices): (u32, Real, &Prices),
-    work: &mut Workspace,
-) {
+/// What merges are for.
+#[derive(Clone, Copy, Debug)]
+struct Saving {
+    /// Time that they are to save [ns] a tick, about.
+    excess: u32,
+    /// Families worth less than this are merged whatever that saves.
+    below: Real,
+}
+
+/// Merges families that `pay` is enough for, the least valuable first, until they save what they are for.
+fn plan_merges(look: &Look, mesh: &mut ActiveMesh, pay: &mut Pay, saving: Saving, work: &mut Workspace) {
+    let Saving { excess, below } = saving;
     let (mut saved, mut added) = (0, 0);
     for &(value, parent) in &work.spare {
-        if work.changes.len() >= MOST_CHANGES || pay.is_spent() || (saved >= excess && value >= merge) {
+        if work.changes.len() >= MOST_CHANGES || pay.is_spent() || (saved >= excess && value >= below) {
             break;
         }
         let elements = look.body.elements_around(parent).len() as u32;
@@ -428,7 +440,7 @@ fn plan_merges(
             work.changes.push(Change::Merge(parent));
             // A node has about six elements of its own.
             let own = 6 * look.body.children(parent).len() as u32;
-            saved += cost_of_split(look.body, mesh, parent, own, prices);
+            saved += cost_of_split(look.body, mesh, parent, own, look.prices);
         }
     }
 }
@@ -438,6 +450,7 @@ struct Look<'a> {
     body: &'a Body,
     adaptivity: &'a Adaptivity,
     focus: &'a [Focus],
+    prices: &'a Prices,
     /// Nodes that more than this [N] is still let go of at are not changed again, [`UNSETTLED`].
     settled: Real,
 }
@@ -449,13 +462,10 @@ impl Look<'_> {
     }
 
     /// Box around all places closer to a tool than `distance` [m].
-    fn near_tools(&self, distance: Real) -> (Vec3, Vec3) {
+    fn near_tools(&self, distance: Real) -> Bounds {
         let ends = self.focus.iter().flat_map(|f| [(f.from, f.radius), (f.to, f.radius)]);
-        let none = (Vec3::repeat(Real::INFINITY), Vec3::repeat(Real::NEG_INFINITY));
-        ends.fold(none, |(low, high), (end, radius)| {
-            let around = Vec3::repeat(radius + distance);
-            (low.inf(&(end - around)), high.sup(&(end + around)))
-        })
+        let around = |(end, radius): (Vec3, Real)| Bounds { low: end, high: end }.grown(radius + distance);
+        ends.map(around).fold(Bounds::NOTHING, |all, one| all.joined(&one))
     }
 
     /// How much a place `distance` away from a tool is worth on a level of `spacing`: nothing out of reach, else
@@ -500,7 +510,7 @@ impl Look<'_> {
         if self.focus.is_empty() {
             return;
         }
-        let (low, high) = self.near_tools(self.adaptivity.reach * UNEVEN * self.widest());
+        let near = self.near_tools(self.adaptivity.reach * UNEVEN * self.widest());
         for slot in mesh.active() {
             // Most nodes around a tool are as fine as may be, and most others are far away.
             let n = mesh.node(*slot);
@@ -508,7 +518,7 @@ impl Look<'_> {
                 continue;
             }
             let p = mesh.position(*slot);
-            if (0..3).any(|c| p[c] < low[c] || p[c] > high[c]) {
+            if !near.contains(&p) {
                 continue;
             }
             let distance = self.distance(p);
@@ -521,7 +531,7 @@ impl Look<'_> {
         }
     }
 
-    fn is_settled(&self, mesh: &ActiveMesh, slot: u32) -> bool {
+    fn is_settled(&self, mesh: &ActiveMesh, slot: Slot) -> bool {
         mesh.eased(slot).norm_squared() <= self.settled * self.settled
     }
 
@@ -529,7 +539,7 @@ impl Look<'_> {
     fn spare_families<'s>(
         &self,
         mesh: &ActiveMesh,
-        slots: impl Iterator<Item = &'s u32>,
+        slots: impl Iterator<Item = &'s Slot>,
         limit: Real,
         spare: &mut Vec<(Real, u32)>,
     ) {

@@ -3,10 +3,9 @@
 //! tick's time is for merging. Where not even that is enough for any, the cheapest is merged in the tick that moves whatever it
 //! takes.
 
-use super::{INDICATOR_LOOKS, Look, Pay, Workspace, plan_merges};
+use super::{INDICATOR_LOOKS, Look, Pay, Saving, Workspace, plan_merges};
 use crate::math::Real;
 use crate::model::ActiveMesh;
-use crate::stepping::work::Prices;
 
 /// Nodes whose families are looked at in a tick. They are taken from all over the body, so that the least valuable of them are
 /// nearly the least valuable of all.
@@ -32,24 +31,19 @@ pub(super) struct Left {
     pub(super) moves: bool,
     /// Under a tool, what changes put out of balance fades.
     pub(super) eases: bool,
+    /// Time that the merges are to save [ns] a tick, about.
+    pub(super) excess: u32,
 }
 
-/// Plans merges that save about `excess` [ns] a tick, as many as fit beside the motion, or else as many as fit a tick in which
+/// Plans merges that save the excess, as many as fit beside the motion, or else as many as fit a tick in which
 /// the body stands still. A tick that moves whatever it takes makes the cheapest where none fits either.
-pub(super) fn plan(
-    look: &Look,
-    mesh: &mut ActiveMesh,
-    left: Left,
-    (excess, prices): (u32, &Prices),
-    ticks: u64,
-    work: &mut Workspace,
-) {
+pub(super) fn plan(look: &Look, mesh: &mut ActiveMesh, left: Left, ticks: u64, work: &mut Workspace) {
     let parts = mesh.active().len().div_ceil(LOOKED_AT);
     let some = mesh.active().iter().skip(ticks as usize % parts).step_by(parts);
     look.spare_families(mesh, some, Real::INFINITY, &mut work.spare);
     let mut plan = |units: u32, work: &mut Workspace| {
         let mut pay = Pay::new([units, units], left.eases, MOST_REFUSED);
-        plan_merges(look, mesh, &mut pay, (excess, 0.0, prices), work);
+        plan_merges(look, mesh, &mut pay, Saving { excess: left.excess, below: 0.0 }, work);
         pay.cheapest
     };
     plan(left.beside, work);

@@ -4,13 +4,15 @@
 //! as before: what is remembered of each point tells the two apart, and where a thin tip slides on below the next
 //! triangle, it is followed.
 
-use super::detection::{FASTEST_SURFACE, Touchable, points_of_a_part};
 use super::outside::is_inside;
-use super::shape::{MOST_PARTS, Posed};
-use crate::math::{Real, Vec3};
+use super::posed::Posed;
+use super::shape::MOST_PARTS;
+use super::touchable::{FASTEST_SURFACE, Touchable, area_vector, points_of_a_part, weights_in_triangle};
+use crate::math::{Bounds, Real, Vec3};
 use crate::model::constraint::PointMemory;
 use crate::model::step_class::TICK;
 use crate::model::{ActiveMesh, Body};
+use crate::visited::Visited;
 
 /// A constraint in the making.
 #[derive(Clone, Copy, Debug)]
@@ -43,7 +45,8 @@ pub(super) struct Candidate {
 }
 
 impl Candidate {
-    fn new(part: usize, side: Side, (place, stencil): (Vec3, [(u32, Real); 3]), area: Real) -> Self {
+    fn new(part: usize, side: Side, spot: &Spot, area: Real) -> Self {
+        let Spot { place, stencil, .. } = *spot;
         let Side { point, normal, gap, core, sheet } = side;
         Self {
             point,
@@ -169,29 +172,22 @@ pub(super) fn sunk_depth(body: &Body, mesh: &ActiveMesh, parts: &[Posed], memory
 
 impl Touch<'_> {
     /// Boxes around everything that each part may touch, grown by `more`.
-    pub(super) fn windows(&self, more: Real) -> [(Vec3, Vec3); MOST_PARTS] {
-        let mut windows = [(Vec3::zeros(), Vec3::zeros()); MOST_PARTS];
+    pub(super) fn windows(&self, more: Real) -> [Bounds; MOST_PARTS] {
+        let mut windows = [Bounds::NOTHING; MOST_PARTS];
         for (window, at) in windows.iter_mut().zip(self.parts) {
             *window = at.window(at.part.radius() + self.margin + self.deep + more);
         }
         windows
     }
 
-    /// Where part `part` touches the surface's `place`, which faces `outward`, or `None` where it is out of reach or its
-    /// sheet of the surface is not one that the tool pushes. `core`: coordinates of the core's nearest point; `base`: the
-    /// point's number on the first part.
+    /// Where the `nearest` part touches the surface's `spot`, or `None` where it is out of reach or its sheet of the surface is
+    /// not one that the tool pushes. `base`: the point's number on the first part.
     ///
     /// A point that was touched stays touched: should the core itself slip below the surface, the point is still pushed
     /// the way it was, instead of being let go. A core that has come behind a sheet around its rim has not slipped: the
     /// last normal did not point into that sheet.
-    fn side(
-        &self,
-        on: &Touchable,
-        (part, core): (usize, Vec3),
-        (place, outward): (Vec3, Vec3),
-        stencil: &[(u32, Real); 3],
-        base: u32,
-    ) -> Option<Side> {
+    fn side(&self, on: &Touchable, nearest: Nearest, spot: &Spot, base: u32) -> Option<Side> {
+        let (Nearest { part, core }, Spot { place, outward, stencil }) = (nearest, *spot);
         let at = &self.parts[part];
         let (from, radius) = (at.frame.at(core), at.part.radius());
         let away = place - from;
@@ -204,7 +200,7 @@ impl Touch<'_> {
         let point = base + part as u32 * self.per_part;
         let known = remembered(self.memory, point);
         let turned = normal.dot(&outward) >= 0.0;
-        let behind = turned && is_behind(on, from, stencil_of(stencil));
+        let behind = turned && is_behind(on, from, stencil_of(&stencil));
         // What a solid core passes gets inside of it first, unless it is thin and fast; what is beside its wall has not been.
         let leaps = FASTEST_SURFACE * TICK + self.ways[part] > at.part.half_thickness();
         let passed = |m: &PointMemory| !at.is_solid() || leaps && m.normal.dot(&normal) < -ALIKE;
@@ -382,35 +378,43 @@ fn pushed_out(at: &Posed, place: Vec3, side: Side, known: Option<&PointMemory>) 
     }
 }
 
-pub(super) fn is_in((low, high): &(Vec3, Vec3), p: &Vec3) -> bool {
-    (p.x >= low.x) & (p.x <= high.x) & (p.y >= low.y) & (p.y <= high.y) & (p.z >= low.z) & (p.z <= high.z)
-}
-
 fn remembered(memory: &[PointMemory], point: u32) -> Option<&PointMemory> {
     memory.binary_search_by_key(&point, |m| m.point).ok().map(|i| &memory[i])
-}
-
-/// Outward area vector of display triangle `t`, twice its area long [m²].
-pub(super) fn area_vector(on: &Touchable, t: u32) -> Vec3 {
-    let [a, b, c] = on.body.surface().triangles[t as usize].map(|v| on.vertices[v as usize]);
-    (b - a).cross(&(c - a))
 }
 
 /// Part of a triangle's area that is its own point's, far from all corners.
 const OWN_SHARE: Real = 0.5;
 
-/// Part nearest to `place`, coordinates of its core's nearest point there, and its distance [m], less that of its surface
-/// from its core.
-fn nearest_part(parts: &[Posed], place: Vec3) -> (usize, Vec3, Real) {
-    let mut best = (0, Vec3::zeros(), Real::INFINITY);
+/// A place of the surface.
+#[derive(Clone, Copy, Debug)]
+struct Spot {
+    /// [m].
+    place: Vec3,
+    /// Out of the body there, of any length.
+    outward: Vec3,
+    /// As [`Candidate::stencil`].
+    stencil: [(u32, Real); 3],
+}
+
+/// The part of a tool that is nearest to a place.
+#[derive(Clone, Copy, Debug)]
+struct Nearest {
+    part: usize,
+    /// Coordinates of its core's nearest point.
+    core: Vec3,
+}
+
+/// Part whose surface is nearest to `place`.
+fn nearest_part(parts: &[Posed], place: Vec3) -> Nearest {
+    let mut best = (Nearest { part: 0, core: Vec3::zeros() }, Real::INFINITY);
     for (i, at) in parts.iter().enumerate() {
         let core = at.nearest(place);
         let gap = (place - at.frame.at(core)).norm() - at.part.radius();
-        if gap < best.2 {
-            best = (i, core, gap);
+        if gap < best.1 {
+            best = (Nearest { part: i, core }, gap);
         }
     }
-    best
+    best.0
 }
 
 /// Adds to the list what there is room for: a tick allocates nothing.
@@ -424,21 +428,18 @@ pub(super) fn near_vertices(on: &Touchable, touch: &Touch, near: &[u32], out: &m
     let windows = touch.windows(0.0);
     for &v in near {
         let place = on.vertices[v as usize];
-        if !windows[..touch.parts.len()].iter().any(|w| is_in(w, &place)) {
+        if !windows[..touch.parts.len()].iter().any(|w| w.contains(&place)) {
             continue;
         }
-        let (part, core) = match touch.parts {
-            [at] => (0, at.nearest(place)),
-            parts => {
-                let (part, core, _) = nearest_part(parts, place);
-                (part, core)
-            }
+        let nearest = match touch.parts {
+            [at] => Nearest { part: 0, core: at.nearest(place) },
+            parts => nearest_part(parts, place),
         };
         let outward: Vec3 = on.body.triangles_around(v as usize).iter().map(|t| area_vector(on, *t)).sum();
-        let stencil = [(v, 1.0), (0, 0.0), (0, 0.0)];
-        if let Some(side) = touch.side(on, (part, core), (place, outward), &stencil, v) {
+        let spot = Spot { place, outward, stencil: [(v, 1.0), (0, 0.0), (0, 0.0)] };
+        if let Some(side) = touch.side(on, nearest, &spot, v) {
             let area = on.body.vertex_area()[v as usize];
-            put(out, Candidate::new(part, side, (place, stencil), area));
+            put(out, Candidate::new(nearest.part, side, &spot, area));
         }
     }
 }
@@ -449,21 +450,21 @@ pub(super) fn near_triangles(
     on: &Touchable,
     touch: &Touch,
     near: &[u32],
-    (seen, turn): (&mut [u32], u32),
+    seen: &mut Visited,
     out: &mut Vec<Candidate>,
 ) {
     let windows = touch.windows(0.0);
     let first = on.vertices.len() as u32;
     let around = near.iter().flat_map(|v| on.body.triangles_around(*v as usize));
     for &t in around {
-        if std::mem::replace(&mut seen[t as usize], turn) == turn {
+        if !seen.visit(t as usize) {
             continue;
         }
         let triangle = &on.body.surface().triangles[t as usize];
         let corners = triangle.map(|v| on.vertices[v as usize]);
         let found = out.len();
         for (part, at) in touch.parts.iter().enumerate() {
-            if is_apart(&corners, &windows[part]) {
+            if windows[part].is_apart(&corners) {
                 continue;
             }
             let outward = area_vector(on, t);
@@ -471,7 +472,8 @@ pub(super) fn near_triangles(
             let below = touch.below(part, &corners, outward, first + t).and_then(|(side, place)| {
                 let weights = weights_in_triangle(&corners, place)?;
                 let area = OWN_SHARE * 0.5 * outward.norm();
-                Some(Candidate::new(part, side, (place, std::array::from_fn(|i| (triangle[i], weights[i]))), area))
+                let stencil = std::array::from_fn(|i| (triangle[i], weights[i]));
+                Some(Candidate::new(part, side, &Spot { place, outward, stencil }, area))
             });
             if let Some(below) = below.filter(|c| c.sheet == Sheet::Sunk) {
                 put(out, below);
@@ -488,15 +490,16 @@ pub(super) fn near_triangles(
             }
             let place = place_in(&corners, weights);
             let core = core.unwrap_or_else(|| at.nearest(place));
-            if touch.parts.len() > 1 && nearest_part(touch.parts, place).0 != part {
+            if touch.parts.len() > 1 && nearest_part(touch.parts, place).part != part {
                 continue;
             }
             let stencil = std::array::from_fn(|i| (triangle[i], weights[i]));
-            let side = touch.side(on, (part, core), (place, outward), &stencil, first + t);
+            let spot = Spot { place, outward, stencil };
+            let side = touch.side(on, Nearest { part, core }, &spot, first + t);
             let area = OWN_SHARE * 0.5 * outward.norm();
             let side =
                 side.filter(|s| matches!(s.sheet, Sheet::Front | Sheet::Sunk | Sheet::Turned) || below.is_none());
-            let side = side.map(|s| Candidate::new(part, s, (place, stencil), area));
+            let side = side.map(|s| Candidate::new(part, s, &spot, area));
             side.into_iter().chain(below).for_each(|c| put(out, c));
         }
         if touch.parts.len() > 1 && out.len() > found + 1 {
@@ -504,23 +507,4 @@ pub(super) fn near_triangles(
             out[found..].iter_mut().for_each(|c| c.area /= sharing);
         }
     }
-}
-
-/// True when the triangle lies wholly beyond one face of the box.
-pub(super) fn is_apart(corners: &[Vec3; 3], (low, high): &(Vec3, Vec3)) -> bool {
-    (0..3).any(|c| corners.iter().all(|p| p[c] < low[c]) || corners.iter().all(|p| p[c] > high[c]))
-}
-
-/// Barycentric weights of the triangle's place `p`; `None` for a collapsed triangle.
-pub(super) fn weights_in_triangle(corners: &[Vec3; 3], p: Vec3) -> Option<[Real; 3]> {
-    let (e1, e2, d) = (corners[1] - corners[0], corners[2] - corners[0], p - corners[0]);
-    let (a, b, c) = (e1.norm_squared(), e1.dot(&e2), e2.norm_squared());
-    let det = a * c - b * b;
-    #[expect(clippy::neg_cmp_op_on_partial_ord, reason = "NaN, too, must leave here")]
-    if !(det > 0.0) {
-        return None;
-    }
-    let (r, s) = (e1.dot(&d), e2.dot(&d));
-    let (w1, w2) = ((c * r - b * s) / det, (a * s - b * r) / det);
-    Some([1.0 - w1 - w2, w1, w2])
 }

@@ -7,12 +7,14 @@
 //! [`Body::compliance_between`]: crate::model::Body::compliance_between
 
 use super::candidate::{Candidate, Sheet};
-use super::detection::{MARGIN, Touchable, points_of_a_part};
-use super::shape::Posed;
+use super::posed::Posed;
 use super::tool::MOST_POINTS;
+use super::touchable::{MARGIN, Touchable, points_of_a_part};
+use crate::ids::NONE;
 use crate::math::{Real, Vec3};
+use crate::model::active_mesh::skin;
 use crate::model::constraint::{Constraint, Firming, PointMemory};
-use crate::model::{Material, Row, skin};
+use crate::model::{Material, Row};
 use std::f64::consts::PI;
 use std::ops::Range;
 
@@ -97,7 +99,8 @@ impl Load {
         // Between two materials it is neither's.
         let between = |of: fn(&Load) -> Real| 0.5 * (of(self) + of(other));
         let whole = between(|load| load.scale * load.half_space * (1.0 + load.softened));
-        let apart = apart((self.place, self.radius), (other.place, other.radius));
+        let disc = |load: &Load| Disc { middle: load.place, radius: load.radius };
+        let apart = disc(self).apart(&disc(other));
         let rest = whole / apart - shown * between(|load| 1.0 + load.mesh_softened);
         rest * self.normal.dot(&other.normal).max(0.0)
     }
@@ -126,7 +129,7 @@ impl Load {
 pub(super) struct Dents {
     /// Nodes that carry the points, ascending.
     wanted: Vec<u32>,
-    /// Node in each place; [`NOBODY`] in free ones.
+    /// Node in each place; [`NONE`] in free ones.
     nodes: Vec<u32>,
     /// Place of each node (n_nodes); [`NOWHERE`] for most.
     place_of: Vec<u8>,
@@ -144,7 +147,6 @@ pub(super) struct Dents {
 const MOST_NODES: usize = 12;
 /// Most nodes that carry the points of a tool and count for their dents.
 const MOST_CARRIERS: usize = 192;
-const NOBODY: u32 = u32::MAX;
 const NOWHERE: u8 = u8::MAX;
 
 impl Dents {
@@ -152,7 +154,7 @@ impl Dents {
     pub(super) fn new(nodes: usize) -> Self {
         Self {
             wanted: Vec::with_capacity(MOST_POINTS * MOST_NODES),
-            nodes: vec![NOBODY; MOST_CARRIERS],
+            nodes: vec![NONE; MOST_CARRIERS],
             place_of: vec![NOWHERE; nodes],
             between: vec![0.0; MOST_CARRIERS * MOST_CARRIERS],
             carriers: (0..MOST_POINTS).map(|_| Vec::with_capacity(MOST_NODES)).collect(),
@@ -220,6 +222,44 @@ impl Dents {
         if second > 0.0 { (-SOFTENS * third / second).clamp(least, most) } else { 0.0 }
     }
 
+    /// The points of a ball together touch the disc of radius `a³ = 3FR/(4E*)` [Hertz 1881], `F` the force of the last tick,
+    /// wherever they are on it and however large the triangles are; `memory` holds the points of that tick. A ball that is thinner
+    /// than the surface's edges has too few points to tell a disc by, and they change at once. The `loads` have been
+    /// [shown](Dents::show).
+    pub(super) fn share_discs(
+        &mut self,
+        on: &Touchable,
+        parts: &[Posed],
+        candidates: &[Candidate],
+        memory: &[PointMemory],
+        loads: &mut [Load],
+    ) {
+        let per_part = points_of_a_part(on.body);
+        for (part, at) in parts.iter().enumerate() {
+            let Some(radius) = at.part.ball_radius() else { continue };
+            let own = of_part(part, candidates, |c| c.part as usize);
+            let (first, loads) = (own.start, &mut loads[own]);
+            let before = &memory[of_part(part, memory, |m| (m.point / per_part) as usize)];
+            let least = (LEAST_DEPTH * radius).sqrt();
+            let known: Real = loads.iter().map(|load| load.multiplier).sum();
+            if known <= 0.0 {
+                loads.iter_mut().for_each(|load| load.radius = load.radius.min(least));
+                continue;
+            }
+            // Of the last tick's points, too, that are none any more.
+            let force: Real = before.iter().map(|m| m.multiplier).sum();
+            let half_space = mean_by_force(loads, |load| load.half_space);
+            // 1/E* is π times the half-space's compliance.
+            let disc = cube_root(0.75 * PI * radius * half_space * force).max(least);
+            if radius < on.longest_edge {
+                no_wider_than(disc, loads);
+            } else {
+                let mesh_softens = self.mesh_softening(on, first, loads);
+                give_way_as(disc, radius, before, mesh_softens, loads);
+            }
+        }
+    }
+
     /// Leaves what the mesh does not show of the dents of `loads`.
     pub(super) fn take_off_what_is_shown(&mut self, loads: &[Load]) {
         let (mut root, mut too_much) = ([0.0; MOST_POINTS], [0.0; MOST_POINTS]);
@@ -271,7 +311,7 @@ impl Dents {
         self.wanted.sort_unstable();
         self.wanted.dedup();
         self.wanted.truncate(MOST_CARRIERS);
-        let is_free = |node: u32, wanted: &[u32]| node == NOBODY || wanted.binary_search(&node).is_err();
+        let is_free = |node: u32, wanted: &[u32]| node == NONE || wanted.binary_search(&node).is_err();
         let mut place = 0;
         for w in 0..self.wanted.len() {
             let node = self.wanted[w];
@@ -286,7 +326,7 @@ impl Dents {
                 *old = NOWHERE;
             }
             self.place_of[node as usize] = place as u8;
-            for (other, of) in self.nodes.iter().enumerate().filter(|(_, of)| **of != NOBODY) {
+            for (other, of) in self.nodes.iter().enumerate().filter(|(_, of)| **of != NONE) {
                 let c = on.body.compliance_between(node, *of);
                 self.between[place * MOST_CARRIERS + other] = c;
                 self.between[other * MOST_CARRIERS + place] = c;
@@ -334,43 +374,6 @@ pub(super) fn share_areas(on: &Touchable, parts: &[Posed], candidates: &mut Vec<
     candidates.retain(|c| c.share > LEAST_SHARE || c.sheet != Sheet::Front);
 }
 
-/// The points of a ball together touch the disc of radius `a³ = 3FR/(4E*)` [Hertz 1881], `F` the force of the last tick,
-/// wherever they are on it and however large the triangles are; `memory` holds the points of that tick, `per_part` numbers
-/// for each part. No edge of the surface is longer than `edge` [m]: a ball that is thinner has too few points to tell a disc
-/// by, and they change at once. `dents` have been [shown](Dents::show) the `loads`.
-pub(super) fn share_discs(
-    (on, dents): (&Touchable, &mut Dents),
-    parts: &[Posed],
-    candidates: &[Candidate],
-    (memory, per_part): (&[PointMemory], u32),
-    edge: Real,
-    loads: &mut [Load],
-) {
-    for (part, at) in parts.iter().enumerate() {
-        let Some(radius) = at.part.ball_radius() else { continue };
-        let own = of_part(part, candidates, |c| c.part as usize);
-        let (first, loads) = (own.start, &mut loads[own]);
-        let before = &memory[of_part(part, memory, |m| (m.point / per_part) as usize)];
-        let least = (LEAST_DEPTH * radius).sqrt();
-        let known: Real = loads.iter().map(|load| load.multiplier).sum();
-        if known <= 0.0 {
-            loads.iter_mut().for_each(|load| load.radius = load.radius.min(least));
-            continue;
-        }
-        // Of the last tick's points, too, that are none any more.
-        let force: Real = before.iter().map(|m| m.multiplier).sum();
-        let half_space = mean_by_force(loads, |load| load.half_space);
-        // 1/E* is π times the half-space's compliance.
-        let disc = cube_root(0.75 * PI * radius * half_space * force).max(least);
-        if radius < edge {
-            no_wider_than(disc, loads);
-        } else {
-            let mesh_softens = dents.mesh_softening(on, first, loads);
-            give_way_as(disc, radius, (before, force), mesh_softens, loads);
-        }
-    }
-}
-
 /// Those of `all` that belong to `part`; the points of a part follow one another.
 fn of_part<T>(part: usize, all: &[T], part_of: impl Fn(&T) -> usize) -> Range<usize> {
     all.partition_point(|x| part_of(x) < part)..all.partition_point(|x| part_of(x) <= part)
@@ -401,18 +404,12 @@ fn no_wider_than(disc: Real, loads: &mut [Load]) {
     }
 }
 
-/// Makes the points of a ball of `radius` give way together as the `disc` [m] that they touched with `force` [N] in the last
-/// tick, `before`. A point whose normal is at the angle `θ` to the force is then `u = a²/R − R (1 − cos θ)` deep, and so the
+/// Makes the points of a ball of `radius` give way together as the `disc` [m] that they touched in the last tick, `before`. A point whose normal is at the angle `θ` to the force is then `u = a²/R − R (1 − cos θ)` deep, and so the
 /// work `Σ F u` of all is known; what it would be on a half-space as they are tells [`measure`].
 ///
 /// Large strain softens the continuum as [`Material::softening`] says, and the mesh by `mesh_softens`.
-fn give_way_as(
-    disc: Real,
-    radius: Real,
-    (before, force): (&[PointMemory], Real),
-    mesh_softens: Real,
-    loads: &mut [Load],
-) {
+fn give_way_as(disc: Real, radius: Real, before: &[PointMemory], mesh_softens: Real, loads: &mut [Load]) {
+    let force: Real = before.iter().map(|m| m.multiplier).sum();
     // All points of a part remember the same.
     let (distance, was) = before.first().map_or((0.0, 0.0), |m| (m.distance, m.mesh_softened));
     // A ball that is in by as much as its radius touches no disc any more.
@@ -436,7 +433,7 @@ fn give_way_as(
     }
 }
 
-/// Leaves in `points`, one for each of a tool's `constraints`, what [`share_discs`] asks for in the next tick.
+/// Leaves in `points`, one for each of a tool's `constraints`, what [`Dents::share_discs`] asks for in the next tick.
 pub(super) fn measure(constraints: &[Constraint], points: &mut [PointMemory], per_part: u32) {
     let part = |c: &Constraint| c.point / per_part;
     for first in 0..constraints.len() {
@@ -445,10 +442,11 @@ pub(super) fn measure(constraints: &[Constraint], points: &mut [PointMemory], pe
         }
         let own = || constraints[first..].iter().take_while(|c| part(c) == part(&constraints[first]));
         let pushing = || own().filter(|c| c.multiplier > 0.0);
+        let disc = |c: &Constraint| Disc { middle: c.arm, radius: c.radius };
         let (mut force, mut work) = (0.0, 0.0);
         for (i, c) in pushing().enumerate() {
             let give = |other: &Constraint| {
-                let apart = apart((c.arm, c.radius), (other.arm, other.radius));
+                let apart = disc(c).apart(&disc(other));
                 other.multiplier * c.normal.dot(&other.normal).max(0.0) / apart
             };
             let others: Real = pushing().take(i).map(give).sum();
@@ -462,10 +460,21 @@ pub(super) fn measure(constraints: &[Constraint], points: &mut [PointMemory], pe
     }
 }
 
-/// Of two discs, given as middle and radius [m]; those that overlap count as side by side, or the matrix of their compliances
-/// would not be positive definite.
-fn apart((a, r): (Vec3, Real), (b, s): (Vec3, Real)) -> Real {
-    (a - b).norm().max(LEAST_APART * (r + s))
+/// What a force spreads over.
+#[derive(Clone, Copy, Debug)]
+struct Disc {
+    /// [m].
+    middle: Vec3,
+    /// [m].
+    radius: Real,
+}
+
+impl Disc {
+    /// Distance of the middles [m]; discs that overlap count as side by side, or the matrix of their compliances would not be
+    /// positive definite.
+    fn apart(&self, other: &Disc) -> Real {
+        (self.middle - other.middle).norm().max(LEAST_APART * (self.radius + other.radius))
+    }
 }
 
 /// By Newton's method, after bringing `x` ≥ 0 between 1/8 and 1: the same on every machine.

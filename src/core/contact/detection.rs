@@ -4,23 +4,21 @@
 //! of the tool's parts, so that nothing slips between vertices. Normals run from the core to the point, at the tool's
 //! place in the middle of the tick.
 
-use super::candidate::{ALIKE, Candidate, Sheet, Touch, follow_sunk, is_in, near_triangles, near_vertices, sunk_depth};
-use super::dent::{Dents, Load, share_areas, share_discs};
+use super::candidate::{ALIKE, Candidate, Sheet, Touch, follow_sunk, near_triangles, near_vertices, sunk_depth};
+use super::dent::{Dents, Load, share_areas};
 use super::nearby::Nearby;
-use super::shape::{MOST_PARTS, Posed, posed};
+use super::posed::{Posed, posed};
+use super::shape::MOST_PARTS;
 use super::tool::{MOST_POINTS, Tool, ToolState};
+pub use super::touchable::points_of_a_part;
+use super::touchable::{FASTEST_SURFACE, MARGIN, Touchable};
 use super::wrench::middle_pose;
+use crate::ids::ToolId;
 use crate::math::{Real, Vec3};
 use crate::model::constraint::{Constraint, Firming, PointMemory, Pushed};
 use crate::model::step_class::TICK;
 use crate::model::{ActiveMesh, Body, Friction};
-
-/// Points this far from the tool [m] become constraints, so that contact begins with an open gap, and no tool passes
-/// between two ticks what it did not push: more where a tick's motion is more.
-pub(super) const MARGIN: Real = 2e-3;
-
-/// A surface that comes to meet a tool is taken to be no faster [m/s].
-pub(super) const FASTEST_SURFACE: Real = 1.0;
+use crate::visited::Visited;
 
 /// Part of an overlap found late that remains after each tick: 32 of them (a frame) close 99.5 % of it.
 const SLACK_KEPT: Real = 0.85;
@@ -46,9 +44,8 @@ pub struct Workspace {
     memory: Vec<PointMemory>,
     /// Display vertices around the tool.
     near: Vec<u32>,
-    /// Turn in which each display triangle was last looked at.
-    seen: Vec<u32>,
-    turn: u32,
+    /// Display triangles that have been looked at.
+    seen: Visited,
     /// Whether dents below the mesh's size are restored.
     restores: bool,
     /// Part of the way to what it stands for now that a point's area goes in a tick.
@@ -80,8 +77,7 @@ impl Workspace {
             dents: (0..tools).map(|_| Dents::new(body.node_count())).collect(),
             memory: Vec::with_capacity(MOST_POINTS),
             near: Vec::with_capacity(surface.vertices.len()),
-            seen: vec![0; surface.triangles.len()],
-            turn: 0,
+            seen: Visited::new(surface.triangles.len()),
             restores: true,
             followed: TAKEN_FOLLOWED,
             longest_edge: longest,
@@ -118,27 +114,37 @@ impl Workspace {
     }
 }
 
-/// What a tool may touch.
-#[derive(Debug)]
-pub(super) struct Touchable<'a> {
-    pub(super) body: &'a Body,
-    pub(super) mesh: &'a ActiveMesh,
-    /// Display vertices at the start of the tick [m], (n_vertices), as far as they are near the tool.
-    pub(super) vertices: &'a [Vec3],
+/// A tool that a hand holds.
+#[derive(Clone, Copy, Debug)]
+pub struct Held<'a> {
+    /// Which it is.
+    pub id: ToolId,
+    /// What it is.
+    pub of: &'a Tool,
+    /// Where it is.
+    pub state: &'a ToolState,
 }
 
-/// Appends the constraints of tool `index` on the body at the start of a tick to `constraints` and the surface point at
-/// which each one acts [m] to `points_of_action`; `memory` holds the tool's points of the last tick, ascending, and
+/// Receives what is found.
+#[derive(Debug)]
+pub struct Found<'a> {
+    /// The constraints of all tools.
+    pub constraints: &'a mut Vec<Constraint>,
+    /// The surface point at which each one acts [m].
+    pub points_of_action: &'a mut Vec<Vec3>,
+}
+
+/// Appends the constraints of the tool that is `held` on the body at the start of a tick to `out`; `memory` holds the tool's points of the last tick, ascending, and
 /// receives this tick's.
 pub fn detect(
-    (body, mesh): (&Body, &ActiveMesh),
-    index: u32,
-    of: &Tool,
-    tool: &ToolState,
+    body: &Body,
+    mesh: &ActiveMesh,
+    held: Held,
     memory: &mut Vec<PointMemory>,
-    (constraints, points_of_action): (&mut Vec<Constraint>, &mut Vec<Vec3>),
+    out: Found,
     work: &mut Workspace,
 ) {
+    let (Held { id, of, state: tool }, Found { constraints, points_of_action }) = (held, out);
     let candidates = &mut work.candidates;
     candidates.clear();
     let per_part = points_of_a_part(body);
@@ -154,34 +160,29 @@ pub fn detect(
     // Whatever touches the tool has all its vertices within an edge's length of the box of one of its parts.
     work.near.clear();
     let windows = touch.windows(MOST_STRETCH * work.longest_edge);
-    let joined = |a: (Vec3, Vec3), b: &(Vec3, Vec3)| (a.0.inf(&b.0), a.1.sup(&b.1));
-    let window = windows[..parts].iter().fold(windows[0], joined);
-    for &v in work.nearby[index as usize].place(body, mesh, window, &mut work.vertices) {
-        if windows[..parts].iter().any(|w| is_in(w, &work.vertices[v as usize])) {
+    let window = windows[..parts].iter().fold(windows[0], |a, b| a.joined(b));
+    for &v in work.nearby[id.index()].place(body, mesh, window, &mut work.vertices) {
+        if windows[..parts].iter().any(|w| w.contains(&work.vertices[v as usize])) {
             work.near.push(v);
         }
     }
-    let on = &Touchable { body, mesh, vertices: &work.vertices };
+    let on = &Touchable { body, mesh, vertices: &work.vertices, longest_edge: work.longest_edge };
     near_vertices(on, &touch, &work.near, candidates);
-    work.turn = work.turn.wrapping_add(1);
-    if work.turn == 0 {
-        work.seen.fill(0);
-        work.turn = 1;
-    }
-    near_triangles(on, &touch, &work.near, (&mut work.seen, work.turn), candidates);
+    work.seen.clear();
+    near_triangles(on, &touch, &work.near, &mut work.seen, candidates);
 
     follow_sunk(on, &all[..parts], margin, candidates);
     candidates.sort_unstable_by_key(|c| c.point);
     share_areas(on, &all[..parts], candidates);
-    thin_out(&all[..parts], candidates, memory, (on.vertices.len() as u32, per_part));
+    thin_out(on, &all[..parts], candidates, memory);
     recall(on, candidates, memory, per_part, parts as u32);
 
     work.memory.clear();
     work.loads.clear();
     work.loads.extend(candidates.iter().map(|c| Load::new(on, c, memory, work.followed)));
-    let dents = &mut work.dents[index as usize];
+    let dents = &mut work.dents[id.index()];
     dents.show(on, candidates, &mut work.loads);
-    share_discs((on, dents), &all[..parts], candidates, (memory, per_part), work.longest_edge, &mut work.loads);
+    dents.share_discs(on, &all[..parts], candidates, memory, &mut work.loads);
     dents.take_off_what_is_shown(&work.loads);
     let first = constraints.len() as u32;
     // The pose is where the coupling's springs are as long as the last force and torque made them.
@@ -250,7 +251,7 @@ pub fn detect(
             radius: load.radius,
             disc: load.disc,
             firming,
-            tool: index,
+            tool: id,
             point: candidate.point,
             multiplier: load.multiplier,
             mean_multiplier: 0.0,
@@ -295,15 +296,11 @@ const LET_GO: Real = 2e-4;
 /// do not take turns, then vertices before triangles and the deepest first, ties to the smaller number. What is left out
 /// leaves its area to the nearest that is kept, so that the surface is as stiff as before; on a solid tool that one has the
 /// mean normal of all that it stands for, or a rim would push to the side where more of its points are left.
-fn thin_out(
-    parts: &[Posed],
-    candidates: &mut Vec<Candidate>,
-    memory: &[PointMemory],
-    (vertices, per_part): (u32, u32),
-) {
+fn thin_out(on: &Touchable, parts: &[Posed], candidates: &mut Vec<Candidate>, memory: &[PointMemory]) {
     if candidates.len() <= MOST_POINTS {
         return;
     }
+    let (vertices, per_part) = (on.vertices.len() as u32, points_of_a_part(on.body));
     for c in candidates.iter_mut() {
         let known = memory.binary_search_by_key(&c.point, |m| m.point).is_ok();
         let apart = c.gap > if known { LET_GO } else { 0.0 };
@@ -402,7 +399,3 @@ const UNNOTICED: Real = 5e-5;
 
 /// [`Workspace::followed`] of a tick.
 const TAKEN_FOLLOWED: Real = 0.05;
-/// Numbers that the points of one part of a tool take: its vertices and triangles.
-pub fn points_of_a_part(body: &Body) -> u32 {
-    (body.surface().vertices.len() + body.surface().triangles.len()) as u32
-}

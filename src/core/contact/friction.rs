@@ -10,20 +10,25 @@ use crate::model::{ActiveMesh, Constraint};
 /// Part of μ λ from which on a point slips.
 const SLIPS: Real = 1.0 - 1e-9;
 
-/// Writes what the solve of `constraints`, the tool's own, has found into `points`, one for each; `per_part` are the numbers
-/// that a part of the tool takes. The solve took the tool at `solved_at`; `moved` says that the body has moved by a tick and
-/// not stood still.
+/// A tool's part of a solve.
+#[derive(Clone, Copy, Debug)]
+pub struct Solved<'a> {
+    /// The tool's own constraints.
+    pub constraints: &'a [Constraint],
+    /// Numbers that the points of a part of the tool take.
+    pub per_part: u32,
+    /// Where the solve took the tool to be.
+    pub at: Pose,
+    /// The body has moved by a tick and not stood still.
+    pub moved: bool,
+}
+
+/// Writes what was `solved` into `points`, one for each of the tool's constraints.
 ///
 /// A point that slips takes its anchor along, so that nothing but the force on the edge of Coulomb's disc is left to
 /// hold it; one that sticks keeps its anchor for ever.
-pub fn remember(
-    mesh: &ActiveMesh,
-    (constraints, per_part): (&[Constraint], u32),
-    solved_at: &Pose,
-    tool: &ToolState,
-    points: &mut [PointMemory],
-    moved: bool,
-) {
+pub fn remember(mesh: &ActiveMesh, solved: &Solved, tool: &ToolState, points: &mut [PointMemory]) {
+    let Solved { constraints, per_part, at, moved } = *solved;
     measure(constraints, points, per_part);
     for (c, point) in constraints.iter().zip(points) {
         debug_assert_eq!(c.point, point.point);
@@ -41,7 +46,7 @@ pub fn remember(
         if moved && c.friction.multiplier.norm() >= SLIPS * c.friction.coefficient * c.multiplier {
             let sheared = |(other, g): (&Constraint, &Real)| other.friction.multiplier * (g * c.friction.compliance);
             let shear: Vec3 = constraints.iter().zip(&c.compliance).map(sheared).sum();
-            let fade = c.friction.anchor + c.friction.rate * TICK - solved_at.to_world(point.anchor);
+            let fade = c.friction.anchor + c.friction.rate * TICK - at.to_world(point.anchor);
             point.anchor = tool.pose.to_own(c.row.interpolate(&mesh.motion.position) + shear - fade);
         }
     }

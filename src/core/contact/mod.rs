@@ -8,9 +8,12 @@ pub mod detection;
 pub mod friction;
 mod nearby;
 pub mod outside;
+pub mod posed;
 pub mod safety;
 pub mod shape;
+mod solid;
 pub mod tool;
+mod touchable;
 pub mod wrench;
 
 pub use shape::Shape;

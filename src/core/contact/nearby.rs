@@ -1,11 +1,11 @@
 //! The part of the displayed surface that a tool may touch: the rest need not be moved every tick.
 
-use super::candidate::is_in;
-use crate::math::{Real, Vec3};
+use crate::math::{Bounds, Real, Vec3};
 use crate::model::active_mesh::MOST_ASIDE;
 use crate::model::element_kernel::Padded;
 use crate::model::element_pool::CLASSES;
 use crate::model::{ActiveMesh, Body};
+use crate::visited::Visited;
 
 /// Display vertices around a tool, kept until one that is not among them may have come near. Which they are makes no
 /// difference but of time.
@@ -13,10 +13,11 @@ use crate::model::{ActiveMesh, Body};
 pub(super) struct Nearby {
     /// All vertices in a box when it was last looked for them, and all that share a triangle with those; ascending.
     vertices: Vec<u32>,
-    reach: (Vec3, Vec3),
+    /// That box [m].
+    reach: Bounds,
     /// Where the nodes were then [m], (n_slots).
     from: Vec<Padded>,
-    marked: Vec<bool>,
+    marked: Visited,
     is_known: bool,
 }
 
@@ -28,9 +29,9 @@ impl Nearby {
         let vertices = body.surface().vertices.len();
         Self {
             vertices: Vec::with_capacity(vertices),
-            reach: Default::default(),
+            reach: Bounds::NOTHING,
             from: Vec::with_capacity(mesh.motion.position.len()),
-            marked: vec![false; vertices],
+            marked: Visited::new(vertices),
             is_known: false,
         }
     }
@@ -46,7 +47,7 @@ impl Nearby {
             return;
         }
         for &slot in mesh.moved() {
-            self.from[slot as usize] = mesh.motion.position[slot as usize];
+            self.from[slot.index()] = mesh.motion.position[slot.index()];
         }
         // They come to hang on nodes that have moved since, and may go back.
         let far = self.farthest(mesh);
@@ -56,13 +57,7 @@ impl Nearby {
 
     /// Moves to their `places` [m] at least all vertices that are in the `window` now, and the corners of all triangles that meet
     /// there; returns a list of vertices in which the first of these are, ascending.
-    pub(super) fn place(
-        &mut self,
-        body: &Body,
-        mesh: &ActiveMesh,
-        window: (Vec3, Vec3),
-        places: &mut [Vec3],
-    ) -> &[u32] {
+    pub(super) fn place(&mut self, body: &Body, mesh: &ActiveMesh, window: Bounds, places: &mut [Vec3]) -> &[u32] {
         if !self.holds(mesh, window) {
             self.look(body, mesh, window);
         }
@@ -71,30 +66,30 @@ impl Nearby {
     }
 
     /// True while nothing else can have come into the `window`.
-    fn holds(&self, mesh: &ActiveMesh, (low, high): (Vec3, Vec3)) -> bool {
+    fn holds(&self, mesh: &ActiveMesh, window: Bounds) -> bool {
         if !self.is_known {
             return false;
         }
         let far = self.farthest(mesh);
-        let (least, most) = (self.reach.0.add_scalar(far), self.reach.1.add_scalar(-far));
-        (0..3).all(|c| low[c] >= least[c] && high[c] <= most[c])
+        let within = self.reach.grown(-far);
+        (0..3).all(|c| window.low[c] >= within.low[c] && window.high[c] <= within.high[c])
     }
 
     /// No vertex has moved farther since it was looked at [m], but by what fades.
     fn farthest(&self, mesh: &ActiveMesh) -> Real {
         let mut moved = 0.0 as Real;
         for &slot in mesh.active().iter().chain(mesh.interface()) {
-            let (now, then) = (&mesh.motion.position[slot as usize], &self.from[slot as usize]);
+            let (now, then) = (&mesh.motion.position[slot.index()], &self.from[slot.index()]);
             moved = moved.max((0..3).map(|c| (now[c] - then[c]) * (now[c] - then[c])).sum());
         }
         mesh.lever() * moved.sqrt()
     }
 
-    fn look(&mut self, body: &Body, mesh: &ActiveMesh, (low, high): (Vec3, Vec3)) {
-        self.reach = (low.add_scalar(-AHEAD), high.add_scalar(AHEAD));
+    fn look(&mut self, body: &Body, mesh: &ActiveMesh, window: Bounds) {
+        self.reach = window.grown(AHEAD);
         self.from.clear();
         self.from.extend_from_slice(&mesh.motion.position);
-        self.vertices.iter().for_each(|v| self.marked[*v as usize] = false);
+        self.marked.clear();
         self.vertices.clear();
         for class in 0..CLASSES {
             for e in mesh.pool().ids(class) {
@@ -115,20 +110,20 @@ impl Nearby {
     /// False when no vertex that hangs on the element of these nodes, neither astray nor fading, is within reach.
     fn may_reach(&self, mesh: &ActiveMesh, nodes: [u32; 4]) -> bool {
         let places = nodes.map(|n| mesh.slot(n).map_or(Vec3::zeros(), |slot| mesh.position(slot)));
-        let (low, high) = places.iter().fold((places[0], places[0]), |(low, high), p| (low.inf(p), high.sup(p)));
-        let aside = (high - low) * (3.0 * MOST_ASIDE);
-        (0..3).all(|c| low[c] - aside[c] <= self.reach.1[c] && high[c] + aside[c] >= self.reach.0[c])
+        let around = Bounds::of(places);
+        let aside = around.size() * (3.0 * MOST_ASIDE);
+        let (low, high) = (around.low - aside, around.high + aside);
+        (0..3).all(|c| low[c] <= self.reach.high[c] && high[c] >= self.reach.low[c])
     }
 
     /// Takes vertex `v` along, and all that it shares a triangle with, if it is within reach or no more than `far` [m] beyond.
     fn mark(&mut self, body: &Body, mesh: &ActiveMesh, v: u32, far: Real) {
         // What fades goes no farther than that.
         let far = far + Vec3::from_row_slice(&mesh.fade[v as usize][..3]).norm();
-        let wider = (self.reach.0.add_scalar(-far), self.reach.1.add_scalar(far));
-        if is_in(&wider, &mesh.vertex(v)) {
+        if self.reach.grown(far).contains(&mesh.vertex(v)) {
             for t in body.triangles_around(v as usize) {
                 for &v in &body.surface().triangles[*t as usize] {
-                    if !std::mem::replace(&mut self.marked[v as usize], true) {
+                    if self.marked.visit(v as usize) {
                         self.vertices.push(v);
                     }
                 }

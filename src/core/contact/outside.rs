@@ -1,8 +1,9 @@
 //! Whether a tool is outside the body.
 
-use super::candidate::{is_apart, is_in, weights_in_triangle};
-use super::shape::{Posed, Shape, posed};
-use crate::math::{Pose, Vec3};
+use super::posed::{Posed, posed};
+use super::shape::Shape;
+use super::touchable::weights_in_triangle;
+use crate::math::{Pose, Real, Vec3};
 use crate::model::Body;
 
 /// True when the tool neither touches nor lies inside the `body`, its display vertices where `vertices` are [m]: where it
@@ -16,21 +17,51 @@ fn is_part_outside(body: &Body, vertices: &[Vec3], at: &Posed) -> bool {
     let radius = at.part.radius();
     let window = at.window(radius);
     let near = |p: Vec3, core: Vec3| (p - at.frame.at(core)).norm_squared() < radius * radius;
-    if vertices.iter().any(|p| is_in(&window, p) && near(*p, at.nearest(*p))) {
+    if vertices.iter().any(|p| window.contains(p) && near(*p, at.nearest(*p))) {
         return false;
     }
-    let grazes = body.surface().triangles.iter().any(|triangle| {
-        let corners = triangle.map(|v| vertices[v as usize]);
-        if is_apart(&corners, &window) {
-            return false;
-        }
-        let (place, core) = at.nearest_in_triangle(&corners, Vec3::z());
-        weights_in_triangle(&corners, place).is_some_and(|w| {
-            let p = corners[0] * w[0] + corners[1] * w[1] + corners[2] * w[2];
-            near(p, core.unwrap_or_else(|| at.nearest(p)))
-        })
-    });
+    let grazes = near_triangles(body, vertices, at, radius, |_| Vec3::z()).any(
+        |NearTriangle { corners, place, core, .. }| {
+            weights_in_triangle(&corners, place).is_some_and(|w| {
+                let p = corners[0] * w[0] + corners[1] * w[1] + corners[2] * w[2];
+                near(p, core.unwrap_or_else(|| at.nearest(p)))
+            })
+        },
+    );
     !grazes && !is_inside(body, |v| vertices[v as usize], at.frame.at(Vec3::zeros()))
+}
+
+/// A triangle of the surface near a tool.
+#[derive(Clone, Copy, Debug)]
+pub struct NearTriangle {
+    /// Its display vertices.
+    pub triangle: [u32; 3],
+    /// Where they are [m].
+    pub corners: [Vec3; 3],
+    /// Its place that is nearest to the core, or deepest in it [m].
+    pub place: Vec3,
+    /// Coordinates of the core's nearest point, of an axis.
+    pub core: Option<Vec3>,
+}
+
+/// Triangles of the `body`, its display vertices where `vertices` are [m], in the box around the core of a part grown by
+/// `reach` [m], each with its nearest place; `push` of its corners is where the core would push it out along.
+pub fn near_triangles<'a>(
+    body: &'a Body,
+    vertices: &'a [Vec3],
+    at: &'a Posed,
+    reach: Real,
+    push: impl Fn(&[Vec3; 3]) -> Vec3 + 'a,
+) -> impl Iterator<Item = NearTriangle> + 'a {
+    let window = at.window(reach);
+    body.surface().triangles.iter().filter_map(move |triangle| {
+        let corners = triangle.map(|v| vertices[v as usize]);
+        if window.is_apart(&corners) {
+            return None;
+        }
+        let (place, core) = at.nearest_in_triangle(&corners, push(&corners));
+        Some(NearTriangle { triangle: *triangle, corners, place, core })
+    })
 }
 
 /// True when `p` lies inside the `body` with its display vertices at `place` [m]: three rays vote by the parity of their

@@ -1,6 +1,7 @@
 //! From multipliers to the wrench on the tool.
 
 use super::tool::ToolState;
+use crate::ids::ToolId;
 use crate::math::{Pose, Real, Vec3};
 use crate::model::Constraint;
 
@@ -18,7 +19,7 @@ pub struct Wrench {
 ///
 /// The forces act at the `surface_points` of the body, which lie along the normals from the tool's axis: a frictionless ball
 /// feels no torque about its centre.
-pub fn wrench_on(tool: u32, middle: &Pose, constraints: &[Constraint], surface_points: &[Vec3]) -> (Wrench, u32) {
+pub fn wrench_on(tool: ToolId, middle: &Pose, constraints: &[Constraint], surface_points: &[Vec3]) -> (Wrench, u32) {
     let mut sum = Wrench::default();
     let mut pushing = 0;
     for (c, point) in constraints.iter().zip(surface_points) {

@@ -1,8 +1,10 @@
 //! The local model of a tool that does not touch yet: where contact will begin, and how stiff it will be there, from the
 //! elastic half-space. A hand far away is in contact for two delays of the network before it can hear of it.
 
-use super::relaxed::Stiffness;
-use crate::contact::shape::{Posed, Shape, posed};
+use super::stiffness::Stiffness;
+use crate::contact::outside::{NearTriangle, near_triangles};
+use crate::contact::posed::{Posed, posed};
+use crate::contact::shape::Shape;
 use crate::contact::tool::ToolState;
 use crate::math::{Real, Vec3};
 use crate::model::{Body, Material};
@@ -42,16 +44,9 @@ pub(super) fn ahead(body: &Body, vertices: &[Vec3], shape: &Shape, tool: &ToolSt
 /// vertex there.
 fn nearest(body: &Body, vertices: &[Vec3], at: &Posed) -> Option<(Real, Vec3, Real, u32)> {
     let radius = at.part.radius();
-    let (low, high) = at.window(radius + REACH);
     let mut best: Option<(Real, Vec3, u32)> = None;
-    for triangle in &body.surface().triangles {
-        let corners = triangle.map(|v| vertices[v as usize]);
-        let (least, most) = corners.iter().fold((corners[0], corners[0]), |(l, m), p| (l.inf(p), m.sup(p)));
-        if (0..3).any(|c| most[c] < low[c] || least[c] > high[c]) {
-            continue;
-        }
-        let outward = (corners[1] - corners[0]).cross(&(corners[2] - corners[0]));
-        let (place, core) = at.nearest_in_triangle(&corners, -outward);
+    let inward = |corners: &[Vec3; 3]| -(corners[1] - corners[0]).cross(&(corners[2] - corners[0]));
+    for NearTriangle { triangle, place, core, .. } in near_triangles(body, vertices, at, radius + REACH, inward) {
         let away = place - at.frame.at(core.unwrap_or_else(|| at.nearest(place)));
         let distance = away.norm();
         if distance > radius && best.is_none_or(|b| distance - radius < b.0) {

@@ -2,10 +2,11 @@
 
 mod approach;
 pub mod relaxed;
+mod stiffness;
 
 use crate::math::{Mat3, Real, Vec3};
 use crate::simulation::ToolOutput;
-use relaxed::Stiffness;
+use stiffness::Stiffness;
 
 /// The force near the pose that a wrench answers, `F(x) = force − K (x − position)`, as long as it does not pull.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -14,7 +14,9 @@
 //! it is still true a frame later.
 
 use super::approach::ahead;
+pub use super::stiffness::Stiffness;
 use crate::contact::tool::{MOST_TOOLS, Shape};
+use crate::ids::ToolId;
 use crate::math::{Mat3, Pose, Real, Vec3};
 use crate::model::constraint::Coupling;
 use crate::model::constraint::Row;
@@ -22,6 +24,7 @@ use crate::model::element_kernel::Path;
 use crate::model::{ActiveMesh, Body, Constraint};
 use crate::simulation::{Settings, Simulation, Snapshot};
 use crate::stepping::step;
+use crate::visited::Visited;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use std::sync::Arc;
 
@@ -36,23 +39,6 @@ const LEAST_FORCE: Real = 1e-3;
 /// Least and largest range of a model [m].
 const RANGES: (Real, Real) = (5e-4, 5e-3);
 
-/// How the force on a handle changes where it goes.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Stiffness {
-    /// K [N/m], symmetric, no negative eigenvalue: the force changes by `−K dx`.
-    pub matrix: Mat3,
-    /// Out of the body, unit.
-    pub normal: Vec3,
-    /// How far it holds [m]: a model that is linear knows nothing of where contact ends.
-    pub range: Real,
-    /// The force under which it is so [N].
-    pub load: Real,
-    /// Where there was no contact yet: `normal · x` of the handle at which it begins [m].
-    pub begins: Option<Real>,
-    /// Iterations that it took, of all axes together.
-    pub iterations: usize,
-}
-
 /// A copy of the simulation to ask questions of, away from the clock.
 #[derive(Debug)]
 pub struct Probe {
@@ -65,22 +51,18 @@ pub struct Probe {
 #[derive(Clone, Debug)]
 struct Answer {
     displacement: Vec<[Vec3; 3]>,
-    /// Number of the question to which a node's displacement belongs.
-    asked: Vec<u32>,
-    question: u32,
+    /// Nodes whose displacement answers the last question.
+    asked: Visited,
 }
 
 impl Answer {
     fn new(nodes: usize) -> Self {
-        Self { displacement: vec![[Vec3::zeros(); 3]; nodes], asked: vec![0; nodes], question: 0 }
+        Self { displacement: vec![[Vec3::zeros(); 3]; nodes], asked: Visited::new(nodes) }
     }
 
     /// What is known of node `n`: its own displacement, or that of the nodes that stood for it.
     fn guess(&self, body: &Body, n: u32) -> [Vec3; 3] {
-        let known = |n: u32| (self.asked[n as usize] == self.question).then(|| self.displacement[n as usize]);
-        if self.question == 0 {
-            return [Vec3::zeros(); 3];
-        }
+        let known = |n: u32| self.asked.contains(n as usize).then(|| self.displacement[n as usize]);
         if let Some(own) = known(n).or_else(|| if body.level_of(n) > 0 { known(body.parent(n)) } else { None }) {
             return own;
         }
@@ -113,7 +95,7 @@ impl Probe {
         let (mesh, constraints, vertices) = self.simulation.contacts();
         let mut system: Option<System> = None;
         for (i, tool) in tools.iter().enumerate() {
-            let own: Vec<&Constraint> = constraints.iter().filter(|c| c.tool == i as u32).collect();
+            let own: Vec<&Constraint> = constraints.iter().filter(|c| c.tool == ToolId::at(i)).collect();
             if tool.physical_force.norm() < LEAST_FORCE || !own.iter().any(|c| c.multiplier > 0.0) {
                 self.answers[i] = None;
                 found[i] = Some(tool).filter(|t| t.touches()).and_then(|t| ahead(&body, vertices, &shapes[i], t));
@@ -190,7 +172,7 @@ impl Contact {
         };
         let n = rows.len();
         let compliance = Cholesky::new(DMatrix::from_fn(n, n, between))?;
-        let index = |row: &Row| row.entries().iter().map(|(slot, b)| (system.index[*slot as usize], *b)).collect();
+        let index = |row: &Row| row.entries().iter().map(|(slot, b)| (system.index[slot.index()], *b)).collect();
         Some(Self { points: pushing.iter().map(|(_, c)| index(&c.row)).collect(), rows, compliance, turning })
     }
 
@@ -270,9 +252,9 @@ struct System<'a> {
 impl<'a> System<'a> {
     fn new(body: &'a Body, path: Path, mesh: &mut ActiveMesh) -> Self {
         let mut index = vec![usize::MAX; mesh.motion.mass.len()];
-        mesh.active().iter().enumerate().for_each(|(i, slot)| index[*slot as usize] = i);
+        mesh.active().iter().enumerate().for_each(|(i, slot)| index[slot.index()] = i);
         let at: Vec<Vec3> = mesh.active().iter().map(|s| mesh.position(*s)).collect();
-        let fixed = mesh.active().iter().map(|s| mesh.motion.inverse_mass[*s as usize] == 0.0).collect();
+        let fixed = mesh.active().iter().map(|s| mesh.motion.inverse_mass[s.index()] == 0.0).collect();
         let diagonal = mesh
             .active()
             .iter()
@@ -337,10 +319,10 @@ impl<'a> System<'a> {
             stiffness.set_column(k, &-on_tool);
             solutions.push(u);
         }
-        answer.question += 1;
+        answer.asked.clear();
         for (i, n) in nodes.iter().enumerate() {
             answer.displacement[*n as usize] = std::array::from_fn(|k| solutions[k][i]);
-            answer.asked[*n as usize] = answer.question;
+            answer.asked.visit(*n as usize);
         }
         let eigen = (0.5 * (stiffness + stiffness.transpose())).symmetric_eigen();
         let values = eigen.eigenvalues.map(|v| v.max(0.0));
@@ -403,7 +385,7 @@ fn forces(path: Path, mesh: &mut ActiveMesh, out: &mut [Vec3]) {
     step::add_elastic_forces(path, mesh);
     let (active, motion) = mesh.active_motion();
     for (out, slot) in out.iter_mut().zip(active) {
-        let f = std::mem::take(&mut motion.force[*slot as usize]);
+        let f = std::mem::take(&mut motion.force[slot.index()]);
         *out = Vec3::new(f[0], f[1], f[2]);
     }
 }

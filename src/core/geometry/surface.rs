@@ -1,6 +1,7 @@
 //! A triangulated surface at rest.
 
-use crate::math::{Real, Vec3, to_parry};
+use crate::ids::NONE;
+use crate::math::{Bounds, Real, Vec3, to_parry};
 use parry3d_f64::shape::{TriMesh, TriMeshFlags};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
@@ -31,9 +32,9 @@ impl Surface {
     /// Signed volume [m³] that these triangles enclose by themselves.
     pub fn volume_within(&self, triangles: Range<usize>) -> Real {
         // Far from the origin large volumes would cancel: 1 km away those of an organ are a thousandth off.
-        let (low, high) = self.bounds();
-        let centre = (low + high) / 2.0;
-        let is_far = centre.norm() > FAR * (high - low).norm();
+        let bounds = self.bounds();
+        let centre = bounds.middle();
+        let is_far = centre.norm() > FAR * bounds.size().norm();
         let origin = if is_far { centre } else { Vec3::zeros() };
         triangles
             .map(|t| {
@@ -123,11 +124,9 @@ impl Surface {
         surface
     }
 
-    /// Smallest and largest coordinates [m].
-    pub fn bounds(&self) -> (Vec3, Vec3) {
-        self.vertices.iter().fold((Vec3::repeat(Real::INFINITY), Vec3::repeat(Real::NEG_INFINITY)), |(low, high), v| {
-            (low.inf(v), high.sup(v))
-        })
+    /// The box around all vertices.
+    pub fn bounds(&self) -> Bounds {
+        Bounds::of(self.vertices.iter().copied())
     }
 
     /// A third of the area of the triangles around each vertex [m²], (n_vertices).
@@ -156,7 +155,7 @@ impl Surface {
 
 /// The `points` that some cell refers to, in their old order; `cells` are renumbered to match. Indices must be valid.
 pub fn keep_referenced<const N: usize>(points: &[Vec3], cells: &mut [[u32; N]]) -> Vec<Vec3> {
-    let mut new_index = vec![u32::MAX; points.len()];
+    let mut new_index = vec![NONE; points.len()];
     for &point in cells.as_flattened() {
         new_index[point as usize] = 0;
     }

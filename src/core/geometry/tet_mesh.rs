@@ -20,6 +20,13 @@ pub fn volume(u: &[Vec3; 4]) -> Real {
     (u[1] - u[0]).cross(&(u[2] - u[0])).dot(&(u[3] - u[0])) / 6.0
 }
 
+/// Gradients of the four barycentric coordinates [1/m] in the tetrahedron `u`.
+pub fn gradients(u: &[Vec3; 4]) -> [Vec3; 4] {
+    let six_volumes = (u[1] - u[0]).cross(&(u[2] - u[0])).dot(&(u[3] - u[0]));
+    let face = |a: usize, b: usize, c: usize| (u[b] - u[a]).cross(&(u[c] - u[a])) / six_volumes;
+    [face(1, 3, 2), face(0, 2, 3), face(0, 3, 1), face(0, 1, 2)]
+}
+
 /// Barycentric coordinates of `p` in the tetrahedron `u`: they sum to one, and one below zero means outside.
 pub fn barycentric(u: &[Vec3; 4], p: Vec3) -> [Real; 4] {
     let (a, b, c, d) = (u[1] - u[0], u[2] - u[0], u[3] - u[0], p - u[0]);

@@ -43,12 +43,9 @@ pub struct Level {
     /// Nodes that do not move at all, ascending; only on meshes that conform to the body.
     pub fixed: Vec<u32>,
     /// Nodes that are never active, ascending: on the rim of a level that covers only a region of the body, where some
-    /// of their elements are left out. Rows on such a level are on element [`NOWHERE`] where it does not reach.
+    /// of their elements are left out. Rows on such a level are on element [`NONE`](crate::ids::NONE) where it does not reach.
     pub rim: Vec<u32>,
 }
-
-/// Stands for the element of a place that a level does not reach.
-pub const NOWHERE: u32 = u32::MAX;
 
 impl Level {
     /// A level of `mesh` without ties yet, of one `density` [kg/m³].

@@ -3,7 +3,8 @@
 //! Splitting replaces a node by its children, merging puts it back in their place. Neighbouring regions stay within one
 //! level: a node is refined only where its neighbours, and those of its children, are at least as fine as it is.
 
-use super::body::{Body, NONE};
+use super::body::Body;
+use crate::ids::NONE;
 
 /// How a node's region is represented.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

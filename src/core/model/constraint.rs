@@ -1,6 +1,7 @@
 //! A point of the surface that a tool pushes: what contact hands to the solver, and nothing else passes between them.
 
 use super::element_kernel::Padded;
+use crate::ids::{Slot, ToolId};
 use crate::math::{Real, Vec3};
 use serde::{Deserialize, Serialize};
 
@@ -18,16 +19,16 @@ pub const MOST_ROW_NODES: usize = 40;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Row {
     /// Slot and weight; only the first `len` count, slots distinct.
-    entries: [(u32, Real); MOST_ROW_NODES],
+    entries: [(Slot, Real); MOST_ROW_NODES],
     len: u32,
 }
 
 impl Row {
     /// No nodes yet.
-    pub const EMPTY: Row = Row { entries: [(0, 0.0); MOST_ROW_NODES], len: 0 };
+    pub const EMPTY: Row = Row { entries: [(Slot(0), 0.0); MOST_ROW_NODES], len: 0 };
 
     /// Adds `weight` on the node in `slot`. Beyond the last place it goes to the heaviest entry, so that the sum stays.
-    pub fn add(&mut self, slot: u32, weight: Real) {
+    pub fn add(&mut self, slot: Slot, weight: Real) {
         let len = self.len as usize;
         if let Some(entry) = self.entries[..len].iter_mut().find(|e| e.0 == slot) {
             entry.1 += weight;
@@ -40,7 +41,7 @@ impl Row {
     }
 
     /// Slots and weights.
-    pub fn entries(&self) -> &[(u32, Real)] {
+    pub fn entries(&self) -> &[(Slot, Real)] {
         &self.entries[..self.len as usize]
     }
 
@@ -48,7 +49,7 @@ impl Row {
     pub fn interpolate(&self, field: &[Padded]) -> Vec3 {
         let mut sum = Vec3::zeros();
         for &(n, b) in self.entries() {
-            let x = &field[n as usize];
+            let x = &field[n.index()];
             sum += Vec3::new(x[0], x[1], x[2]) * b;
         }
         sum
@@ -168,8 +169,8 @@ pub struct Constraint {
     pub disc: Real,
     /// Where less than these is left.
     pub firming: Firming,
-    /// Index of the tool.
-    pub tool: u32,
+    /// The tool.
+    pub tool: ToolId,
     /// What tells this point from the tool's others, from tick to tick: a display vertex, or the number of vertices
     /// plus a display triangle; plus, for each part of the tool before its own, the number of both.
     pub point: u32,

@@ -4,50 +4,17 @@
 //! sums. An element joins at the end; where one leaves, the last of the class takes its place. Which blocks hold the
 //! sequence is of no consequence, so the order of the ids is all that a saved state needs of it.
 
-use super::element_kernel::{self, Batch, Block, Extremes, MAX_BRANCHES, Memory, Path, Rates, StrainLimit};
+pub use super::element::{ElementConstants, History};
+use super::element::{MAX_BRANCHES, StrainLimit};
+use super::element_block::{Blocks, Lane};
+use super::element_kernel::{self, Batch, Extremes, Path, Rates};
 use super::lanes::{LANES, Padded};
+use crate::ids::NONE;
+use crate::ids::Slot;
 use crate::math::Real;
-use serde::{Deserialize, Serialize};
 
 /// Step classes.
 pub const CLASSES: usize = 8;
-
-/// No element, in a lane that is not in use.
-const NONE: u32 = u32::MAX;
-
-/// What an element is made of.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ElementConstants {
-    /// ∇L_1, ∇L_2, ∇L_3 at rest [1/m]; ∇L_0 is minus their sum.
-    pub gradient: [[Real; 3]; 3],
-    /// λ·w·vol [N·m].
-    pub lambda: Real,
-    /// μ·w·vol [N·m].
-    pub mu: Real,
-    /// Factor on the shear moduli of the Maxwell branches over μ.
-    pub branch: Real,
-}
-
-/// What an element remembers between two evaluations. Components of strains are xx, yy, zz, yz, xz, xy.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct History {
-    /// Green strain `E` at the last evaluation.
-    pub strain: [Real; 6],
-    /// `J = det F` at the last evaluation.
-    pub det: Real,
-    /// Memory `D` of each Maxwell branch; zero for branches that the pool does not have.
-    pub branch: [[Real; 6]; MAX_BRANCHES],
-}
-
-impl History {
-    /// True when no number is infinite or not a number.
-    pub fn is_finite(&self) -> bool {
-        self.det.is_finite() && self.strain.iter().chain(self.branch.iter().flatten()).all(|x| x.is_finite())
-    }
-
-    /// Of an element that has always been at rest.
-    pub const REST: History = History { strain: [0.0; 6], det: 1.0, branch: [[0.0; 6]; MAX_BRANCHES] };
-}
 
 /// Where an element is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -74,9 +41,7 @@ struct Class {
 /// All elements that are in use. Nothing allocates after [`ElementPool::new`].
 #[derive(Clone, Debug)]
 pub struct ElementPool {
-    blocks: Vec<Block>,
-    /// Those of a block side by side; empty without branches.
-    memories: Vec<Memory>,
+    blocks: Blocks,
     /// Ids of the elements of each block, or [`NONE`].
     owners: Vec<[u32; LANES]>,
     /// Blocks that belong to no class, the next to be used last.
@@ -88,7 +53,6 @@ pub struct ElementPool {
     len: usize,
     capacity: usize,
     nodes: usize,
-    branches: usize,
 }
 
 impl ElementPool {
@@ -105,8 +69,7 @@ impl ElementPool {
         // Every class may have one block that is not full.
         let blocks = full + CLASSES;
         let mut pool = Self {
-            blocks: vec![UNUSED; blocks],
-            memories: vec![Memory([[0.0; LANES]; 6]); blocks * branches],
+            blocks: Blocks::new(blocks, branches),
             owners: vec![[NONE; LANES]; blocks],
             free: Vec::with_capacity(blocks),
             classes: std::array::from_fn(|_| Class { blocks: Vec::with_capacity(full + 1), count: 0 }),
@@ -115,7 +78,6 @@ impl ElementPool {
             len: 0,
             capacity,
             nodes,
-            branches,
         };
         pool.clear();
         pool
@@ -123,8 +85,7 @@ impl ElementPool {
 
     /// Takes all elements out.
     pub fn clear(&mut self) {
-        self.blocks.fill(UNUSED);
-        self.memories.fill(Memory([[0.0; LANES]; 6]));
+        self.blocks.clear();
         self.owners.fill([NONE; LANES]);
         self.places.fill(Place::OUT);
         for class in &mut self.classes {
@@ -132,7 +93,7 @@ impl ElementPool {
             class.count = 0;
         }
         self.free.clear();
-        self.free.extend((0..self.blocks.len() as u32).rev());
+        self.free.extend((0..self.blocks.all.len() as u32).rev());
         self.len = 0;
     }
 
@@ -144,7 +105,7 @@ impl ElementPool {
         &mut self,
         id: u32,
         class: usize,
-        nodes: [u32; 4],
+        nodes: [Slot; 4],
         constants: &ElementConstants,
         history: &History,
     ) -> bool {
@@ -153,18 +114,8 @@ impl ElementPool {
         if self.places[id as usize] != Place::OUT || self.len == self.capacity {
             return false;
         }
-        let (block, lane) = self.append(id, class);
-        let b = &mut self.blocks[block];
-        for (row, node) in b.node.iter_mut().zip(nodes) {
-            row[lane] = node;
-        }
-        for (row, x) in b.gradient.as_flattened_mut().iter_mut().zip(constants.gradient.as_flattened()) {
-            row[lane] = *x;
-        }
-        b.lambda[lane] = constants.lambda;
-        b.mu[lane] = constants.mu;
-        b.branch[lane] = constants.branch;
-        self.write_history(block, lane, history);
+        let lane = self.append(id, class);
+        self.blocks.write(lane, nodes, constants, history);
         self.len += 1;
         true
     }
@@ -172,8 +123,7 @@ impl ElementPool {
     /// Takes element `id` out; the last of its class takes its place. `None` when the pool does not have it.
     pub fn remove(&mut self, id: u32) -> Option<History> {
         let place = self.place(id)?;
-        let (block, lane) = self.lane(place);
-        let history = self.read_history(block, lane);
+        let history = self.blocks.history(self.lane(place));
         self.vacate(place);
         self.places[id as usize] = Place::OUT;
         self.len -= 1;
@@ -191,7 +141,7 @@ impl ElementPool {
         if place.class as usize != class {
             let from = self.lane(place);
             let to = self.append(id, class);
-            self.copy_lane(from, to);
+            self.blocks.copy(from, to);
             self.vacate(place);
         }
         true
@@ -199,35 +149,33 @@ impl ElementPool {
 
     /// Gives element `id` another stiffness: `λ·w·vol` and `μ·w·vol` [N·m]. False when the pool does not have it.
     pub fn set_stiffness(&mut self, id: u32, lambda: Real, mu: Real) -> bool {
-        let Some((block, lane)) = self.find(id) else { return false };
-        self.blocks[block].lambda[lane] = lambda;
-        self.blocks[block].mu[lane] = mu;
+        let Some(Lane { block, lane }) = self.find(id) else { return false };
+        self.blocks.all[block].lambda[lane] = lambda;
+        self.blocks.all[block].mu[lane] = mu;
         true
     }
 
     /// What element `id` remembers.
     pub fn history(&self, id: u32) -> Option<History> {
-        self.find(id).map(|(block, lane)| self.read_history(block, lane))
+        self.find(id).map(|lane| self.blocks.history(lane))
     }
 
     /// Has element `id` remember `history`. False when the pool does not have it.
     pub fn set_history(&mut self, id: u32, history: &History) -> bool {
-        let Some((block, lane)) = self.find(id) else { return false };
-        self.write_history(block, lane, history);
+        let Some(lane) = self.find(id) else { return false };
+        self.blocks.write_history(lane, history);
         true
     }
 
     /// Strain of element `id` at its last evaluation: xx, yy, zz, yz, xz, xy.
     pub fn strain(&self, id: u32) -> Option<[Real; 6]> {
         // Not by way of the whole history: the branches lie elsewhere, and this is asked for often.
-        let (block, lane) = self.find(id)?;
-        let rows = &self.blocks[block].strain;
-        Some(std::array::from_fn(|c| 0.5 * rows[c][lane]))
+        self.find(id).map(|lane| self.blocks.strain(lane))
     }
 
     /// [`ElementPool::strain`], and the determinant of the deformation gradient then.
     pub fn strain_and_det(&self, id: u32) -> Option<([Real; 6], Real)> {
-        let det = self.find(id).map(|(block, lane)| self.blocks[block].det[lane]);
+        let det = self.find(id).map(|at| self.blocks.all[at.block].det[at.lane]);
         self.strain(id).zip(det)
     }
 
@@ -239,19 +187,14 @@ impl ElementPool {
 
     /// Beyond `limit`, and when crushed, element `id` is among those [over their limit](ElementPool::over_limit).
     pub fn set_strain_limit(&mut self, id: u32, limit: StrainLimit) {
-        if let Some((block, lane)) = self.find(id) {
-            self.blocks[block].limit[lane] = limit.deviator;
-            self.blocks[block].slope[lane] = limit.slope;
+        if let Some(lane) = self.find(id) {
+            self.blocks.set_limit(lane, limit);
         }
     }
 
     /// What [`ElementPool::set_strain_limit`] has set.
     pub fn strain_limit(&self, id: u32) -> Option<StrainLimit> {
-        let limit = |(block, lane): (usize, usize)| {
-            let block = &self.blocks[block];
-            StrainLimit { deviator: block.limit[lane], slope: block.slope[lane] }
-        };
-        self.find(id).map(limit)
+        self.find(id).map(|lane| self.blocks.limit(lane))
     }
 
     /// Elements of the blocks of `class` in which the last evaluation found one over its limit.
@@ -275,8 +218,8 @@ impl ElementPool {
     }
 
     /// The nodes of element `id`.
-    pub fn nodes_of(&self, id: u32) -> Option<[u32; 4]> {
-        self.find(id).map(|(block, lane)| self.blocks[block].node.map(|row| row[lane]))
+    pub fn nodes_of(&self, id: u32) -> Option<[Slot; 4]> {
+        self.find(id).map(|lane| self.blocks.nodes(lane))
     }
 
     /// True when element `id` is in use.
@@ -315,8 +258,7 @@ impl ElementPool {
             // Lanes that are not in use hold what the kernel has left there.
             let used = (of.count - i * LANES).min(LANES);
             hash.update(bytemuck::cast_slice(&self.owners[block][..used]));
-            let memories = &self.memories[block * self.branches..(block + 1) * self.branches];
-            let b = &self.blocks[block];
+            let (b, memories) = (&self.blocks.all[block], self.blocks.memories_of(block));
             let parts = [&b.strain[..], &[b.det, b.limit, b.slope]];
             for rows in parts.into_iter().chain(memories.iter().map(|memory| &memory.0[..])) {
                 if used == LANES {
@@ -349,11 +291,11 @@ impl ElementPool {
             return Extremes::REST;
         }
         let batch = Batch {
-            blocks: &mut self.blocks,
-            memories: &mut self.memories,
+            blocks: &mut self.blocks.all,
+            memories: &mut self.blocks.memories,
             order,
             count: *count,
-            branches: self.branches,
+            branches: self.blocks.branches,
             alarmed: &mut self.alarmed[class],
         };
         let path = if path.is_available() { path } else { Path::Portable };
@@ -364,26 +306,25 @@ impl ElementPool {
     }
 
     /// What lets the kernel go without bounds checks.
-    fn check_nodes(&self, nodes: [u32; 4]) {
-        assert!(nodes.iter().all(|n| (*n as usize) < self.nodes), "an element names a lost node");
+    fn check_nodes(&self, nodes: [Slot; 4]) {
+        assert!(nodes.iter().all(|n| n.index() < self.nodes), "an element names a lost node");
     }
 
     fn place(&self, id: u32) -> Option<Place> {
         self.places.get(id as usize).copied().filter(|place| *place != Place::OUT)
     }
 
-    /// The block and the lane of a place.
-    fn lane(&self, place: Place) -> (usize, usize) {
+    fn lane(&self, place: Place) -> Lane {
         let s = place.sequence as usize;
-        (self.classes[place.class as usize].blocks[s / LANES] as usize, s % LANES)
+        Lane { block: self.classes[place.class as usize].blocks[s / LANES] as usize, lane: s % LANES }
     }
 
-    fn find(&self, id: u32) -> Option<(usize, usize)> {
+    fn find(&self, id: u32) -> Option<Lane> {
         self.place(id).map(|place| self.lane(place))
     }
 
     /// A lane at the end of `class` for element `id`. There is a free block for it: see `new`.
-    fn append(&mut self, id: u32, class: usize) -> (usize, usize) {
+    fn append(&mut self, id: u32, class: usize) -> Lane {
         let to = &mut self.classes[class];
         if to.count.is_multiple_of(LANES) {
             debug_assert!(!self.free.is_empty());
@@ -392,9 +333,9 @@ impl ElementPool {
         let place = Place { class: class as u8, sequence: to.count as u32 };
         to.count += 1;
         self.places[id as usize] = place;
-        let (block, lane) = self.lane(place);
-        self.owners[block][lane] = id;
-        (block, lane)
+        let lane = self.lane(place);
+        self.owners[lane.block][lane.lane] = id;
+        lane
     }
 
     /// Fills `place` with the last element of its class, whose lane falls into disuse.
@@ -404,92 +345,21 @@ impl ElementPool {
         let last = self.lane(Place { class: place.class, sequence: sequence as u32 });
         let hole = self.lane(place);
         if last != hole {
-            self.copy_lane(last, hole);
-            let moved = self.owners[last.0][last.1];
-            self.owners[hole.0][hole.1] = moved;
+            self.blocks.copy(last, hole);
+            let moved = self.owners[last.block][last.lane];
+            self.owners[hole.block][hole.lane] = moved;
             self.places[moved as usize] = place;
         }
-        let (block, lane) = last;
-        self.owners[block][lane] = NONE;
+        self.owners[last.block][last.lane] = NONE;
         let from = &mut self.classes[class];
         from.count = sequence;
-        if lane == 0 {
+        if last.lane == 0 {
             from.blocks.pop();
-            self.free.push(block as u32);
+            self.free.push(last.block as u32);
         }
-        // Without weight, and on nodes that are there.
-        let b = &mut self.blocks[block];
-        for row in &mut b.node {
-            row[lane] = 0;
-        }
-        for row in b.gradient.as_flattened_mut() {
-            row[lane] = 0.0;
-        }
-        b.lambda[lane] = 0.0;
-        b.mu[lane] = 0.0;
-        b.branch[lane] = 0.0;
-        b.limit[lane] = Real::INFINITY;
-        b.slope[lane] = 0.0;
-        self.write_history(block, lane, &History::REST);
-    }
-
-    /// Copies all but the owner.
-    fn copy_lane(&mut self, (from, i): (usize, usize), (to, j): (usize, usize)) {
-        let source = self.blocks[from];
-        let b = &mut self.blocks[to];
-        for (row, n) in b.node.iter_mut().zip(&source.node) {
-            row[j] = n[i];
-        }
-        for (row, x) in b.gradient.as_flattened_mut().iter_mut().zip(source.gradient.as_flattened()) {
-            row[j] = x[i];
-        }
-        b.lambda[j] = source.lambda[i];
-        b.mu[j] = source.mu[i];
-        b.branch[j] = source.branch[i];
-        b.limit[j] = source.limit[i];
-        b.slope[j] = source.slope[i];
-        let history = self.read_history(from, i);
-        self.write_history(to, j, &history);
-    }
-
-    fn read_history(&self, block: usize, lane: usize) -> History {
-        let mut branch = [[0.0; 6]; MAX_BRANCHES];
-        let memories = &self.memories[block * self.branches..(block + 1) * self.branches];
-        // Mapped, the rows of all lanes would be copied first.
-        for (d, memory) in branch.iter_mut().zip(memories) {
-            *d = std::array::from_fn(|c| 0.5 * memory.0[c][lane]);
-        }
-        let b = &self.blocks[block];
-        History { strain: std::array::from_fn(|c| 0.5 * b.strain[c][lane]), det: b.det[lane], branch }
-    }
-
-    fn write_history(&mut self, block: usize, lane: usize, history: &History) {
-        let memories = &mut self.memories[block * self.branches..(block + 1) * self.branches];
-        for (d, memory) in history.branch.iter().zip(memories) {
-            for (row, d) in memory.0.iter_mut().zip(d) {
-                row[lane] = 2.0 * d;
-            }
-        }
-        let b = &mut self.blocks[block];
-        for (row, e) in b.strain.iter_mut().zip(history.strain) {
-            row[lane] = 2.0 * e;
-        }
-        b.det[lane] = history.det;
+        self.blocks.vacate(last);
     }
 }
-
-/// A block without elements.
-const UNUSED: Block = Block {
-    node: [[0; LANES]; 4],
-    gradient: [[[0.0; LANES]; 3]; 3],
-    lambda: [0.0; LANES],
-    mu: [0.0; LANES],
-    branch: [0.0; LANES],
-    strain: [[0.0; LANES]; 6],
-    det: [1.0; LANES],
-    limit: [Real::INFINITY; LANES],
-    slope: [0.0; LANES],
-};
 
 #[cfg(test)]
 mod tests {
@@ -502,7 +372,7 @@ mod tests {
 
     #[derive(Clone, Debug)]
     enum Op {
-        Insert(u32, usize, [u32; 4]),
+        Insert(u32, usize, [Slot; 4]),
         Remove(u32),
         SetClass(u32, usize),
         SetStiffness(u32, Real),
@@ -513,7 +383,7 @@ mod tests {
     fn op() -> impl Strategy<Value = Op> {
         let id = || 0..TOTAL as u32;
         let class = || prop_oneof![8 => 0..3usize, 1 => 0..CLASSES];
-        let nodes = || prop::array::uniform4(0..NODES as u32);
+        let nodes = || prop::array::uniform4((0..NODES).prop_map(Slot::at));
         prop_oneof![
             12 => (id(), class(), nodes()).prop_map(|(i, c, n)| Op::Insert(i, c, n)),
             4 => id().prop_map(Op::Remove),
@@ -544,7 +414,7 @@ mod tests {
     /// What the pool must know of an element.
     #[derive(Clone)]
     struct Known {
-        nodes: [u32; 4],
+        nodes: [Slot; 4],
         constants: ElementConstants,
     }
 
@@ -649,9 +519,9 @@ mod tests {
         for capacity in [1, 7, 8, 9, 45, 60] {
             let mut pool = ElementPool::new(TOTAL, capacity, NODES, 1);
             for id in 0..capacity as u32 {
-                assert!(pool.insert(id, id as usize % CLASSES, [0, 1, 2, 3], &constants(id), &History::REST));
+                assert!(pool.insert(id, id as usize % CLASSES, [0, 1, 2, 3].map(Slot), &constants(id), &History::REST));
             }
-            assert!(capacity == TOTAL || !pool.insert(59, 0, [0; 4], &constants(0), &History::REST));
+            assert!(capacity == TOTAL || !pool.insert(59, 0, [Slot(0); 4], &constants(0), &History::REST));
             for class in 0..CLASSES {
                 (0..capacity as u32).for_each(|id| assert!(pool.set_class(id, class)));
                 assert_eq!(pool.count(class), capacity);
@@ -665,7 +535,7 @@ mod tests {
         ElementPool::new(TOTAL, CAPACITY, NODES, 0).insert(
             0,
             0,
-            [0, 1, 2, NODES as u32],
+            [0, 1, 2, NODES as u32].map(Slot),
             &constants(0),
             &History::REST,
         );

@@ -39,7 +39,7 @@ pub fn deformation_gradient(body: &Body, mesh: &ActiveMesh, e: u32) -> Mat3 {
 pub fn energy(body: &Body, mesh: &ActiveMesh, gravity: Vec3) -> Energy {
     let mut sum = Energy::default();
     for &slot in mesh.active() {
-        let (s, mass) = (slot as usize, mesh.motion.mass[slot as usize]);
+        let (s, mass) = (slot.index(), mesh.motion.mass[slot.index()]);
         let vec3 = |p: &[Real; 4]| Vec3::new(p[0], p[1], p[2]);
         let (x, v) = (vec3(&mesh.motion.position[s]), vec3(&mesh.motion.velocity[s]));
         sum.kinetic += 0.5 * mass * v.norm_squared();

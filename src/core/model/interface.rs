@@ -8,15 +8,16 @@
 use super::active_set::{ActiveSet, Status};
 use super::body::Body;
 use crate::math::{Real, Vec3};
+use crate::visited::Visited;
 
 /// Most masters of an interface node.
 pub const MOST_MASTERS: usize = 10;
 
 /// How far a node hangs on others.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct InterfaceRow {
-    /// Masters; only the first `len` count.
-    node: [u32; MOST_MASTERS],
+pub struct InterfaceRow<Id> {
+    /// Masters, nodes of the body or their slots; only the first `len` count.
+    master: [Id; MOST_MASTERS],
     weight: [Real; MOST_MASTERS],
     len: u8,
     /// It hangs in one element, and does so while all of that is active.
@@ -25,25 +26,30 @@ pub struct InterfaceRow {
     pub reach_squared: Real,
 }
 
-impl InterfaceRow {
+impl<Id: Copy + Default> InterfaceRow<Id> {
     /// No masters.
-    pub const EMPTY: InterfaceRow = InterfaceRow {
-        node: [0; MOST_MASTERS],
-        weight: [0.0; MOST_MASTERS],
-        len: 0,
-        hosted: false,
-        reach_squared: 0.0,
-    };
-
-    /// Masters and weights.
-    pub fn entries(&self) -> impl Iterator<Item = (u32, Real)> + '_ {
-        self.node[..usize::from(self.len)].iter().copied().zip(self.weight[..usize::from(self.len)].iter().copied())
+    pub fn empty() -> Self {
+        Self {
+            master: [Id::default(); MOST_MASTERS],
+            weight: [0.0; MOST_MASTERS],
+            len: 0,
+            hosted: false,
+            reach_squared: 0.0,
+        }
     }
 
-    /// Replaces each master's number by `number(master)`.
-    pub fn renumbered(mut self, number: impl Fn(u32) -> u32) -> Self {
-        self.node[..usize::from(self.len)].iter_mut().for_each(|n| *n = number(*n));
-        self
+    /// Masters and weights.
+    pub fn entries(&self) -> impl Iterator<Item = (Id, Real)> + '_ {
+        self.master[..usize::from(self.len)].iter().copied().zip(self.weight[..usize::from(self.len)].iter().copied())
+    }
+
+    /// Calls each master by `number(master)`.
+    pub fn renumbered<To: Copy + Default>(&self, number: impl Fn(Id) -> To) -> InterfaceRow<To> {
+        let len = usize::from(self.len);
+        let mut master = [To::default(); MOST_MASTERS];
+        master[..len].iter_mut().zip(&self.master[..len]).for_each(|(to, from)| *to = number(*from));
+        let Self { weight, len, hosted, reach_squared, .. } = *self;
+        InterfaceRow { master, weight, len, hosted, reach_squared }
     }
 
     /// `Σ |w|`, at least 1: how much the row amplifies.
@@ -61,8 +67,8 @@ impl InterfaceRow {
         self.len == 0
     }
 
-    fn push(&mut self, node: u32, weight: Real) {
-        self.node[usize::from(self.len)] = node;
+    fn push(&mut self, master: Id, weight: Real) {
+        self.master[usize::from(self.len)] = master;
         self.weight[usize::from(self.len)] = weight;
         self.len += 1;
     }
@@ -75,10 +81,9 @@ pub struct Search {
     found: Vec<(Real, u32)>,
     /// Nodes whose neighbours have been looked at.
     ring: Vec<u32>,
-    /// Turn in which each node was looked at, and that in which it was stood in for.
-    stamp: Vec<u32>,
-    stood_in: Vec<u32>,
-    turn: u32,
+    /// Nodes that have been looked at, and those that have been stood in for.
+    looked_at: Visited,
+    stood_in: Visited,
     origin: Vec3,
     /// Squared distance [m²] of the farthest node that was looked at, and of the farthest of the host's.
     reach_squared: Real,
@@ -91,9 +96,8 @@ impl Search {
         Self {
             found: Vec::with_capacity(body.node_count().min(4096)),
             ring: Vec::with_capacity(body.node_count().min(4096)),
-            stamp: vec![0; body.node_count()],
-            stood_in: vec![0; body.node_count()],
-            turn: 0,
+            looked_at: Visited::new(body.node_count()),
+            stood_in: Visited::new(body.node_count()),
             origin: Vec3::zeros(),
             reach_squared: 0.0,
             host_squared: 0.0,
@@ -103,12 +107,8 @@ impl Search {
     fn begin(&mut self, origin: Vec3) {
         self.found.clear();
         self.ring.clear();
-        self.turn = self.turn.wrapping_add(1);
-        if self.turn == 0 {
-            self.stamp.fill(0);
-            self.stood_in.fill(0);
-            self.turn = 1;
-        }
+        self.looked_at.clear();
+        self.stood_in.clear();
         self.origin = origin;
         (self.reach_squared, self.host_squared) = (0.0, 0.0);
     }
@@ -116,8 +116,7 @@ impl Search {
     /// Looks at `n`: notes how far away it is; the first time, whether it is active.
     fn look(&mut self, body: &Body, set: &ActiveSet, n: u32) -> Status {
         let status = set.status(n);
-        if self.stamp[n as usize] != self.turn {
-            self.stamp[n as usize] = self.turn;
+        if self.looked_at.visit(n as usize) {
             let distance = (body.rest(n) - self.origin).norm_squared();
             self.reach_squared = self.reach_squared.max(distance);
             // A node too many is a node too far: there is room for every neighbourhood that can occur.
@@ -130,7 +129,7 @@ impl Search {
 
     /// Finds the active nodes that stand for the region of `n`: itself, one above it, or the next below it.
     fn stand_in(&mut self, body: &Body, set: &ActiveSet, n: u32) {
-        if std::mem::replace(&mut self.stood_in[n as usize], self.turn) == self.turn {
+        if !self.stood_in.visit(n as usize) {
             return;
         }
         match self.look(body, set, n) {
@@ -154,7 +153,7 @@ impl Search {
     }
 
     /// The row of node `n`, which is not active.
-    pub fn row(&mut self, body: &Body, set: &ActiveSet, n: u32) -> InterfaceRow {
+    pub fn row(&mut self, body: &Body, set: &ActiveSet, n: u32) -> InterfaceRow<u32> {
         self.begin(body.rest(n));
         let host = match set.status(n) {
             Status::Refined => body.finer_host(n),
@@ -163,7 +162,7 @@ impl Search {
         if let Some(host) = host {
             let nodes = body.element(host.element);
             if nodes.iter().filter(|v| self.look(body, set, **v) == Status::Active).count() == 4 {
-                let mut row = InterfaceRow::EMPTY;
+                let mut row = InterfaceRow::empty();
                 nodes.iter().zip(host.weights).for_each(|(v, w)| row.push(*v, w));
                 return InterfaceRow { hosted: true, reach_squared: self.reach_squared, ..row };
             }
@@ -194,8 +193,8 @@ impl Search {
         body.neighbours(n).iter().for_each(|v| self.stand_in(body, set, *v));
     }
 
-    fn nearest_only(&self) -> InterfaceRow {
-        let mut row = InterfaceRow { reach_squared: Real::INFINITY, ..InterfaceRow::EMPTY };
+    fn nearest_only(&self) -> InterfaceRow<u32> {
+        let mut row = InterfaceRow { reach_squared: Real::INFINITY, ..InterfaceRow::empty() };
         if let Some((_, n)) = self.found.first() {
             row.push(*n, 1.0);
         }
@@ -204,7 +203,7 @@ impl Search {
 
     /// Moving least squares on the nearest found nodes, every `stride`-th of them: `P_j = θ_j (1, d_j)·y`, `Σ θ_j (1, d_j)(1, d_j)ᵀ y = (1, 0)`,
     /// `d_j` the offset from the interface node and `θ_j = 1/(d_j² + ε²)²`. `None` when they are too few or flat.
-    fn fit(&mut self, body: &Body, stride: usize) -> Option<InterfaceRow> {
+    fn fit(&mut self, body: &Body, stride: usize) -> Option<InterfaceRow<u32>> {
         let nearer = |a: &(Real, u32), b: &(Real, u32)| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1));
         // Only the nearest are asked for then.
         if stride == 1 && self.found.len() > MOST_MASTERS {
@@ -247,7 +246,7 @@ impl Search {
         // The nearest of all that were found stay the nearest, whatever changes farther away.
         let full = stride == 1 && count == MOST_MASTERS;
         let reach_squared = if full { self.host_squared.max(used[count - 1].0) } else { self.reach_squared };
-        let mut row = InterfaceRow { reach_squared, ..InterfaceRow::EMPTY };
+        let mut row = InterfaceRow { reach_squared, ..InterfaceRow::empty() };
         for &(_, n) in used {
             let (m, theta) = moment(n);
             row.push(n, theta * (m[0] * y[0] + m[1] * y[1] + m[2] * y[2] + m[3] * y[3]));

@@ -5,7 +5,7 @@
 use super::active_mesh::ActiveMesh;
 use super::body::Body;
 use super::material::COLLAPSE_ONSET;
-use crate::math::{Real, Vec3};
+use crate::math::{Bounds, Real, Vec3};
 
 /// A body that is knotted for as many frames in a row does not come out of it: two seconds.
 pub const KNOT_FRAMES: u32 = 64;
@@ -26,7 +26,7 @@ impl Home {
     pub fn new(body: &Body, mesh: &ActiveMesh) -> Self {
         let mut skin = vec![Vec3::zeros(); body.surface().vertices.len()];
         mesh.skin(&mut skin);
-        let (low, high) = body.surface().bounds();
+        let Bounds { low, high } = body.surface().bounds();
         Self { skin, far: KNOT_SIZE * (high - low).norm() }
     }
 

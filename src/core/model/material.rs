@@ -8,7 +8,7 @@
 //! `½ k (J − 0.6)²` where `J = det F < 0.6`, `k = 8(λ + 2μ)`: the force then rises monotonically and the body
 //! recovers.
 
-use crate::math::{Mat3, Real};
+use crate::math::{Mat3, Real, symmetric};
 use serde::{Deserialize, Serialize};
 
 /// `J` below which the compression term acts.
@@ -63,8 +63,7 @@ impl Material {
 
     /// `S:E`, `S:E²` and `S:E³` [J/m³] of St. Venant–Kirchhoff's law at Green's strain `E`: xx, yy, zz, yz, xz, xy.
     pub fn works(&self, strain: &[Real; 6]) -> [Real; 3] {
-        let [xx, yy, zz, yz, xz, xy] = *strain;
-        let e = Mat3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz);
+        let e = symmetric(*strain);
         let squared = e * e;
         let traces = [e.trace(), squared.trace(), e.dot(&squared), squared.dot(&squared)];
         std::array::from_fn(|i| self.lambda * traces[0] * traces[i] + 2.0 * self.mu * traces[i + 1])
@@ -118,7 +117,7 @@ mod tests {
         let f = Mat3::new(0.9, 0.1, 0.0, -0.05, 1.1, 0.2, 0.1, 0.0, 0.8);
         let e = (f.transpose() * f - Mat3::identity()) * 0.5;
         let stress = Mat3::identity() * (m.lambda * e.trace()) + e * (2.0 * m.mu);
-        let given = [e[(0, 0)], e[(1, 1)], e[(2, 2)], e[(1, 2)], e[(0, 2)], e[(0, 1)]];
+        let given = crate::math::components(&e);
         let expected = [stress.dot(&e), stress.dot(&(e * e)), stress.dot(&(e * e * e))];
         for (work, expected) in m.works(&given).iter().zip(expected) {
             assert!((work - expected).abs() < 1e-12 * m.mu, "{work} and {expected}");

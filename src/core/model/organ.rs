@@ -3,10 +3,7 @@
 //! Every body has one at least. Vertices, triangles, and the nodes and elements of each level stand organ by organ, so that
 //! a count of each says whose is what.
 
-use super::body::BodyParts;
-use crate::geometry::locate::Host;
 use crate::hierarchy::Level;
-use crate::hierarchy::level::NOWHERE;
 use crate::math::{Real, Vec3};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
@@ -103,56 +100,4 @@ pub(super) fn organs(parts: &[OrganParts], finest: usize, levels: &[Level]) -> V
         }
     };
     parts.iter().map(&mut next).collect()
-}
-
-/// Refuses organs that are not those of the body, or that share anything; all else of `parts` has been checked.
-pub(super) fn check(parts: &BodyParts) -> Result<(), String> {
-    let BodyParts { organs, surface, levels, materials, .. } = parts;
-    if organs.is_empty() {
-        return Ok(());
-    }
-    if organs.len() > MOST_ORGANS || organs.iter().any(|organ| organ.levels.len() != levels.len()) {
-        return Err(format!("{} organs: a body has 1 to {MOST_ORGANS}, each on every level", organs.len()));
-    }
-    let of = |r: usize| organs.iter().map(move |organ| &organ.levels[r]);
-    let positive = |level: &OrganLevel| level.spacing > 0.0 && level.least_mass >= 0.0;
-    let known = |organ: &OrganParts| usize::from(organ.material) < materials.len();
-    if !(0..levels.len()).flat_map(of).all(positive) || !organs.iter().all(known) {
-        return Err("an organ has a spacing or a material that is none".into());
-    }
-    let shared = || "organs share a part, or have none of the surface or of a level".to_owned();
-    let vertices = owners(organs.iter().map(|o| o.vertices), surface.vertices.len()).ok_or_else(shared)?;
-    let triangles = owners(organs.iter().map(|o| o.triangles), surface.triangles.len()).ok_or_else(shared)?;
-    // True where nothing names a thing of another organ.
-    fn own(owner: &[u8], mut names: impl Iterator<Item = (usize, u32)>, of: &[u8]) -> bool {
-        names.all(|(i, named)| named == NOWHERE || of.get(named as usize) == Some(&owner[i]))
-    }
-    let corners = surface.triangles.iter().enumerate().flat_map(|(t, corners)| corners.map(|v| (t, v)));
-    let mut apart = own(&triangles, corners, &vertices);
-    let mut coarser: Option<(Vec<u8>, Vec<u8>)> = None;
-    for (r, level) in levels.iter().enumerate() {
-        let nodes = owners(of(r).map(|l| l.nodes), level.mesh.nodes.len()).ok_or_else(shared)?;
-        let elements = owners(of(r).map(|l| l.elements), level.mesh.elements.len()).ok_or_else(shared)?;
-        let corners = level.mesh.elements.iter().enumerate().flat_map(|(e, corners)| corners.map(|n| (e, n)));
-        apart &= own(&elements, corners, &nodes);
-        apart &= own(&vertices, hosts(&level.embedding), &elements);
-        if let Some((coarse_nodes, coarse_elements)) = &coarser {
-            apart &= own(&nodes, level.parent.iter().copied().enumerate(), coarse_nodes);
-            apart &= own(&nodes, hosts(&level.coarser_host), coarse_elements);
-            apart &= own(coarse_nodes, hosts(&levels[r - 1].finer_host), &elements);
-        }
-        coarser = Some((nodes, elements));
-    }
-    if apart { Ok(()) } else { Err(shared()) }
-}
-
-fn hosts(of: &[Host]) -> impl Iterator<Item = (usize, u32)> + '_ {
-    of.iter().map(|host| host.element).enumerate()
-}
-
-/// Which organ each of `total` things is of, when `counts` says how many each has; `None` unless that is at least one
-/// each and all of them together.
-fn owners(counts: impl Iterator<Item = u32> + Clone, total: usize) -> Option<Vec<u8>> {
-    let fits = counts.clone().all(|n| n > 0) && counts.clone().map(u64::from).sum::<u64>() == total as u64;
-    fits.then(|| counts.zip(0..).flat_map(|(count, organ)| std::iter::repeat_n(organ, count as usize)).collect())
 }

@@ -1,12 +1,12 @@
 //! Everything about a body that moves, as it is saved, sent and restored.
 
-use super::active_mesh::Ease;
 use super::active_set::ActiveSet;
 use super::body::Body;
 use super::element_kernel::StrainLimit;
 use super::element_pool::{CLASSES, History};
-use super::step_class;
+use super::step_class::{self, Ease};
 use crate::math::{Real, Vec3, is_finite};
+use crate::visited::Visited;
 use serde::{Deserialize, Serialize};
 
 /// The active nodes and what they do. Order counts: forces are summed in it.
@@ -54,7 +54,7 @@ impl State {
         nodes.iter().for_each(|n| active[*n as usize] = true);
         let mut classes = vec![Vec::new(); CLASSES];
         let mut interface = Vec::new();
-        let mut listed = vec![false; body.node_count()];
+        let mut listed = Visited::new(body.node_count());
         for e in 0..body.element_count() as u32 {
             let corners = body.element(e);
             if !corners.iter().any(|n| active[*n as usize]) {
@@ -62,7 +62,7 @@ impl State {
             }
             classes[step_class::class_at_rest(body, e)].push(e);
             for n in corners {
-                if !active[n as usize] && !std::mem::replace(&mut listed[n as usize], true) {
+                if !active[n as usize] && listed.visit(n as usize) {
                     interface.push(n);
                 }
             }

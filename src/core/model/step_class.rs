@@ -35,14 +35,15 @@ const LONGEST_CONTACT_CLASS: usize = 1;
 /// Contact need not be held more often than this: the dent below the mesh's size is softer than the step's inertia.
 pub const SHORTEST_CONTACT_CLASS: usize = 2;
 
+/// Classes of steps by which held forces act: with the elements, or the contact, that they stand for. Those of shorter steps
+/// count to the last.
+pub const EASE_CLASSES: usize = SHORTEST_CONTACT_CLASS + 1;
+/// By class of step.
+pub type Ease<T> = [T; EASE_CLASSES];
+
 /// The class of steps by which contact is held on a body whose elements' shortest steps are of class `finest`.
 pub fn contact_class(finest: usize) -> usize {
     finest.clamp(LONGEST_CONTACT_CLASS, SHORTEST_CONTACT_CLASS)
-}
-
-/// The class of steps by which supports act on `mesh`.
-pub fn support_class(body: &Body, mesh: &super::ActiveMesh) -> usize {
-    class_in(body, 1.0 / mesh.stiffest_spring().max(1.0).sqrt())
 }
 
 /// Step of class `class` [s].

@@ -4,6 +4,7 @@
 
 use super::interface::InterfaceRow;
 use super::lanes::Padded;
+use crate::ids::Slot;
 use crate::math::Real;
 
 /// Registers that a sweep may use.
@@ -49,30 +50,30 @@ macro_rules! sweep {
 
 sweep! {
     /// Places the interface nodes in `slots` where the rows' masters say: `x_i = Σ_j P_ij x_j`.
-    place(rows: &[InterfaceRow], slots: &[u32], position: &mut [Padded]) {
+    place(rows: &[InterfaceRow<Slot>], slots: &[Slot], position: &mut [Padded]) {
         for &slot in slots {
             let mut sum = [0.0; 4];
-            for (master, weight) in rows[slot as usize].entries() {
-                let x = &position[master as usize];
+            for (master, weight) in rows[slot.index()].entries() {
+                let x = &position[master.index()];
                 for c in 0..4 {
                     sum[c] += weight * x[c];
                 }
             }
-            position[slot as usize] = sum;
+            position[slot.index()] = sum;
         }
     }
 }
 
 sweep! {
     /// Hands the forces on the interface nodes in `slots` to their masters: `f_j += P_ij f_i`, and `f_i = 0`.
-    hand_back(rows: &[InterfaceRow], slots: &[u32], force: &mut [Padded]) {
+    hand_back(rows: &[InterfaceRow<Slot>], slots: &[Slot], force: &mut [Padded]) {
         for &slot in slots {
-            let f = std::mem::replace(&mut force[slot as usize], [0.0; 4]);
+            let f = std::mem::replace(&mut force[slot.index()], [0.0; 4]);
             if f == [0.0; 4] {
                 continue;
             }
-            for (master, weight) in rows[slot as usize].entries() {
-                let to = &mut force[master as usize];
+            for (master, weight) in rows[slot.index()].entries() {
+                let to = &mut force[master.index()];
                 for c in 0..4 {
                     to[c] += weight * f[c];
                 }
@@ -95,10 +96,10 @@ pub struct Falling<'a> {
 
 sweep! {
     /// Free fall of the nodes in `slots` up to `now` [s] in the field `gravity` [m/s²].
-    fall(slots: &[u32], falling: Falling, gravity: Padded, now: Real) {
+    fall(slots: &[Slot], falling: Falling, gravity: Padded, now: Real) {
         let Falling { position, velocity, inverse_mass, time } = falling;
         for &slot in slots {
-            let s = slot as usize;
+            let s = slot.index();
             let step = now - std::mem::replace(&mut time[s], now);
             if inverse_mass[s] > 0.0 {
                 let (x, v) = (&mut position[s], &mut velocity[s]);
@@ -113,9 +114,9 @@ sweep! {
 
 sweep! {
     /// Gives the nodes in `slots` the impulse of their forces over `step` [s], and sets these to zero.
-    kick(slots: &[u32], inverse_mass: &[Real], step: Real, force: &mut [Padded], velocity: &mut [Padded]) {
+    kick(slots: &[Slot], inverse_mass: &[Real], step: Real, force: &mut [Padded], velocity: &mut [Padded]) {
         for &slot in slots {
-            let s = slot as usize;
+            let s = slot.index();
             let f = std::mem::replace(&mut force[s], [0.0; 4]);
             let impulse = step * inverse_mass[s];
             let v = &mut velocity[s];
@@ -134,7 +135,7 @@ mod tests {
     fn all_registers_give_the_same_bits() {
         let number = |i: usize, c: usize| (2.0 + i as Real - 3.1 * c as Real).abs().sqrt() - 1.3;
         let run = |registers: Registers| {
-            let slots: Vec<u32> = (0..40).collect();
+            let slots: Vec<Slot> = (0..40).map(Slot).collect();
             let mut field: [Vec<Padded>; 3] =
                 [0, 1, 2].map(|k| (0..40).map(|i| [0, 1, 2, 3].map(|c| number(7 * i + k, c))).collect());
             let inverse_mass: Vec<Real> = (0..40).map(|i| if i % 9 == 0 { 0.0 } else { number(i, 0).abs() }).collect();

@@ -42,11 +42,11 @@ pub fn solve(mesh: &mut ActiveMesh, constraints: &mut [Constraint], prepared: &m
     // By tool: the sum of what its points push with.
     let mut pushed = [Pushed::default(); MOST_TOOLS];
     for c in constraints.iter() {
-        pushed[c.tool as usize].add(&c.arm, &(c.normal * c.multiplier + c.friction.multiplier));
+        pushed[c.tool.index()].add(&c.arm, &(c.normal * c.multiplier + c.friction.multiplier));
     }
     for (i, p) in prepared[..constraints.len()].iter_mut().enumerate() {
         let c = &constraints[i];
-        let mobility: Real = c.row.entries().iter().map(|&(n, b)| b * b * inverse_mass[n as usize]).sum();
+        let mobility: Real = c.row.entries().iter().map(|&(n, b)| b * b * inverse_mass[n.index()]).sum();
         // Those of other tools have a compliance of zero.
         let others = || constraints[c.first as usize..].iter().zip(&c.compliance);
         let place = c.row.interpolate(&motion.position);
@@ -70,7 +70,7 @@ pub fn solve(mesh: &mut ActiveMesh, constraints: &mut [Constraint], prepared: &m
             let i = if sweep % 2 == 0 { k } else { constraints.len() - 1 - k };
             let (c, p) = (&mut constraints[i], &prepared[i]);
             let moved = step * c.normal.dot(&c.row.interpolate(&motion.velocity));
-            let pushed = &mut pushed[c.tool as usize];
+            let pushed = &mut pushed[c.tool.index()];
             let open = p.position + moved - p.target + c.normal.dot(&pushed.give(&c.allowed_for, &c.coupling, &c.arm));
             let turned = c.coupling.angular_compliance * c.arm.cross(&c.normal).norm_squared();
             let mobility = p.mobility + c.coupling.compliance + turned;
@@ -111,8 +111,8 @@ pub fn solve(mesh: &mut ActiveMesh, constraints: &mut [Constraint], prepared: &m
 /// Gives the point's nodes the impulse `impulse`·`direction` [N·s] through its row.
 fn push(velocity: &mut [Padded], inverse_mass: &[Real], c: &Constraint, direction: &Vec3, impulse: Real) {
     for &(n, b) in c.row.entries() {
-        let change = direction * (impulse * b * inverse_mass[n as usize]);
-        for (v, d) in velocity[n as usize].iter_mut().zip(change.iter()) {
+        let change = direction * (impulse * b * inverse_mass[n.index()]);
+        for (v, d) in velocity[n.index()].iter_mut().zip(change.iter()) {
             *v += d;
         }
     }

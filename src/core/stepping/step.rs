@@ -8,19 +8,21 @@
 
 use super::constraint_solve::{self, Prepared};
 use super::work::{Laps, Part};
+use crate::ids::Slot;
 use crate::math::{Real, Vec3};
-use crate::model::active_mesh::{Ease, Motion};
+use crate::model::active_mesh::Motion;
 use crate::model::element_kernel::{Extremes, Path, Rates};
 use crate::model::element_pool::CLASSES;
-use crate::model::step_class::{self, STEP_VISCOSITY, TICK};
+use crate::model::step_class::{self, Ease, STEP_VISCOSITY, TICK};
 use crate::model::sweeps::{self, Falling, Registers};
 use crate::model::{ActiveMesh, Body, Constraint};
+use crate::visited::Visited;
 
 /// Nodes that the elements of one class concern.
 #[derive(Debug, Default)]
 struct Concerned {
-    active: Vec<u32>,
-    interface: Vec<u32>,
+    active: Vec<Slot>,
+    interface: Vec<Slot>,
     /// Entries of the interface nodes' rows.
     entries: u32,
     revision: Option<u32>,
@@ -33,11 +35,11 @@ pub struct Workspace {
     time: Vec<Real>,
     prepared: Vec<Prepared>,
     concerned: Vec<Concerned>,
-    stamp: Vec<u32>,
-    turn: u32,
-    contact_nodes: Vec<u32>,
+    /// Slots that have been noted.
+    noted: Visited,
+    contact_nodes: Vec<Slot>,
     /// Active nodes that something is held on.
-    eased: Ease<Vec<u32>>,
+    eased: Ease<Vec<Slot>>,
 }
 
 impl Workspace {
@@ -51,29 +53,49 @@ impl Workspace {
             concerned: (0..CLASSES)
                 .map(|_| Concerned { active: list(), interface: list(), entries: 0, revision: None })
                 .collect(),
-            stamp: vec![0; slots],
-            turn: 0,
+            noted: Visited::new(slots),
             contact_nodes: list(),
             eased: std::array::from_fn(|_| list()),
         }
     }
 }
 
-/// Moves `mesh` by one tick, and tells `laps` what it does, in the field `gravity` [m/s²], and leaves the mean
-/// multiplier of each constraint over the tick.
+/// What no step changes.
+#[derive(Clone, Copy, Debug)]
+pub struct World<'a> {
+    /// Form of the kernel; it makes no difference but of time.
+    pub path: Path,
+    /// The body.
+    pub body: &'a Body,
+    /// [m/s²].
+    pub gravity: Vec3,
+}
+
+/// What is due within a tick.
+#[derive(Clone, Copy, Debug)]
+struct Due {
+    /// When [s].
+    now: Real,
+    /// The elements of this class.
+    class: usize,
+    /// And the supports.
+    held: bool,
+}
+
+/// Moves `mesh` by one tick, and tells `laps` what it does, and leaves the mean multiplier of each constraint over the
+/// tick.
 pub fn tick(
-    path: Path,
-    body: &Body,
+    world: &World,
     mesh: &mut ActiveMesh,
     constraints: &mut [Constraint],
-    gravity: Vec3,
     work: &mut Workspace,
     laps: &mut dyn Laps,
 ) -> Extremes {
+    let World { body, gravity, .. } = *world;
     let mut extremes = Extremes::REST;
     let finest = mesh.finest_class();
     let contact = step_class::contact_class(finest);
-    let holds = step_class::support_class(body, mesh);
+    let holds = mesh.support_class(body);
     collect_eased(mesh, work);
     let mut deepest = finest.max(work.eased.iter().rposition(|slots| !slots.is_empty()).unwrap_or(0));
     if !constraints.is_empty() {
@@ -94,7 +116,7 @@ pub fn tick(
         let held = class == holds && !body.holds().is_empty();
         let touched = class == contact && !constraints.is_empty();
         if mesh.pool().count(class) > 0 || held || !of_class(&work.eased, class).is_empty() {
-            let elements = event((path, body, gravity), mesh, (class, held), now, work, laps);
+            let elements = event(world, mesh, Due { now, class, held }, work, laps);
             extremes = extremes.join(&elements);
         }
         if touched {
@@ -109,7 +131,7 @@ pub fn tick(
         }
     }
     drift_all(&mut work.time, mesh, gravity, TICK);
-    mesh.active().iter().for_each(|s| work.time[*s as usize] = 0.0);
+    mesh.active().iter().for_each(|s| work.time[s.index()] = 0.0);
     laps.lap(Part::Node, mesh.active().len() as u32);
     mesh.place_interface();
     laps.lap(Part::Row, mesh.row_entries());
@@ -121,15 +143,9 @@ pub fn tick(
     extremes
 }
 
-/// The elements of `class` are due at `now` [s], and the springs when `held`.
-fn event(
-    (path, body, gravity): (Path, &Body, Vec3),
-    mesh: &mut ActiveMesh,
-    (class, held): (usize, bool),
-    now: Real,
-    work: &mut Workspace,
-    laps: &mut dyn Laps,
-) -> Extremes {
+/// Moves what is `due`.
+fn event(world: &World, mesh: &mut ActiveMesh, due: Due, work: &mut Workspace, laps: &mut dyn Laps) -> Extremes {
+    let (World { path, body, gravity }, Due { now, class, held }) = (*world, due);
     let step = step_class::step_of(class);
     let (rates, registers) = (rates(body, step), mesh.registers());
     let eased = of_class(&work.eased, class);
@@ -211,19 +227,14 @@ fn find_concerned(mesh: &ActiveMesh, class: usize, held: bool, work: &mut Worksp
     if work.concerned[class].revision == Some(mesh.revision(class)) {
         return;
     }
-    work.turn = work.turn.wrapping_add(1);
-    if work.turn == 0 {
-        work.stamp.fill(0);
-        work.turn = 1;
-    }
-    let turn = work.turn;
+    work.noted.clear();
     let Concerned { active, interface, entries, revision } = &mut work.concerned[class];
-    let stamp = &mut work.stamp;
+    let noted = &mut work.noted;
     active.clear();
     interface.clear();
     *entries = 0;
-    let mut note = |slot: u32| {
-        if std::mem::replace(&mut stamp[slot as usize], turn) == turn {
+    let mut note = |slot: Slot| {
+        if !noted.visit(slot.index()) {
             return;
         }
         if mesh.is_master(slot) {
@@ -233,7 +244,7 @@ fn find_concerned(mesh: &ActiveMesh, class: usize, held: bool, work: &mut Worksp
         interface.push(slot);
         for (master, _) in mesh.row(slot).entries() {
             *entries += 1;
-            if std::mem::replace(&mut stamp[master as usize], turn) != turn {
+            if noted.visit(master.index()) {
                 active.push(master);
             }
         }
@@ -250,7 +261,7 @@ fn find_concerned(mesh: &ActiveMesh, class: usize, held: bool, work: &mut Worksp
 }
 
 /// Nodes that something is held on by steps of `class`; none for the shortest steps.
-fn of_class(eased: &Ease<Vec<u32>>, class: usize) -> &[u32] {
+fn of_class(eased: &Ease<Vec<Slot>>, class: usize) -> &[Slot] {
     eased.get(class).map_or(&[], Vec::as_slice)
 }
 
@@ -260,7 +271,7 @@ fn collect_eased(mesh: &ActiveMesh, work: &mut Workspace) {
         return;
     }
     for &slot in mesh.active() {
-        for (slots, ease) in work.eased.iter_mut().zip(&mesh.motion.ease[slot as usize]) {
+        for (slots, ease) in work.eased.iter_mut().zip(&mesh.motion.ease[slot.index()]) {
             if *ease != [0.0; 4] {
                 slots.push(slot);
             }
@@ -269,14 +280,10 @@ fn collect_eased(mesh: &ActiveMesh, work: &mut Workspace) {
 }
 
 fn collect_contact_nodes(constraints: &[Constraint], work: &mut Workspace) {
-    work.turn = work.turn.wrapping_add(1);
-    if work.turn == 0 {
-        work.stamp.fill(0);
-        work.turn = 1;
-    }
+    work.noted.clear();
     work.contact_nodes.clear();
     for &(slot, _) in constraints.iter().flat_map(|c| c.row.entries()) {
-        if std::mem::replace(&mut work.stamp[slot as usize], work.turn) != work.turn {
+        if work.noted.visit(slot.index()) {
             work.contact_nodes.push(slot);
         }
     }
@@ -293,7 +300,7 @@ pub fn add_elastic_forces(path: Path, mesh: &mut ActiveMesh) {
 }
 
 /// Free fall of the nodes in `slots` up to `now` [s].
-fn drift(slots: &[u32], time: &mut [Real], mesh: &mut ActiveMesh, gravity: Vec3, now: Real) {
+fn drift(slots: &[Slot], time: &mut [Real], mesh: &mut ActiveMesh, gravity: Vec3, now: Real) {
     let registers = mesh.registers();
     fall(registers, slots, &mut mesh.motion, time, gravity, now);
 }
@@ -304,23 +311,23 @@ fn drift_all(time: &mut [Real], mesh: &mut ActiveMesh, gravity: Vec3, now: Real)
     fall(registers, active, motion, time, gravity, now);
 }
 
-fn fall(registers: Registers, slots: &[u32], motion: &mut Motion, time: &mut [Real], gravity: Vec3, now: Real) {
+fn fall(registers: Registers, slots: &[Slot], motion: &mut Motion, time: &mut [Real], gravity: Vec3, now: Real) {
     let Motion { position, velocity, inverse_mass, .. } = motion;
     let falling = Falling { position, velocity, inverse_mass, time };
     sweeps::fall(registers, slots, falling, [gravity.x, gravity.y, gravity.z, 0.0], now);
 }
 
 /// What is held on the nodes in `slots` acts now, with the elements of `class`.
-fn add_eases(slots: &[u32], motion: &mut Motion, class: usize) {
+fn add_eases(slots: &[Slot], motion: &mut Motion, class: usize) {
     for &slot in slots {
-        let ease = motion.ease[slot as usize][class];
-        for (f, e) in motion.force[slot as usize].iter_mut().zip(ease) {
+        let ease = motion.ease[slot.index()][class];
+        for (f, e) in motion.force[slot.index()].iter_mut().zip(ease) {
             *f += e;
         }
     }
 }
 
-fn kick(registers: Registers, slots: &[u32], motion: &mut Motion, step: Real) {
+fn kick(registers: Registers, slots: &[Slot], motion: &mut Motion, step: Real) {
     let Motion { velocity, force, inverse_mass, .. } = motion;
     sweeps::kick(registers, slots, inverse_mass, step, force, velocity);
 }

@@ -333,7 +333,7 @@ pub fn of_motion(body: &Body, mesh: &ActiveMesh, prices: &Prices, contacts: u32)
         (nodes, rows) = (nodes + (of_nodes << class), rows + (of_rows << class));
         time = time.saturating_add(prices.of(Part::Element(class as u8), elements << class));
     }
-    let supports = (mesh.support_count() as u32) << step_class::support_class(body, mesh);
+    let supports = (mesh.support_count() as u32) << mesh.support_class(body);
     let solves = contacts << step_class::contact_class(mesh.finest_class());
     [(Part::Node, nodes), (Part::Row, rows), (Part::Support, supports), (Part::Solve, solves)]
         .into_iter()

@@ -2,7 +2,7 @@
 
 use super::elastic_keys::{LARGEST_POISSON_RATIO, STIFFNESS};
 use super::organ_keys::OrganKeys;
-use super::tool_keys::ToolKeys;
+use super::tool_keys::{ToolKeys, centimetre};
 use garde::Validate;
 use palpate_body::geometry::mesh_io::LengthUnit;
 use palpate_body::prepare::Region;
@@ -12,7 +12,7 @@ use palpate_core::adaptation::{Adaptivity, finest_steppable};
 use palpate_core::contact::safety::ForceLimits;
 use palpate_core::contact::tool::{Following, MOST_TOOLS};
 use palpate_core::geometry::locate::{Host, Locator};
-use palpate_core::math::{Real, Vec3};
+use palpate_core::math::{Bounds, Real, Vec3};
 use palpate_core::model::element_pool::CLASSES;
 use palpate_core::model::organ::MOST_ORGANS;
 use palpate_core::model::step_class::step_of;
@@ -252,7 +252,7 @@ impl RegionKeys {
         match (self.centre, self.radius, self.min, self.max, self.label) {
             (Some(centre), Some(radius), None, None, None) => Some(Reach::Ball(Vec3::from(centre), radius).into()),
             (None, None, Some(min), Some(max), None) if (0..3).all(|c| min[c] < max[c]) => {
-                Some(Reach::Box(Vec3::from(min), Vec3::from(max)).into())
+                Some(Reach::Box(Bounds::new(Vec3::from(min), Vec3::from(max))).into())
             }
             (None, None, None, None, Some(label)) => Some(Place::Labelled(label)),
             _ => None,
@@ -392,9 +392,6 @@ pub struct ProbeKeys {
 fn one() -> Real {
     1.0
 }
-pub(super) fn centimetre() -> Real {
-    0.01
-}
 fn decimetre() -> [Real; 3] {
     [0.1; 3]
 }
@@ -414,12 +411,12 @@ fn falling(spacings: &[Real], _: &()) -> garde::Result {
 
 impl HoldKeys {
     /// The region, for a body of this box.
-    pub(super) fn region(&self, (low, high): (Vec3, Vec3)) -> Region {
+    pub(super) fn region(&self, body: Bounds) -> Region {
         let place = |corner: [Real; 3]| {
             let corner = Vec3::from(corner);
-            if self.relative { low + (high - low).component_mul(&corner) } else { corner }
+            if self.relative { body.low + body.size().component_mul(&corner) } else { corner }
         };
-        Region { bounds: (place(self.min), place(self.max)), stiffness: self.stiffness, exact: self.exact }
+        Region { bounds: Bounds::new(place(self.min), place(self.max)), stiffness: self.stiffness, exact: self.exact }
     }
 }
 
@@ -490,9 +487,8 @@ impl Scene {
     }
 
     /// The box that poses must lie in [m].
-    pub fn workspace(&self, body: &Body) -> (Vec3, Vec3) {
-        let (low, high) = body.surface().bounds();
-        (low.add_scalar(-self.safety.workspace_margin), high.add_scalar(self.safety.workspace_margin))
+    pub fn workspace(&self, body: &Body) -> Bounds {
+        body.surface().bounds().grown(self.safety.workspace_margin)
     }
 
     /// Where each probe lies on each level that reaches there, coarsest first; elements are numbered through.

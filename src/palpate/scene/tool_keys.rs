@@ -1,6 +1,5 @@
 //! The keys of a tool: its shape in words, and the shape that follows from them.
 
-use super::keys::centimetre;
 use garde::Validate;
 use palpate_body::geometry::mesh_io::LengthUnit;
 use palpate_core::contact::tool::{Part, Shape, Tool};
@@ -123,6 +122,9 @@ pub struct PartKeys {
 /// Rounding where none is given [m].
 pub const ROUNDING: Real = 5e-4;
 
+pub(super) fn centimetre() -> Real {
+    0.01
+}
 pub(super) fn upright() -> [Real; 4] {
     Pose::default().orientation
 }

@@ -3,7 +3,7 @@
 use super::{ServerError, Shared, lock, network};
 use crate::realtime::mailbox::PoseSlot;
 use crate::wire::{Gate, Refusal};
-use palpate_core::math::Vec3;
+use palpate_core::math::Bounds;
 use palpate_proto::keys;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
@@ -24,7 +24,7 @@ struct Door {
 }
 
 impl ToolInput {
-    pub(super) fn new(slots: Vec<triple_buffer::Input<Option<PoseSlot>>>, workspace: (Vec3, Vec3)) -> Self {
+    pub(super) fn new(slots: Vec<triple_buffer::Input<Option<PoseSlot>>>, workspace: Bounds) -> Self {
         let door = |slot| {
             Mutex::new(Door { gate: Gate { epoch: 0, sequence: 0, workspace }, slot, last_pose: Instant::now() })
         };

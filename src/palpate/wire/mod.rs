@@ -6,7 +6,7 @@ pub mod surface;
 use palpate_core::contact::safety::Limited;
 use palpate_core::contact::tool::{Coupling, MOST_TOOLS, Phase, PoseSample, ToolEvent, ToolState};
 use palpate_core::feedback::LocalModel;
-use palpate_core::math::{Pose, Real, Vec3, normalized_quaternion};
+use palpate_core::math::{Bounds, Pose, Real, Vec3, normalized_quaternion};
 use palpate_core::simulation::{Budget, Inputs, Prices, TickFlags, ToolOutput};
 use palpate_proto as proto;
 use palpate_proto::Message;
@@ -64,7 +64,7 @@ pub struct Gate {
     /// Last sequence number that passed, 0 before the first.
     pub sequence: u32,
     /// Least and greatest corner of where a tool may be [m].
-    pub workspace: (Vec3, Vec3),
+    pub workspace: Bounds,
 }
 
 impl Gate {
@@ -87,7 +87,7 @@ impl Gate {
         let orientation = normalized_quaternion(orientation)
             .filter(|_| (length_squared - 1.0).abs() < 0.02)
             .ok_or(Refusal::BadOrientation)?;
-        let (low, high) = self.workspace;
+        let Bounds { low, high } = self.workspace;
         if !(0..3).all(|c| position[c] >= low[c] && position[c] <= high[c]) {
             return Err(Refusal::OutOfRange);
         }
@@ -264,7 +264,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn gate() -> Gate {
-        Gate { epoch: 7, sequence: 0, workspace: (Vec3::repeat(-1.0), Vec3::repeat(1.0)) }
+        Gate { epoch: 7, sequence: 0, workspace: Bounds::new(Vec3::repeat(-1.0), Vec3::repeat(1.0)) }
     }
 
     fn pose(change: impl Fn(&mut proto::ToolPose)) -> Vec<u8> {

@@ -3,7 +3,7 @@
 use crate::scene::Scene;
 use crate::scene::tool_keys::{ToolKeys, ToolKind};
 use palpate_core::contact::tool::MOST_TOOLS;
-use palpate_core::math::Vec3;
+use palpate_core::math::Bounds;
 use palpate_core::model::{Body, Organ};
 use palpate_core::simulation::{TICK, TICKS_PER_FRAME};
 use palpate_proto as proto;
@@ -11,7 +11,7 @@ use palpate_proto as proto;
 /// A session of `scene` with `body`, whose tools nobody holds; who serves it, where and at what tick is left open.
 pub fn describe(scene: &Scene, body: &Body) -> proto::Session {
     let material = body.material();
-    let corners = |(low, high): (Vec3, Vec3)| low.iter().chain(high.iter()).copied().collect();
+    let corners = |Bounds { low, high }: Bounds| low.iter().chain(high.iter()).copied().collect();
     proto::Session {
         version_major: proto::VERSION_MAJOR,
         version_minor: proto::VERSION_MINOR,

@@ -3,7 +3,7 @@
 use super::session::organs;
 use super::tool_state;
 use palpate_core::contact::tool::{Phase, ToolState};
-use palpate_core::math::{Real, Vec3};
+use palpate_core::math::{Bounds, Real, Vec3};
 use palpate_core::model::Body;
 use palpate_proto as proto;
 use palpate_proto::surface::{CodeError, GridPoint, KEY_INTERVAL, SurfaceCode};
@@ -93,7 +93,7 @@ const MOST_TILT: Real = 1.4 * std::f64::consts::PI / 180.0;
 /// δ P, P the sum of the edges opposite to the vertex; and δ is at most √3/2 steps.
 pub fn grid_step(body: &Body) -> Real {
     let surface = body.surface();
-    let (low, high) = surface.bounds();
+    let Bounds { low, high } = surface.bounds();
     let diagonal = (high - low).norm();
     let mut ring = vec![(Vec3::zeros(), 0.0); surface.vertices.len()];
     for t in &surface.triangles {

@@ -4,7 +4,7 @@
 //! bytes on all of them.
 
 use super::block::Block;
-use super::system::System;
+use super::matrix::Rows;
 use palpate_core::math::Real;
 use std::collections::VecDeque;
 
@@ -28,22 +28,22 @@ const MOST_ENTRIES: usize = 300_000;
 impl Direct {
     /// None where the grid does as well, for a body that nothing holds, of whose rigid motions roundings would make much, or
     /// when the stiffness is not finite.
-    pub(super) fn new(system: &System) -> Option<Direct> {
-        let nodes = system.start.len() - 1;
-        if nodes < FEWEST_NODES || system.holds.is_none() {
+    pub(super) fn new(rows: &Rows, is_held: bool) -> Option<Direct> {
+        let nodes = rows.start.len() - 1;
+        if nodes < FEWEST_NODES || !is_held {
             return None;
         }
-        let order = order(system);
+        let order = order(rows);
         let mut place = vec![0; nodes];
         order.iter().enumerate().for_each(|(i, n)| place[*n as usize] = i);
         // Rows of fixed nodes are empty, and what rows of others have of them has no effect.
         let entries = |n: u32| {
-            let row = system.start[n as usize] as usize..system.start[n as usize + 1] as usize;
-            row.filter(|entry| is_free(system, system.column[*entry]))
+            let row = rows.start[n as usize] as usize..rows.start[n as usize + 1] as usize;
+            row.filter(|entry| is_free(rows, rows.column[*entry]))
         };
         let (mut first, mut start) = (Vec::with_capacity(3 * nodes), vec![0]);
         for (i, n) in order.iter().enumerate() {
-            let least = entries(*n).map(|entry| place[system.column[entry] as usize]).fold(i, usize::min);
+            let least = entries(*n).map(|entry| place[rows.column[entry] as usize]).fold(i, usize::min);
             for row in 3 * i..3 * i + 3 {
                 first.push(3 * least);
                 start.push(start[row] + row + 1 - 3 * least);
@@ -55,8 +55,8 @@ impl Direct {
         let mut factor = vec![0.0; start[3 * nodes]];
         for (i, n) in order.iter().enumerate() {
             for entry in entries(*n) {
-                let (j, mut k) = (place[system.column[entry] as usize], system.elastic[entry]);
-                (0..3).for_each(|c| k[c][c] += system.spring[entry]);
+                let (j, mut k) = (place[rows.column[entry] as usize], rows.elastic[entry]);
+                (0..3).for_each(|c| k[c][c] += rows.spring[entry]);
                 for (a, row) in (3 * i..).zip(&k) {
                     for (b, value) in (3 * j..).zip(row).filter(|(b, _)| *b <= a) {
                         factor[start[a] + b - first[a]] = *value;
@@ -67,7 +67,7 @@ impl Direct {
         // Soft holds would leave pivots of rounding errors; and fixed nodes do not give way at all.
         let diagonal = |row: usize| start[row + 1] - 1;
         let mean = (0..3 * nodes).map(|row| factor[diagonal(row)]).sum::<Real>() / (3 * nodes) as Real;
-        let added = |row: usize| if is_free(system, order[row / 3]) { ADDED * mean } else { Real::INFINITY };
+        let added = |row: usize| if is_free(rows, order[row / 3]) { ADDED * mean } else { Real::INFINITY };
         (0..3 * nodes).for_each(|row| factor[diagonal(row)] += added(row));
         let mut direct = Direct { order, first, start, factor };
         direct.factorize().then_some(direct)
@@ -145,15 +145,15 @@ fn product(a: &[Real], b: &[Real]) -> Real {
 }
 
 /// False for fixed nodes.
-fn is_free(system: &System, n: u32) -> bool {
-    system.start[n as usize] < system.start[n as usize + 1]
+fn is_free(rows: &Rows, n: u32) -> bool {
+    rows.start[n as usize] < rows.start[n as usize + 1]
 }
 
 /// Nodes so that neighbours are close to each other [Cuthill and McKee 1969, reversed]: from one end of the body to the
 /// other, pieces that fixed nodes cut off one after the other.
-fn order(system: &System) -> Vec<u32> {
-    let nodes = system.start.len() - 1;
-    let around = |n: u32| &system.column[system.start[n as usize] as usize..system.start[n as usize + 1] as usize];
+fn order(rows: &Rows) -> Vec<u32> {
+    let nodes = rows.start.len() - 1;
+    let around = |n: u32| &rows.column[rows.start[n as usize] as usize..rows.start[n as usize + 1] as usize];
     let mut reached = vec![0u32; nodes];
     let mut round = 0;
     // All that hangs together with `first`, from near to far, fewer neighbours first.
@@ -164,7 +164,7 @@ fn order(system: &System) -> Vec<u32> {
         while let Some(n) = open.pop_front() {
             order.push(n);
             let mut next: Vec<u32> = Vec::new();
-            for m in around(n).iter().filter(|m| is_free(system, **m)) {
+            for m in around(n).iter().filter(|m| is_free(rows, **m)) {
                 if std::mem::replace(&mut reached[*m as usize], round) != round {
                     next.push(*m);
                 }

@@ -1,9 +1,9 @@
 //! The coarsest correction, solved directly.
 
 use super::block::Block;
-use super::system::System;
+use super::matrix::Rows;
 use palpate_core::hierarchy::Level;
-use palpate_core::math::{Real, Vec3};
+use palpate_core::math::{Bounds, Real, Vec3};
 
 /// A box grid around the coarsest level, coarse enough to be solved directly: what moves large parts of the body.
 pub(super) struct Grid {
@@ -20,9 +20,9 @@ const MOST_GRID_POINTS: usize = 150;
 
 impl Grid {
     /// None when the mesh has no extent or its stiffness is not finite.
-    pub(super) fn new(level: &Level, system: &System) -> Option<Grid> {
+    pub(super) fn new(level: &Level, stiff: &Rows) -> Option<Grid> {
         let nodes = &level.mesh.nodes;
-        let low = nodes.iter().fold(Vec3::repeat(Real::INFINITY), |low, u| low.inf(u));
+        let low = Bounds::of(nodes.iter().copied()).low;
         let extent = nodes.iter().fold(0.0, |extent: Real, u| extent.max((u - low).max()));
         // The eight grid points around a node, as whole numbers of cells.
         let around = |u: &Vec3, cell: Real| {
@@ -51,17 +51,17 @@ impl Grid {
             (corners.map(|c| points.binary_search(&c).unwrap_or(0) as u32), corners.each_ref().map(weight))
         };
         let mut rows: Vec<_> = nodes.iter().map(row).collect();
-        for (_, (_, weights)) in rows.iter_mut().enumerate().filter(|(n, _)| system.is_fixed(*n)) {
+        for (_, (_, weights)) in rows.iter_mut().enumerate().filter(|(n, _)| stiff.of(*n).is_empty()) {
             *weights = [0.0; 8];
         }
 
         let size = 3 * points.len();
         let mut stiffness = vec![0.0; size * size];
         for (n, row) in rows.iter().enumerate() {
-            for entry in system.start[n] as usize..system.start[n + 1] as usize {
-                let mut k = system.elastic[entry];
-                (0..3).for_each(|i| k[i][i] += system.spring[entry]);
-                let column = &rows[system.column[entry] as usize];
+            for entry in stiff.of(n) {
+                let mut k = stiff.elastic[entry];
+                (0..3).for_each(|i| k[i][i] += stiff.spring[entry]);
+                let column = &rows[stiff.column[entry] as usize];
                 for (a, weight_a) in row.0.iter().zip(row.1) {
                     for (b, weight_b) in column.0.iter().zip(column.1) {
                         // The lower triangle is all that the factor reads.

@@ -25,6 +25,7 @@ mod block;
 mod direct;
 mod grid;
 mod load;
+mod matrix;
 mod rigid;
 mod softness;
 mod solver;
@@ -32,6 +33,7 @@ mod system;
 
 use block::{Block, ZERO, add_scaled, columns, product};
 use load::{balanced_load, weight};
+use matrix::weights_of;
 use palpate_core::hierarchy::Level;
 use palpate_core::math::{Mat3, Real, Vec3};
 use palpate_core::model::material::Material;
@@ -39,7 +41,7 @@ use rayon::prelude::*;
 use rigid::{holds_firmly, mean_motion};
 use softness::local_factors;
 use solver::{SLOW, TOLERANCE, solve};
-use system::{System, gradients, row};
+use system::{System, row};
 
 /// Smallest factor ever returned: with a smaller one the level's own shape and holds are wrong, not its stiffness.
 pub const LEAST_FACTOR: Real = 0.2;
@@ -204,7 +206,7 @@ fn mean_modulus(levels: &[Level], l: usize, material: &impl Fn(usize, usize) -> 
 /// `½ λ (tr ε)² + μ ε:ε`.
 fn part_of_shear(level: &Level, material: impl Fn(usize) -> Material + Sync, factors: &[Real], u: &[Block]) -> Real {
     let of_element = |e: usize| {
-        let (gradients, volume) = gradients(&level.mesh.corners(e));
+        let (gradients, volume) = weights_of(&level.mesh.corners(e));
         let (material, weight) = (material(e), factors[e] * level.fraction[e] * volume);
         let (mut all, mut sheared) = (0.0, 0.0);
         for axis in 0..3 {

@@ -6,8 +6,9 @@
 //! to the finest level's in the least squares over the mass.
 
 use super::block::{Block, ZERO, add_scaled, columns};
+use super::matrix::weights_of;
 use super::rigid::Arms;
-use super::system::{System, gradients};
+use super::system::System;
 use super::{Answer, CalibrationError, answer, scaled, within};
 use nalgebra::{SMatrix, SVector};
 use palpate_core::math::{Mat3, Real, Vec3};
@@ -82,7 +83,7 @@ fn loads(system: &System, material: impl Fn(usize) -> Material, terms: &[Terms],
     let level = system.level;
     let mut loads = vec![vec![ZERO; u.len()]; TERMS];
     for (e, nodes) in level.mesh.elements.iter().enumerate() {
-        let (gradients, volume) = gradients(&level.mesh.corners(e));
+        let (gradients, volume) = weights_of(&level.mesh.corners(e));
         let Material { lambda, mu, .. } = material(e);
         let mut force = [ZERO; 4];
         for axis in 0..3 {

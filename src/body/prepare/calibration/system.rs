@@ -3,13 +3,13 @@
 use super::block::{Block, ZERO, add_scaled, columns, for_each_node};
 use super::direct::Direct;
 use super::grid::Grid;
+use super::matrix::Rows;
 use super::rigid::{Arms, RigidMotion, held_points, rigid_modes, rigid_stiffness};
 use palpate_core::geometry::TetMesh;
 use palpate_core::geometry::locate::Host;
 use palpate_core::hierarchy::Level;
-use palpate_core::math::{Mat3, Real, Vec3};
+use palpate_core::math::{Mat3, Real};
 use palpate_core::model::material::Material;
-use rayon::prelude::*;
 
 /// The linear equations of one level at rest, `(elastic + spring) u = load`, by rows of node blocks.
 ///
@@ -19,14 +19,8 @@ pub(super) struct System<'a> {
     pub(super) level: &'a Level,
     /// None when they do not hold the body firmly; then fixed nodes are left free, too.
     pub(super) holds: Option<&'a [(u32, Real)]>,
-    /// Row starts (n_nodes + 1) into the three lists below.
-    pub(super) start: Vec<u32>,
-    /// Node of each entry, ascending within a row.
-    pub(super) column: Vec<u32>,
-    /// Elastic stiffness [N/m].
-    pub(super) elastic: Vec<Block>,
-    /// Stiffness of the holds [N/m], the same along each axis.
-    pub(super) spring: Vec<Real>,
+    /// The matrix.
+    pub(super) rows: Rows,
     /// Inverse of the diagonal blocks [m/N], zero at fixed nodes (n_nodes).
     pub(super) inverse_diagonal: Vec<Block>,
     /// Force that deforms the body, per axis [N] for an acceleration of 1 m/s² (n_nodes).
@@ -55,22 +49,21 @@ impl<'a> System<'a> {
         if holds.is_some() {
             level.fixed.iter().for_each(|n| fixed[*n as usize] = true);
         }
-        let (start, column, elastic) = elastic_rows(level, |e| material(l, e), &fixed);
-        let mut spring = vec![0.0; column.len()];
+        let mut rows = Rows::elastic(level, |e| material(l, e), &fixed);
         for &(vertex, stiffness) in holds.unwrap_or_default() {
             let (nodes, weights) = row(&level.embedding[vertex as usize], &level.mesh);
             for (a, weight_a) in nodes.iter().zip(weights) {
                 for (b, weight_b) in nodes.iter().zip(weights) {
-                    if let Some(entry) = entry(&start, &column, *a, *b) {
-                        spring[entry] += stiffness * weight_a * weight_b;
+                    if let Some(entry) = rows.entry(*a, *b) {
+                        rows.spring[entry] += stiffness * weight_a * weight_b;
                     }
                 }
             }
         }
         let inverse = |n: u32| {
-            let diagonal = entry(&start, &column, n, n)?;
+            let diagonal = rows.entry(n, n)?;
             // Symmetric, so that rows for columns make no difference.
-            let block = Mat3::from(elastic[diagonal]) + Mat3::identity() * spring[diagonal];
+            let block = Mat3::from(rows.elastic[diagonal]) + Mat3::identity() * rows.spring[diagonal];
             block.try_inverse().map(Block::from)
         };
         let inverse_diagonal = (0..n_nodes as u32).map(|n| inverse(n).unwrap_or(ZERO)).collect();
@@ -82,10 +75,7 @@ impl<'a> System<'a> {
         let mut system = System {
             level,
             holds,
-            start,
-            column,
-            elastic,
-            spring,
+            rows,
             inverse_diagonal,
             load: Vec::new(),
             coarser,
@@ -95,9 +85,9 @@ impl<'a> System<'a> {
             direct: None,
         };
         if l == 0 {
-            system.direct = Direct::new(&system);
+            system.direct = Direct::new(&system.rows, holds.is_some());
             if system.direct.is_none() {
-                system.grid = Grid::new(level, &system);
+                system.grid = Grid::new(level, &system.rows);
             }
         }
         system
@@ -148,19 +138,20 @@ impl<'a> System<'a> {
     /// Force of the springs on node `n` [N] at the displacements `u`, backwards.
     pub(super) fn force_of_holds(&self, n: usize, u: &[Block]) -> Block {
         let mut force = ZERO;
-        for entry in self.start[n] as usize..self.start[n + 1] as usize {
-            add_scaled(&mut force, self.spring[entry], &u[self.column[entry] as usize]);
+        for entry in self.rows.of(n) {
+            add_scaled(&mut force, self.rows.spring[entry], &u[self.rows.column[entry] as usize]);
         }
         force
     }
 
+    /// True for a node that does not move.
     pub(super) fn is_fixed(&self, n: usize) -> bool {
-        self.start[n] == self.start[n + 1]
+        self.rows.of(n).is_empty()
     }
 
     /// True when each node has a place in the next coarser level.
     pub(super) fn is_tied(&self) -> bool {
-        !self.coarser.is_empty() && self.coarser.len() + 1 == self.start.len()
+        !self.coarser.is_empty() && self.coarser.len() + 1 == self.rows.start.len()
     }
 
     /// Adds the coarser level's displacement, interpolated; fixed nodes stay.
@@ -192,14 +183,14 @@ impl<'a> System<'a> {
     /// Force of node `n` [N] at the displacements `u`: row `n` of the matrix times `u`.
     pub(super) fn force(&self, n: usize, u: &[Block]) -> Block {
         let (mut elastic, mut spring) = (ZERO, ZERO);
-        for entry in self.start[n] as usize..self.start[n + 1] as usize {
-            let (u, k) = (&u[self.column[entry] as usize], &self.elastic[entry]);
+        for entry in self.rows.of(n) {
+            let (u, k) = (&u[self.rows.column[entry] as usize], &self.rows.elastic[entry]);
             for i in 0..3 {
                 for j in 0..3 {
                     elastic[i][j] += k[i][0] * u[0][j] + k[i][1] * u[1][j] + k[i][2] * u[2][j];
                 }
             }
-            add_scaled(&mut spring, self.spring[entry], u);
+            add_scaled(&mut spring, self.rows.spring[entry], u);
         }
         add_scaled(&mut spring, 1.0, &elastic);
         spring
@@ -209,79 +200,6 @@ impl<'a> System<'a> {
 /// The four nodes that carry a point of `mesh`, and their weights.
 pub(super) fn row(host: &Host, mesh: &TetMesh) -> ([u32; 4], [Real; 4]) {
     (mesh.elements[host.element as usize], host.weights)
-}
-
-/// The elastic stiffness of a level by rows: starts, columns and blocks [N/m]; fixed nodes get empty rows.
-fn elastic_rows(
-    level: &Level,
-    material: impl Fn(usize) -> Material + Sync,
-    fixed: &[bool],
-) -> (Vec<u32>, Vec<u32>, Vec<Block>) {
-    let mesh = &level.mesh;
-    let n_nodes = mesh.nodes.len();
-    let corners: Vec<(u32, u32)> = {
-        let all = mesh.elements.iter().enumerate();
-        let mut corners: Vec<_> = all.flat_map(|(e, nodes)| nodes.map(|n| (n, e as u32))).collect();
-        corners.sort_unstable();
-        corners
-    };
-    let starts: Vec<usize> = (0..=n_nodes).map(|n| corners.partition_point(|c| (c.0 as usize) < n)).collect();
-    let row = |n: usize| {
-        let mut row: Vec<(u32, Block)> = Vec::with_capacity(28);
-        if fixed[n] {
-            return row;
-        }
-        for &(_, e) in &corners[starts[n]..starts[n + 1]] {
-            let (e, u) = (e as usize, mesh.corners(e as usize));
-            let (gradients, volume) = gradients(&u);
-            let material = material(e);
-            let lambda = material.lambda * level.fraction[e] * volume;
-            let mu = material.mu * level.fraction[e] * volume;
-            let nodes = mesh.elements[e];
-            let Some(a) = nodes.iter().position(|m| *m as usize == n) else { continue };
-            let ga = gradients[a];
-            for (m, gb) in nodes.into_iter().zip(gradients) {
-                let place = row.iter().position(|(column, _)| *column == m).unwrap_or_else(|| {
-                    row.push((m, ZERO));
-                    row.len() - 1
-                });
-                let both = mu * ga.dot(&gb);
-                for i in 0..3 {
-                    for j in 0..3 {
-                        row[place].1[i][j] += lambda * ga[i] * gb[j] + mu * gb[i] * ga[j];
-                    }
-                    row[place].1[i][i] += both;
-                }
-            }
-        }
-        row.sort_unstable_by_key(|(column, _)| *column);
-        row
-    };
-    let rows: Vec<_> = (0..n_nodes).into_par_iter().map(row).collect();
-    let mut start = vec![0];
-    let (mut column, mut block) = (Vec::new(), Vec::new());
-    for row in rows {
-        for (c, b) in row {
-            column.push(c);
-            block.push(b);
-        }
-        start.push(column.len() as u32);
-    }
-    (start, column, block)
-}
-
-/// Gradients of the barycentric coordinates [1/m] of the tetrahedron `u`, and its volume [m³].
-pub(super) fn gradients(u: &[Vec3; 4]) -> ([Vec3; 4], Real) {
-    let (a, b, c) = (u[1] - u[0], u[2] - u[0], u[3] - u[0]);
-    let six_volume = a.cross(&b).dot(&c);
-    let (g1, g2, g3) = (b.cross(&c) / six_volume, c.cross(&a) / six_volume, a.cross(&b) / six_volume);
-    ([-(g1 + g2 + g3), g1, g2, g3], six_volume / 6.0)
-}
-
-/// Index of column `b` in row `a`; none in the rows of fixed nodes.
-fn entry(start: &[u32], column: &[u32], a: u32, b: u32) -> Option<usize> {
-    let first = start[a as usize] as usize;
-    column[first..start[a as usize + 1] as usize].binary_search(&b).ok().map(|i| first + i)
 }
 
 /// Rows of four weights by column: starts (n_columns + 1) into row and weight.

@@ -3,6 +3,7 @@
 use super::{ActiveMesh, Work, vec3};
 use crate::geometry::locate::Host;
 use crate::geometry::tet_mesh::barycentric;
+use crate::ids::Slot;
 use crate::math::{Real, Vec3};
 use crate::model::active_set::Status;
 use crate::model::body::Body;
@@ -14,7 +15,7 @@ pub struct Attachment {
     /// Its element.
     pub element: u32,
     /// Slots of the element's nodes.
-    pub slots: [u32; 4],
+    pub slots: [Slot; 4],
     /// Barycentric weights.
     pub weights: [Real; 4],
     /// Spacing of the element's level [m].
@@ -26,7 +27,7 @@ impl Attachment {
     fn place<'p>(&self, position: impl Fn(usize) -> &'p Padded) -> Padded {
         let mut sum = [0.0; 4];
         for (slot, w) in self.slots.iter().zip(self.weights) {
-            let x = position(*slot as usize);
+            let x = position(slot.index());
             for c in 0..4 {
                 sum[c] += w * x[c];
             }
@@ -62,7 +63,7 @@ impl ActiveMesh {
 
     /// Where it was before the change that is under way.
     fn place_before(&self, attachment: &Attachment) -> Padded {
-        let moved = |slot: usize| self.work.slot_stamp[slot] == self.work.turn;
+        let moved = |slot: usize| self.work.moved_slots.contains(slot);
         attachment.place(|slot| if moved(slot) { &self.work.was[slot] } else { &self.motion.position[slot] })
     }
 
@@ -81,14 +82,14 @@ impl ActiveMesh {
     }
 
     /// Slots whose nodes the last change has put elsewhere, or there in the first place.
-    pub fn moved(&self) -> &[u32] {
+    pub fn moved(&self) -> &[Slot] {
         &self.work.moved
     }
 
     /// Remembers where the node in `slot` is, before a change puts it elsewhere for the first time.
-    pub(super) fn remember_place(&mut self, slot: u32) {
-        let s = slot as usize;
-        if std::mem::replace(&mut self.work.slot_stamp[s], self.work.turn) != self.work.turn {
+    pub(super) fn remember_place(&mut self, slot: Slot) {
+        let s = slot.index();
+        if self.work.moved_slots.visit(s) {
             self.work.was[s] = self.motion.position[s];
             self.work.moved.push(slot);
         }
@@ -137,16 +138,16 @@ impl ActiveMesh {
     /// Returns how many of them, the first ones, may hang elsewhere; the others are on what has moved.
     fn find_shifted(&mut self, body: &Body) -> usize {
         self.work.shifted.clear();
-        let Self { work: Work { shifted, vertex_stamp, turn, moved, elements, .. }, attachment, .. } = self;
+        let Self { work: Work { shifted, noted_vertices, moved, elements, .. }, attachment, .. } = self;
         let mut add = |shifted: &mut Vec<u32>, v: u32| {
-            if std::mem::replace(&mut vertex_stamp[v as usize], *turn) != *turn {
+            if noted_vertices.visit(v as usize) {
                 shifted.push(v);
             }
         };
         elements.iter().flat_map(|e| body.hosted(*e)).chain(&self.astray).for_each(|v| add(shifted, *v));
         let may_hang_elsewhere = shifted.len();
         for slot in moved.iter() {
-            for &e in body.elements_around(self.node[*slot as usize]) {
+            for &e in body.elements_around(self.node[slot.index()]) {
                 let on_it = body.hosted(e).iter().filter(|v| attachment[**v as usize].element == e);
                 on_it.for_each(|v| add(shifted, *v));
             }

@@ -6,16 +6,15 @@
 //! elements are due. They add up to nothing, as those between the elements do, and so do their moments.
 
 use super::foresight::sides;
+use super::skin;
 use super::{ActiveMesh, Upkeep, constants, padded, vec3};
-use crate::math::{Mat3, Real, Vec3};
+use crate::ids::Slot;
+use crate::math::{Real, Vec3};
 use crate::model::active_set::Change;
 use crate::model::body::Body;
 use crate::model::constraint::PointMemory;
 use crate::model::element_kernel::Padded;
-use crate::model::element_pool::{ElementConstants, History};
-use crate::model::material::{COLLAPSE_ONSET, COLLAPSE_STIFFNESS};
-use crate::model::skin;
-use crate::model::step_class::{self, SHORTEST_CONTACT_CLASS};
+use crate::model::step_class::{self, EASE_CLASSES, Ease};
 
 /// What acts on a body from outside.
 #[derive(Clone, Copy, Debug)]
@@ -25,12 +24,6 @@ pub struct Loads<'a> {
     /// [m/s²].
     pub gravity: Vec3,
 }
-
-/// Classes of steps by which held forces act: with the elements, or the contact, that they stand for. Those of shorter steps
-/// count to the last.
-const EASE_CLASSES: usize = SHORTEST_CONTACT_CLASS + 1;
-/// By class of step.
-pub type Ease<T> = [T; EASE_CLASSES];
 
 /// Nothing held.
 pub(super) const NO_EASE: Ease<Padded> = [[0.0; 4]; EASE_CLASSES];
@@ -57,8 +50,8 @@ impl ActiveMesh {
     }
 
     /// What is held on the active node in `slot` [N].
-    pub fn eased(&self, slot: u32) -> Vec3 {
-        self.motion.ease[slot as usize].iter().map(vec3).sum()
+    pub fn eased(&self, slot: Slot) -> Vec3 {
+        self.motion.ease[slot.index()].iter().map(vec3).sum()
     }
 
     /// Adds to what is held `sign` times what accelerates each active node, as far as the concerned elements and `loads` go:
@@ -74,7 +67,7 @@ impl ActiveMesh {
         let class = step_class::contact_class(self.finest_class());
         self.hold_points(body, loads, class, sign);
         for &slot in &self.active {
-            let s = slot as usize;
+            let s = slot.index();
             if self.motion.inverse_mass[s] > 0.0 {
                 let weight = loads.gravity * (self.motion.mass[s] * sign);
                 let ease = &mut self.motion.ease[s][class];
@@ -84,28 +77,30 @@ impl ActiveMesh {
     }
 
     /// Holds `force` [N] more on the node in `slot`, with steps of `class`: on its masters, if it is an interface node.
-    fn hold_on(&mut self, slot: u32, class: usize, force: Vec3) {
+    fn hold_on(&mut self, slot: Slot, class: usize, force: Vec3) {
         let motion = &mut self.motion;
-        let mut hold = |slot: u32, weight: Real| {
-            if motion.inverse_mass[slot as usize] > 0.0 {
-                let ease = &mut motion.ease[slot as usize][class];
+        let mut hold = |slot: Slot, weight: Real| {
+            if motion.inverse_mass[slot.index()] > 0.0 {
+                let ease = &mut motion.ease[slot.index()][class];
                 *ease = padded(vec3(ease) + force * weight);
             }
         };
-        if self.set.is_active(self.node[slot as usize]) {
+        if self.set.is_active(self.node[slot.index()]) {
             hold(slot, 1.0);
         } else {
-            self.row[slot as usize].entries().for_each(|(master, weight)| hold(master, weight));
+            self.row[slot.index()].entries().for_each(|(master, weight)| hold(master, weight));
         }
     }
 
     /// Class of what is held of element `e`, its nodes' slots and the forces on them [N]; `None` unless it is in use.
-    fn weigh_element(&self, body: &Body, e: u32) -> Option<(usize, [u32; 4], [Vec3; 4])> {
+    fn weigh_element(&self, body: &Body, e: u32) -> Option<(usize, [Slot; 4], [Vec3; 4])> {
         let class = self.pool.class_of(e)?;
         let history = self.pool.history(e)?;
         let slots = body.element(e).map(|n| self.slot[n as usize]);
-        let x = slots.map(|slot| vec3(&self.motion.position[slot as usize]));
-        let forces = element_forces(body, &constants(body, e, self.active_vertices[e as usize]), &history, &x);
+        let x = slots.map(|slot| vec3(&self.motion.position[slot.index()]));
+        let constants = constants(body, e, self.active_vertices[e as usize]);
+        let f = constants.deformation(&x);
+        let forces = constants.forces(&f, &constants.stress(&f, body.maxwell().iter().map(|b| b.modulus), &history));
         Some((class.min(EASE_CLASSES - 1), slots, forces))
     }
 
@@ -127,7 +122,7 @@ impl ActiveMesh {
     pub(super) fn collect_eases(&mut self, body: &Body, changes: &[Change]) {
         self.work.handed.clear();
         for change in changes {
-            let slots = sides(body, change).0.iter().map(|n| self.slot[*n as usize] as usize);
+            let slots = sides(body, change).0.iter().map(|n| self.slot[*n as usize].index());
             let sum = |class: usize| slots.clone().map(|s| vec3(&self.motion.ease[s][class])).sum();
             self.work.handed.push(std::array::from_fn(sum));
         }
@@ -136,9 +131,9 @@ impl ActiveMesh {
     /// Hands it to them, in parts as their masses.
     pub(super) fn hand_eases_over(&mut self, body: &Body, changes: &[Change]) {
         for (change, handed) in changes.iter().zip(&self.work.handed) {
-            let slots = || sides(body, change).1.iter().map(|n| self.slot[*n as usize] as usize);
+            let slots = || sides(body, change).1.iter().map(|n| self.slot[*n as usize].index());
             let mass: Real = slots().map(|s| self.motion.mass[s]).sum();
-            for s in sides(body, change).1.iter().map(|n| self.slot[*n as usize] as usize) {
+            for s in sides(body, change).1.iter().map(|n| self.slot[*n as usize].index()) {
                 self.motion.ease[s] = handed.map(|held| padded(held * (self.motion.mass[s] / mass)));
             }
         }
@@ -146,7 +141,7 @@ impl ActiveMesh {
 
     /// Element `e` is to go over to steps of `class`: what is held of its forces goes along, so that it acts with them.
     pub(super) fn hand_ease_on(&mut self, body: &Body, e: u32, class: usize) {
-        let ease = |mesh: &Self, n: u32, class: usize| mesh.motion.ease[mesh.slot[n as usize] as usize][class];
+        let ease = |mesh: &Self, n: u32, class: usize| mesh.motion.ease[mesh.slot[n as usize].index()][class];
         let eased = |n: &u32| (0..EASE_CLASSES).any(|class| ease(self, *n, class) != [0.0; 4]);
         if !body.element(e).iter().any(eased) {
             return;
@@ -174,35 +169,10 @@ impl ActiveMesh {
         }
         self.eases = false;
         for &slot in &self.active {
-            for e in self.motion.ease[slot as usize].as_flattened_mut() {
+            for e in self.motion.ease[slot.index()].as_flattened_mut() {
                 *e = if e.abs() > LEAST_EASE { *e * (1.0 - EASED) } else { 0.0 };
                 self.eases |= *e != 0.0;
             }
         }
     }
-}
-
-/// Forces of an element on its nodes at `x` [N], with what its Maxwell branches hold: the law of the kernel for one element
-/// that is not evaluated in its turn.
-fn element_forces(body: &Body, constants: &ElementConstants, history: &History, x: &[Vec3; 4]) -> [Vec3; 4] {
-    let (lambda, mu) = (constants.lambda, constants.mu);
-    let g = constants.gradient.map(Vec3::from);
-    let f: Mat3 = (0..3).map(|i| (x[i + 1] - x[0]) * g[i].transpose()).sum();
-    let doubled = f.transpose() * f - Mat3::identity();
-    let mut s = doubled * mu + Mat3::identity() * (0.5 * lambda * doubled.trace());
-    for (branch, held) in body.maxwell().iter().zip(&history.branch) {
-        let [xx, yy, zz, yz, xz, xy] = *held;
-        let d = Mat3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz) * 2.0;
-        s += (d - Mat3::identity() * (d.trace() / 3.0)) * (mu * constants.branch * branch.modulus);
-    }
-    let mut p = f * s;
-    let det = f.determinant();
-    if det < COLLAPSE_ONSET {
-        let rows: [Vec3; 3] = std::array::from_fn(|r| f.row(r).transpose());
-        let cofactor = [rows[1].cross(&rows[2]), rows[2].cross(&rows[0]), rows[0].cross(&rows[1])];
-        let squeeze = COLLAPSE_STIFFNESS * (lambda + 2.0 * mu) * (det - COLLAPSE_ONSET);
-        p += Mat3::from_rows(&cofactor.map(|c| c.transpose())) * squeeze;
-    }
-    let q = g.map(|g| p * g);
-    [q[0] + q[1] + q[2], -q[0], -q[1], -q[2]]
 }

@@ -1,9 +1,10 @@
 //! What changes of resolution will take, counted before they are made.
 
 use super::{ActiveMesh, Upkeep};
-use crate::math::{Real, Vec3};
+use crate::ids::Slot;
+use crate::math::Bounds;
 use crate::model::active_set::Change;
-use crate::model::body::{Body, NONE};
+use crate::model::body::Body;
 
 impl ActiveMesh {
     /// What `changes`, of one kind, take at most; with weighing their forces when `eased`: those of elements around nodes that
@@ -24,7 +25,7 @@ impl ActiveMesh {
             }
         }
         // They come with it, but not to hang on others.
-        upkeep.rows -= on().filter(|n| self.slot[*n as usize] == NONE).count() as u32;
+        upkeep.rows -= on().filter(|n| self.slot[*n as usize] == Slot::NONE).count() as u32;
         for n in off() {
             upkeep.rows += 1;
             for &e in body.elements_around(n) {
@@ -46,7 +47,7 @@ impl ActiveMesh {
             if self.hangs_otherwise(body, slot, changes) {
                 upkeep.rows += 1;
                 if eased {
-                    let n = self.node[slot as usize];
+                    let n = self.node[slot.index()];
                     body.elements_around(n).iter().for_each(|e| {
                         self.is_first(*e);
                     });
@@ -63,7 +64,7 @@ impl ActiveMesh {
 
     /// Puts `e` on the list of those concerned unless it is there.
     fn is_first(&mut self, e: u32) -> bool {
-        let first = std::mem::replace(&mut self.work.element_stamp[e as usize], self.work.turn) != self.work.turn;
+        let first = self.work.noted_elements.visit(e as usize);
         if first {
             self.work.concerned.push(e);
         }
@@ -74,8 +75,8 @@ impl ActiveMesh {
     fn note_nodes(&mut self, body: &Body, e: u32) -> u32 {
         let mut new = 0;
         for n in body.element(e) {
-            let noted = std::mem::replace(&mut self.work.node_stamp[n as usize], self.work.turn) == self.work.turn;
-            new += u32::from(!noted && self.slot[n as usize] == NONE);
+            let first = self.work.noted_nodes.visit(n as usize);
+            new += u32::from(first && self.slot[n as usize] == Slot::NONE);
         }
         new
     }
@@ -83,20 +84,18 @@ impl ActiveMesh {
     /// Notes where `changes` are.
     pub(super) fn bound(&mut self, body: &Body, changes: &[Change]) {
         self.work.boxes.clear();
-        self.work.boxes.extend(changes.iter().map(|change| bounds(body, concerned(body, change))));
+        self.work.boxes.extend(changes.iter().map(|change| Bounds::of(concerned(body, change).map(|n| body.rest(n)))));
     }
 
     /// True for an interface node that has no row (its reach is infinite), or whose row depends on one of the nodes concerned by `changes`, whose
     /// bounds are noted.
-    pub(super) fn hangs_otherwise(&self, body: &Body, slot: u32, changes: &[Change]) -> bool {
-        let (u, reach) = (&self.rest[slot as usize], self.reach[slot as usize]);
-        let depends = |(change, (low, high)): (&Change, &(Vec3, Vec3))| {
-            let apart = |c: usize| (low[c] - u[c]).max(u[c] - high[c]).max(0.0);
-            let (x, y, z) = (apart(0), apart(1), apart(2));
-            if x * x + y * y + z * z > reach {
+    pub(super) fn hangs_otherwise(&self, body: &Body, slot: Slot, changes: &[Change]) -> bool {
+        let (u, reach) = (&self.rest[slot.index()], self.reach[slot.index()]);
+        let depends = |(change, around): (&Change, &Bounds)| {
+            if around.distance_squared(u) > reach {
                 return false;
             }
-            let row = &self.row[slot as usize];
+            let row = &self.row[slot.index()];
             if row.is_hosted() {
                 let mut lost = sides(body, change).0.iter().map(|n| self.slot[*n as usize]);
                 return lost.any(|lost| row.entries().any(|(master, _)| master == lost));
@@ -105,12 +104,6 @@ impl ActiveMesh {
         };
         changes.iter().zip(&self.work.boxes).any(depends)
     }
-}
-
-/// Box around the rest positions of `nodes` [m].
-fn bounds(body: &Body, nodes: impl Iterator<Item = u32>) -> (Vec3, Vec3) {
-    let none = (Vec3::repeat(Real::INFINITY), Vec3::repeat(Real::NEG_INFINITY));
-    nodes.fold(none, |(low, high), n| (low.inf(&body.rest(n)), high.sup(&body.rest(n))))
 }
 
 /// Nodes that are active before or after a change, and not both.

@@ -7,35 +7,40 @@
 //!
 //! Everything here is sized once. What changes with the resolution changes where it changes, and only there.
 
+mod classes;
 mod display;
 mod easing;
 mod foresight;
+mod masses;
 mod momentum;
 mod reshape;
+mod saving;
+pub mod skin;
 mod supports;
 
 pub use display::{Attachment, MOST_ASIDE};
+pub use easing::Loads;
 use easing::NO_EASE;
-pub use easing::{Ease, Loads};
+use masses::MASS_UNITS;
 use momentum::ByOrgan;
 pub use momentum::Momenta;
 pub use reshape::Upkeep;
 use supports::Supports;
 
 use super::active_set::ActiveSet;
-use super::body::{Body, NONE};
-use super::element_kernel::{Padded, StrainLimit};
-use super::element_pool::{CLASSES, ElementConstants, ElementPool, History};
+use super::body::Body;
+use super::element::ElementConstants;
+use super::element_kernel::Padded;
+use super::element_pool::{CLASSES, ElementPool};
 use super::interface::{InterfaceRow, Search};
-use super::organ::MOST_ORGANS;
 use super::state::State;
-use super::step_class::{self, Strained};
+use super::step_class::Ease;
 use super::sweeps::{self, Registers};
-use crate::math::{Mat3, Real, Vec3};
-
-/// Units of mass in an organ's mass: sums of whole numbers do not depend on their order, so a node's mass does not
-/// depend on how the set of active nodes came about.
-const MASS_UNITS: Real = (1u64 << 50) as Real;
+use crate::geometry::tet_mesh::gradients;
+use crate::ids::NONE;
+use crate::ids::Slot;
+use crate::math::{Bounds, Real, Vec3};
+use crate::visited::Visited;
 
 /// Motion and mass by slot: active nodes and interface nodes alike.
 #[derive(Debug)]
@@ -61,8 +66,8 @@ pub struct ActiveMesh {
     pool: ElementPool,
     /// Motion and mass by slot.
     pub motion: Motion,
-    /// Slot of each node, or [`NONE`].
-    slot: Vec<u32>,
+    /// Slot of each node, or [`Slot::NONE`].
+    slot: Vec<Slot>,
     /// Active vertices of each element; 0 when it is not in use.
     active_vertices: Vec<u8>,
     /// `ω²` at rest [1/s²] of the elements in use, the Maxwell branches' share included.
@@ -76,16 +81,16 @@ pub struct ActiveMesh {
     gathered_mass: Vec<i64>,
     handed_mass: Vec<i64>,
     /// Rows of the interface nodes' slots, masters as slots.
-    row: Vec<InterfaceRow>,
+    row: Vec<InterfaceRow<Slot>>,
     /// By slot: the row's [`InterfaceRow::reach_squared`] [m²], infinite without a row. All are looked at in each change.
     reach: Vec<Real>,
     /// Springs' share of `ω²` [1/s²] by slot.
     springs: Vec<Real>,
     /// Place of each slot in `active` or `interface`.
     place: Vec<u32>,
-    active: Vec<u32>,
-    interface: Vec<u32>,
-    free: Vec<u32>,
+    active: Vec<Slot>,
+    interface: Vec<Slot>,
+    free: Vec<Slot>,
     attachment: Vec<Attachment>,
     /// By display vertex: offset [m] of the displayed from the embedded place, and of the displayed from the level's
     /// spacing [m]; what a change of resolution leaves, faded to zero.
@@ -120,22 +125,22 @@ struct Work {
     nodes: Vec<u32>,
     entering: Vec<u32>,
     leaving: Vec<u32>,
-    dirty: Vec<u32>,
-    node_stamp: Vec<u32>,
-    element_stamp: Vec<u32>,
-    turn: u32,
+    dirty: Vec<Slot>,
+    /// What the change has looked at.
+    noted_nodes: Visited,
+    noted_elements: Visited,
     /// Slots whose nodes the change puts elsewhere, with where they were [m], by slot.
-    moved: Vec<u32>,
+    moved: Vec<Slot>,
     was: Vec<Padded>,
-    slot_stamp: Vec<u32>,
+    moved_slots: Visited,
     /// Display vertices that may hang elsewhere, or on what has moved.
     shifted: Vec<u32>,
-    vertex_stamp: Vec<u32>,
+    noted_vertices: Visited,
     rehung: Vec<u32>,
     concerned: Vec<u32>,
     handed: Vec<Ease<Vec3>>,
     /// Of each change, at rest [m].
-    boxes: Vec<(Vec3, Vec3)>,
+    boxes: Vec<Bounds>,
 }
 
 fn vec3(p: &Padded) -> Vec3 {
@@ -156,8 +161,8 @@ impl ActiveMesh {
         // A connected mesh of tetrahedra has at most as many nodes as elements, and three more.
         let slots = (capacity + 64).min(body.node_count());
         let vertices = body.surface().vertices.len();
-        let (low, high) = body.surface().bounds();
-        let nowhere = Attachment { element: NONE, slots: [0; 4], weights: [0.0; 4], spacing: 0.0 };
+        let Bounds { low, high } = body.surface().bounds();
+        let nowhere = Attachment { element: NONE, slots: [Slot::NONE; 4], weights: [0.0; 4], spacing: 0.0 };
         let list = || Vec::with_capacity(slots);
         let mut mesh = Self {
             set: ActiveSet::uniform(body, 0),
@@ -170,7 +175,7 @@ impl ActiveMesh {
                 inverse_mass: vec![0.0; slots],
                 mass: vec![0.0; slots],
             },
-            slot: vec![NONE; body.node_count()],
+            slot: vec![Slot::NONE; body.node_count()],
             active_vertices: vec![0; body.element_count()],
             omega_squared: vec![0.0; body.element_count()],
             node: vec![NONE; slots],
@@ -179,7 +184,7 @@ impl ActiveMesh {
             own_mass: vec![0; slots],
             gathered_mass: vec![0; slots],
             handed_mass: vec![0; slots],
-            row: vec![InterfaceRow::EMPTY; slots],
+            row: vec![InterfaceRow::empty(); slots],
             reach: vec![Real::INFINITY; slots],
             springs: vec![0.0; slots],
             place: vec![0; slots],
@@ -209,20 +214,19 @@ impl ActiveMesh {
             work: Work {
                 search: Search::new(body),
                 on: Vec::with_capacity(slots),
-                off: list(),
+                off: Vec::with_capacity(slots),
                 elements: Vec::with_capacity(body.element_count()),
                 nodes: Vec::with_capacity(body.node_count()),
                 entering: Vec::with_capacity(capacity),
                 leaving: Vec::with_capacity(capacity),
                 dirty: list(),
-                node_stamp: vec![0; body.node_count()],
-                element_stamp: vec![0; body.element_count()],
-                turn: 0,
+                noted_nodes: Visited::new(body.node_count()),
+                noted_elements: Visited::new(body.element_count()),
                 moved: list(),
                 was: vec![[0.0; 4]; slots],
-                slot_stamp: vec![0; slots],
+                moved_slots: Visited::new(slots),
                 shifted: Vec::with_capacity(vertices),
-                vertex_stamp: vec![0; vertices],
+                noted_vertices: Visited::new(vertices),
                 rehung: Vec::with_capacity(vertices),
                 concerned: Vec::with_capacity(body.element_count()),
                 handed: Vec::with_capacity(slots),
@@ -234,159 +238,6 @@ impl ActiveMesh {
         mesh.check(body, &set, state)?;
         mesh.restore(body, state);
         Ok(mesh)
-    }
-
-    /// Takes over `state`, from which a mesh of this body has been made before; allocates nothing. Everything that is not
-    /// part of it follows from it, bit for bit.
-    pub fn restore(&mut self, body: &Body, state: &State) {
-        let covers = self.set.assign(body, &state.nodes);
-        debug_assert!(covers, "a state is checked when a mesh is first made from it");
-        self.pool.clear();
-        self.slot.fill(NONE);
-        self.active_vertices.fill(0);
-        self.node.fill(NONE);
-        self.own_mass.fill(0);
-        self.gathered_mass.fill(0);
-        self.handed_mass.fill(0);
-        self.motion.mass.fill(0.0);
-        self.motion.inverse_mass.fill(0.0);
-        self.motion.force.fill([0.0; 4]);
-        self.motion.ease.fill(NO_EASE);
-        self.active.clear();
-        self.interface.clear();
-        self.free.clear();
-        self.free.extend((0..self.node.len() as u32).rev());
-        self.row_entries = 0;
-        for (((&n, x), v), ease) in state.nodes.iter().zip(&state.position).zip(&state.velocity).zip(&state.ease) {
-            let slot = self.take_slot(body, n);
-            self.enlist(slot, true);
-            self.motion.ease[slot as usize] = ease.map(padded);
-            self.motion.position[slot as usize] = padded(*x);
-            self.motion.velocity[slot as usize] = padded(*v);
-        }
-        for &n in &state.interface {
-            let slot = self.take_slot(body, n);
-            self.enlist(slot, false);
-        }
-        let mut next = 0;
-        for (class, ids) in state.classes.iter().enumerate() {
-            for &e in ids {
-                let nodes = body.element(e);
-                let k = nodes.iter().filter(|n| self.set.is_active(**n)).count() as u8;
-                self.active_vertices[e as usize] = k;
-                let constants = constants(body, e, k);
-                let history = state.history.get(next).unwrap_or(&History::REST);
-                self.pool.insert(e, class, nodes.map(|n| self.slot[n as usize]), &constants, history);
-                self.weigh(body, e, i64::from(k));
-                self.omega_squared[e as usize] = step_class::omega_squared(body, e);
-                next += 1;
-            }
-        }
-        for i in 0..self.interface.len() {
-            let slot = self.interface[i];
-            self.make_row(body, slot);
-        }
-        self.normalise(body);
-        self.place_interface();
-        if state.history.is_empty() {
-            for &e in state.classes.iter().flatten() {
-                let constants = constants(body, e, self.active_vertices[e as usize]);
-                let (strain, det) = self.strain(&constants, body.element(e).map(|n| self.slot[n as usize]));
-                self.pool.set_history(e, &History { strain, det, ..History::REST });
-            }
-        }
-        self.fade.copy_from_slice(&state.fade);
-        self.fading.clear();
-        self.fading.extend((0..self.fade.len() as u32).filter(|v| self.fade[*v as usize] != [0.0; 4]));
-        self.astray.clear();
-        self.lever = 1.0;
-        self.eases = state.ease.iter().flatten().any(|e| *e != Vec3::zeros());
-        for v in 0..self.attachment.len() as u32 {
-            self.attach(body, v);
-        }
-        self.fold_all_supports(body);
-        self.weigh_supports();
-        let mut limits = state.strain_limit.iter();
-        for (class, ids) in state.classes.iter().enumerate() {
-            for &e in ids {
-                match limits.next() {
-                    Some(limit) => self.pool.set_strain_limit(e, *limit),
-                    None => self.limit_strain(body, e, class),
-                }
-            }
-        }
-        self.revision.iter_mut().for_each(|r| *r = r.wrapping_add(1));
-    }
-
-    fn check(&self, body: &Body, set: &ActiveSet, state: &State) -> Result<(), String> {
-        let nodes = state.nodes.len();
-        let moving = [state.position.len(), state.velocity.len(), state.ease.len()];
-        if moving.iter().any(|len| *len != nodes) || state.fade.len() != self.fade.len() {
-            return Err(format!("the state's arrays do not fit {nodes} active nodes and the body's surface"));
-        }
-        let elements = state.classes.iter().map(Vec::len).sum::<usize>();
-        let fits = |len: usize| len == 0 || len == elements;
-        if state.classes.len() != CLASSES || !fits(state.strain_limit.len()) || !fits(state.history.len()) {
-            return Err("the state's elements do not fit its step classes".into());
-        }
-        if elements > self.pool.capacity() || nodes + state.interface.len() > self.node.len() {
-            return Err(format!("{elements} elements: this session has room for {}", self.pool.capacity()));
-        }
-        let in_use = |e: u32| body.element(e).iter().any(|n| set.is_active(*n));
-        let mut seen = vec![false; body.element_count()];
-        for &e in state.classes.iter().flatten() {
-            if e as usize >= seen.len() || seen[e as usize] || !in_use(e) {
-                return Err(format!("element {e} of the state is not one that its active nodes need, once"));
-            }
-            seen[e as usize] = true;
-        }
-        let needed = (0..seen.len() as u32).filter(|e| in_use(*e)).count();
-        let mut interface: Vec<u32> = state.interface.clone();
-        interface.sort_unstable();
-        let mut expected: Vec<u32> = (0..seen.len() as u32)
-            .filter(|e| in_use(*e))
-            .flat_map(|e| body.element(e))
-            .filter(|n| !set.is_active(*n))
-            .collect();
-        expected.sort_unstable();
-        expected.dedup();
-        if needed != elements || interface != expected {
-            return Err("the state's elements and interface nodes are not those of its active nodes".into());
-        }
-        Ok(())
-    }
-
-    /// Writes the state into `state`, which was made for this body; allocates nothing once `state` has the room.
-    pub fn save_into(&self, state: &mut State) {
-        self.save_shape_into(state);
-        for e in state.classes.iter().flatten() {
-            state.history.push(self.pool.history(*e).unwrap_or(History::REST));
-            state.strain_limit.push(self.pool.strain_limit(*e).unwrap_or(StrainLimit::NONE));
-        }
-    }
-
-    /// As [`ActiveMesh::save_into`], without what the elements remember, which is most of it.
-    pub fn save_shape_into(&self, state: &mut State) {
-        state.nodes.clear();
-        state.position.clear();
-        state.velocity.clear();
-        state.ease.clear();
-        for &slot in &self.active {
-            state.nodes.push(self.node[slot as usize]);
-            state.position.push(vec3(&self.motion.position[slot as usize]));
-            state.velocity.push(vec3(&self.motion.velocity[slot as usize]));
-            state.ease.push(self.motion.ease[slot as usize].map(|e| vec3(&e)));
-        }
-        state.interface.clear();
-        state.interface.extend(self.interface.iter().map(|s| self.node[*s as usize]));
-        state.history.clear();
-        state.strain_limit.clear();
-        for (class, ids) in state.classes.iter_mut().enumerate() {
-            ids.clear();
-            ids.extend(self.pool.ids(class));
-        }
-        state.fade.clear();
-        state.fade.extend_from_slice(&self.fade);
     }
 
     /// The active nodes, as a set.
@@ -409,39 +260,34 @@ impl ActiveMesh {
         self.pool.add_forces(path, class, rates, &self.motion.position, &mut self.motion.force)
     }
 
-    /// Class of the shortest steps that elements in use take.
-    pub fn finest_class(&self) -> usize {
-        (0..CLASSES).rev().find(|class| self.pool.count(*class) > 0).unwrap_or(0)
-    }
-
     /// Slots of the active nodes.
-    pub fn active(&self) -> &[u32] {
+    pub fn active(&self) -> &[Slot] {
         &self.active
     }
 
     /// Slots of the interface nodes.
-    pub fn interface(&self) -> &[u32] {
+    pub fn interface(&self) -> &[Slot] {
         &self.interface
     }
 
     /// Node in `slot`.
-    pub fn node(&self, slot: u32) -> u32 {
-        self.node[slot as usize]
+    pub fn node(&self, slot: Slot) -> u32 {
+        self.node[slot.index()]
     }
 
     /// Slot of node `n`, if it has one.
-    pub fn slot(&self, n: u32) -> Option<u32> {
-        Some(self.slot[n as usize]).filter(|s| *s != NONE)
+    pub fn slot(&self, n: u32) -> Option<Slot> {
+        Some(self.slot[n as usize]).filter(|s| *s != Slot::NONE)
     }
 
     /// True when `slot` holds an active node.
-    pub fn is_master(&self, slot: u32) -> bool {
-        self.set.is_active(self.node[slot as usize])
+    pub fn is_master(&self, slot: Slot) -> bool {
+        self.set.is_active(self.node[slot.index()])
     }
 
     /// Row of the interface node in `slot`; masters are slots.
-    pub fn row(&self, slot: u32) -> &InterfaceRow {
-        &self.row[slot as usize]
+    pub fn row(&self, slot: Slot) -> &InterfaceRow<Slot> {
+        &self.row[slot.index()]
     }
 
     /// Entries of all interface rows.
@@ -460,7 +306,7 @@ impl ActiveMesh {
     }
 
     /// Places the interface nodes of `slots` where their masters say.
-    pub fn place_these(&mut self, slots: &[u32]) {
+    pub fn place_these(&mut self, slots: &[Slot]) {
         sweeps::place(self.registers, &self.row, slots, &mut self.motion.position);
     }
 
@@ -472,7 +318,7 @@ impl ActiveMesh {
     }
 
     /// Hands the forces on the interface nodes of `slots` to their masters.
-    pub fn hand_back(&mut self, slots: &[u32]) {
+    pub fn hand_back(&mut self, slots: &[Slot]) {
         sweeps::hand_back(self.registers, &self.row, slots, &mut self.motion.force);
     }
 
@@ -489,24 +335,24 @@ impl ActiveMesh {
     }
 
     /// Slots of the active nodes, and their motion to be changed.
-    pub fn active_motion(&mut self) -> (&[u32], &mut Motion) {
+    pub fn active_motion(&mut self) -> (&[Slot], &mut Motion) {
         (&self.active, &mut self.motion)
     }
 
     /// World position of node `n` [m], if it has a slot.
     pub fn position_of(&self, n: u32) -> Option<Vec3> {
-        self.slot(n).map(|s| vec3(&self.motion.position[s as usize]))
+        self.slot(n).map(|s| vec3(&self.motion.position[s.index()]))
     }
 
     /// World position of the node in `slot` [m].
-    pub fn position(&self, slot: u32) -> Vec3 {
-        vec3(&self.motion.position[slot as usize])
+    pub fn position(&self, slot: Slot) -> Vec3 {
+        vec3(&self.motion.position[slot.index()])
     }
 
     /// True when no number that moves is infinite or not a number.
     pub fn is_finite(&self) -> bool {
-        let moves = |s: &u32| {
-            let s = *s as usize;
+        let moves = |s: &Slot| {
+            let s = s.index();
             // A product with zero is zero for every finite number, and not a number for the others.
             let sum = |p: &Padded| p[0] * 0.0 + p[1] * 0.0 + p[2] * 0.0;
             sum(&self.motion.position[s]) + sum(&self.motion.velocity[s]) == 0.0
@@ -514,35 +360,11 @@ impl ActiveMesh {
         self.active.iter().all(moves)
     }
 
-    /// Feeds every bit of what [`ActiveMesh::save_into`] saves to `hash`.
-    pub fn hash_into(&self, hash: &mut xxhash_rust::xxh3::Xxh3) {
-        hash.update(&(self.active.len() as u32).to_le_bytes());
-        for &slot in &self.active {
-            let s = slot as usize;
-            hash.update(&self.node[s].to_le_bytes());
-            hash.update(bytemuck::cast_slice(&self.motion.position[s][..3]));
-            hash.update(bytemuck::cast_slice(&self.motion.velocity[s][..3]));
-            let ease = &self.motion.ease[s];
-            let eased = *ease != NO_EASE;
-            hash.update(&[u8::from(eased)]);
-            if eased {
-                hash.update(bytemuck::cast_slice(ease.as_flattened()));
-            }
-        }
-        hash.update(&(self.interface.len() as u32).to_le_bytes());
-        self.interface.iter().for_each(|s| hash.update(&self.node[*s as usize].to_le_bytes()));
-        (0..CLASSES).for_each(|class| self.pool.hash_into(class, hash));
-        for (v, fade) in self.fade.iter().enumerate().filter(|(_, fade)| **fade != [0.0; 4]) {
-            hash.update(&(v as u32).to_le_bytes());
-            hash.update(bytemuck::cast_slice(fade));
-        }
-    }
-
     /// Gives the active nodes other positions and velocities: `change(node, position, velocity)`. For tests, studies
     /// and for settling a body before it is served.
     pub fn change_motion(&mut self, mut change: impl FnMut(u32, &mut Vec3, &mut Vec3)) {
         for i in 0..self.active.len() {
-            let s = self.active[i] as usize;
+            let s = self.active[i].index();
             let (mut x, mut v) = (vec3(&self.motion.position[s]), vec3(&self.motion.velocity[s]));
             change(self.node[s], &mut x, &mut v);
             self.motion.position[s] = padded(x);
@@ -551,72 +373,12 @@ impl ActiveMesh {
         self.place_interface();
     }
 
-    /// Springs' share of `ω²` [1/s²] at the nodes in `slots`, at most.
-    fn springs_at(&self, slots: [u32; 4]) -> Real {
-        slots.iter().map(|s| self.springs[*s as usize]).fold(0.0, Real::max)
-    }
-
-    /// Moves element `e` to the class of its longest stable step; lengthening asks for some margin, so that elements do
-    /// not flutter.
-    pub fn reclass(&mut self, body: &Body, e: u32) {
-        let (Some(class), Some((strain, det))) = (self.pool.class_of(e), self.pool.strain_and_det(e)) else { return };
-        let springs = self.springs_at(body.element(e).map(|n| self.slot[n as usize]));
-        let strained = Strained::of(body.material_of(e), &strain, det);
-        let step = step_class::stable_step(self.omega_squared[e as usize], strained, body.damping_time(), springs);
-        let mut wanted = step_class::class_in(body, step);
-        if wanted < class {
-            wanted = step_class::class_in(body, step / LENGTHENING_MARGIN).min(class);
-        }
-        if wanted != class {
-            self.hand_ease_on(body, e, wanted);
-            self.pool.set_class(e, wanted);
-            self.revision[class] = self.revision[class].wrapping_add(1);
-            self.revision[wanted] = self.revision[wanted].wrapping_add(1);
-            self.limit_strain(body, e, wanted);
-        }
-    }
-
-    /// Tells the kernel up to which strain element `e` may stay in `class`.
-    fn limit_strain(&mut self, body: &Body, e: u32, class: usize) {
-        let springs = self.springs_at(body.element(e).map(|n| self.slot[n as usize]));
-        let omega_squared = self.omega_squared[e as usize];
-        let material = body.material_of(e);
-        let limit = step_class::strain_limit(class, material, omega_squared, body.damping_time(), springs);
-        self.pool.set_strain_limit(e, limit);
-    }
-
-    /// [`ActiveMesh::reclass`] for the elements that their last evaluation found strained beyond what their step
-    /// allows.
-    pub fn reclass_over_limit(&mut self, body: &Body) {
-        self.work.elements.clear();
-        for class in 0..CLASSES {
-            self.work.elements.extend(self.pool.over_limit(class));
-        }
-        self.pool.forget_over_limit();
-        for i in 0..self.work.elements.len() {
-            self.reclass(body, self.work.elements[i]);
-        }
-    }
-
-    /// [`ActiveMesh::reclass`] for part `part` of `parts` of the elements in use.
-    pub fn reclass_part(&mut self, body: &Body, part: u64, parts: u64) {
-        for class in 0..CLASSES {
-            let at = |k: u64| (self.pool.count(class) as u64 * k / parts) as usize;
-            // From the end, because leaving fills the gap with the last.
-            for place in (at(part)..at(part + 1)).rev() {
-                if let Some(e) = self.pool.id_at(class, place) {
-                    self.reclass(body, e);
-                }
-            }
-        }
-    }
-
     /// An unused slot, for node `n`; its motion and masses start from nothing.
-    fn take_slot(&mut self, body: &Body, n: u32) -> u32 {
+    fn take_slot(&mut self, body: &Body, n: u32) -> Slot {
         // Whoever plans a change asks for room first, and restoring counts.
         debug_assert!(!self.free.is_empty());
-        let slot = self.free.pop().unwrap_or(0);
-        let s = slot as usize;
+        let slot = self.free.pop().unwrap_or_default();
+        let s = slot.index();
         self.slot[n as usize] = slot;
         self.node[s] = n;
         self.rest[s] = body.rest(n);
@@ -624,7 +386,7 @@ impl ActiveMesh {
         self.own_mass[s] = 0;
         self.gathered_mass[s] = 0;
         self.handed_mass[s] = 0;
-        self.set_row(slot, InterfaceRow::EMPTY);
+        self.set_row(slot, InterfaceRow::empty());
         self.motion.position[s] = [0.0; 4];
         self.motion.velocity[s] = [0.0; 4];
         self.motion.ease[s] = NO_EASE;
@@ -634,123 +396,61 @@ impl ActiveMesh {
         slot
     }
 
-    fn enlist(&mut self, slot: u32, active: bool) {
+    fn enlist(&mut self, slot: Slot, active: bool) {
         let list = if active { &mut self.active } else { &mut self.interface };
-        self.place[slot as usize] = list.len() as u32;
+        self.place[slot.index()] = list.len() as u32;
         list.push(slot);
         if !active {
-            self.motion.mass[slot as usize] = 0.0;
-            self.motion.inverse_mass[slot as usize] = 0.0;
-            self.motion.velocity[slot as usize] = [0.0; 4];
-            self.motion.ease[slot as usize] = NO_EASE;
-            self.springs[slot as usize] = 0.0;
+            self.motion.mass[slot.index()] = 0.0;
+            self.motion.inverse_mass[slot.index()] = 0.0;
+            self.motion.velocity[slot.index()] = [0.0; 4];
+            self.motion.ease[slot.index()] = NO_EASE;
+            self.springs[slot.index()] = 0.0;
         }
     }
 
-    fn delist(&mut self, slot: u32, active: bool) {
+    fn delist(&mut self, slot: Slot, active: bool) {
         let list = if active { &mut self.active } else { &mut self.interface };
-        let place = self.place[slot as usize];
+        let place = self.place[slot.index()];
         list.swap_remove(place as usize);
         if let Some(&moved) = list.get(place as usize) {
-            self.place[moved as usize] = place;
-        }
-    }
-
-    /// Adds `more` active vertices' worth of the mass of element `e` to its nodes.
-    fn weigh(&mut self, body: &Body, e: u32, more: i64) {
-        let mass = body.density(e) * body.volume(e);
-        let nodes = body.element(e);
-        let unit = (mass / 16.0 / self.mass_unit[body.organ_of(nodes[0])] + 0.5) as i64;
-        for n in nodes {
-            self.own_mass[self.slot[n as usize] as usize] += more * unit;
+            self.place[moved.index()] = place;
         }
     }
 
     /// Gives the interface node in `slot` its row, and hands its mass to its masters:
     /// `m_j = Σ_i |P_ij| s_i m_i`, `s_i = Σ_k |P_ik|`, a diagonal that bounds `PᵀMP`, so that the step limit of the
     /// elements holds for the coupled system.
-    fn make_row(&mut self, body: &Body, slot: u32) {
-        let row = self.work.search.row(body, &self.set, self.node[slot as usize]);
+    fn make_row(&mut self, body: &Body, slot: Slot) {
+        let row = self.work.search.row(body, &self.set, self.node[slot.index()]);
         let row = row.renumbered(|n| self.slot[n as usize]);
         self.set_row(slot, row);
-        self.handed_mass[slot as usize] = self.own_mass[slot as usize];
+        self.handed_mass[slot.index()] = self.own_mass[slot.index()];
         self.hand_mass(slot, 1);
-        self.row_entries += self.row[slot as usize].entries().count() as u32;
+        self.row_entries += self.row[slot.index()].entries().count() as u32;
     }
 
-    fn drop_row(&mut self, slot: u32) {
-        self.row_entries -= self.row[slot as usize].entries().count() as u32;
+    fn drop_row(&mut self, slot: Slot) {
+        self.row_entries -= self.row[slot.index()].entries().count() as u32;
         self.hand_mass(slot, -1);
-        self.handed_mass[slot as usize] = 0;
-        self.set_row(slot, InterfaceRow::EMPTY);
+        self.handed_mass[slot.index()] = 0;
+        self.set_row(slot, InterfaceRow::empty());
     }
 
-    fn set_row(&mut self, slot: u32, row: InterfaceRow) {
-        self.reach[slot as usize] = if row.is_empty() { Real::INFINITY } else { row.reach_squared * (1.0 + 1e-12) };
-        self.row[slot as usize] = row;
-    }
-
-    fn hand_mass(&mut self, slot: u32, sign: i64) {
-        let row = &self.row[slot as usize];
-        let mass = self.handed_mass[slot as usize] as Real * row.amplification();
-        for (master, weight) in row.entries() {
-            self.gathered_mass[master as usize] += sign * (mass * weight.abs() + 0.5) as i64;
-        }
-    }
-
-    /// Masses in kg: the sums in units, times the one affine function of the rest position that gives each organ its
-    /// mass and its centre of mass whatever the active nodes are.
-    fn normalise(&mut self, body: &Body) {
-        let mut sums = [(0.0, Vec3::zeros(), Mat3::zeros()); MOST_ORGANS];
-        for &slot in &self.active {
-            let s = slot as usize;
-            let organ = usize::from(self.organ[s]);
-            let m = self.raw_mass(body, s);
-            self.motion.mass[s] = m;
-            let d = self.rest[s] - body.organs()[organ].centre_of_mass;
-            let (sum, first, second) = &mut sums[organ];
-            *sum += m;
-            *first += d * m;
-            *second += d * d.transpose() * m;
-        }
-        // Σ m (q + b·d) = M and Σ m (q + b·d) d = 0.
-        let mut affine = [(0.0, Vec3::zeros()); MOST_ORGANS];
-        for ((organ, (sum, first, second)), (q, b)) in body.organs().iter().zip(&sums).zip(&mut affine) {
-            let along = second.try_inverse().map_or(Vec3::zeros(), |inverse| -(inverse * first));
-            *q = organ.mass / (sum + along.dot(first));
-            *b = along * *q;
-        }
-        for &slot in &self.active {
-            let s = slot as usize;
-            let organ = usize::from(self.organ[s]);
-            let (q, b) = &affine[organ];
-            let mass = self.motion.mass[s] * (q + b.dot(&(self.rest[s] - body.organs()[organ].centre_of_mass)));
-            self.motion.mass[s] = mass;
-            self.motion.inverse_mass[s] = if body.is_fixed(self.node[s]) { 0.0 } else { 1.0 / mass };
-        }
-    }
-
-    /// Mass [kg] of the active node in slot `s` before the body's mass and centre are restored.
-    fn raw_mass(&self, body: &Body, s: usize) -> Real {
-        let unit = self.mass_unit[usize::from(self.organ[s])];
-        ((self.own_mass[s] + self.gathered_mass[s]) as Real * unit).max(body.least_mass(self.node[s]))
+    fn set_row(&mut self, slot: Slot, row: InterfaceRow<Slot>) {
+        self.reach[slot.index()] = if row.is_empty() { Real::INFINITY } else { row.reach_squared * (1.0 + 1e-12) };
+        self.row[slot.index()] = row;
     }
 }
 
-/// An element takes a longer step only when it could take one this much longer still.
-const LENGTHENING_MARGIN: Real = 1.15;
-
 /// Rest gradients and weighted stiffness of element `e` with `active` active vertices.
 fn constants(body: &Body, e: u32, active: u8) -> ElementConstants {
-    let u = body.corners(e);
-    let (d1, d2, d3) = (u[1] - u[0], u[2] - u[0], u[3] - u[0]);
-    let six_volume = d1.cross(&d2).dot(&d3);
-    let gradient = [d2.cross(&d3), d3.cross(&d1), d1.cross(&d2)].map(|g| (g / six_volume).into());
+    let [_, g1, g2, g3] = gradients(&body.corners(e));
     let factor = body.stiffness_factor(e);
     let weight = factor * body.volume(e) * Real::from(active) / 4.0;
     let material = body.material_of(e);
     ElementConstants {
-        gradient,
+        gradient: [g1, g2, g3].map(Into::into),
         lambda: weight * material.lambda,
         mu: weight * material.mu,
         branch: body.branch_factor(e),

@@ -68,7 +68,7 @@ impl ActiveMesh {
     fn sum_by_organ(&self, of: impl Fn(usize) -> Vec3) -> ByOrgan<Momenta> {
         let mut sums: ByOrgan<Momenta> = Default::default();
         for &slot in &self.active {
-            let s = slot as usize;
+            let s = slot.index();
             let (x, p) = (vec3(&self.motion.position[s]), of(s));
             let sum = &mut sums[usize::from(self.organ[s])];
             sum.linear += p;
@@ -80,7 +80,7 @@ impl ActiveMesh {
     fn moments_by_organ(&self) -> ByOrgan<Moments> {
         let mut sums: ByOrgan<Moments> = Default::default();
         for &slot in &self.active {
-            let s = slot as usize;
+            let s = slot.index();
             if self.motion.inverse_mass[s] > 0.0 {
                 let sum = &mut sums[usize::from(self.organ[s])];
                 let (x, m) = (vec3(&self.motion.position[s]), self.motion.mass[s]);
@@ -102,7 +102,7 @@ impl ActiveMesh {
             (changed[organ] && moments[organ].mass > 0.0).then(|| moments[organ].motion_with(&lost))
         });
         for &slot in &self.active {
-            let s = slot as usize;
+            let s = slot.index();
             if let Some(correction) = &corrections[usize::from(self.organ[s])]
                 && self.motion.inverse_mass[s] > 0.0
             {
@@ -126,7 +126,7 @@ impl ActiveMesh {
             (self.free_organs[organ] && moments[organ].mass > 0.0).then(|| moments[organ].motion_with(&sums[organ]))
         });
         for &slot in &self.active {
-            let s = slot as usize;
+            let s = slot.index();
             if let Some(push) = &pushes[usize::from(self.organ[s])] {
                 let ease = &mut self.motion.ease[s][class];
                 *ease = padded(vec3(ease) - push.at(vec3(&self.motion.position[s])) * self.motion.mass[s]);

@@ -2,9 +2,11 @@
 
 use super::{ActiveMesh, constants, padded, vec3};
 use crate::geometry::locate::Host;
-use crate::math::{Mat3, Real, Vec3};
+use crate::ids::NONE;
+use crate::ids::Slot;
+use crate::math::{Mat3, Real, Vec3, components};
 use crate::model::active_set::Change;
-use crate::model::body::{Body, NONE};
+use crate::model::body::Body;
 use crate::model::element_pool::{ElementConstants, History};
 use crate::model::interface::InterfaceRow;
 use crate::model::organ::MOST_ORGANS;
@@ -28,8 +30,7 @@ impl ActiveMesh {
         let mut added = 0;
         for &c in body.children(n) {
             for &e in body.elements_around(c) {
-                if self.active_vertices[e as usize] == 0 && self.work.element_stamp[e as usize] != self.work.turn {
-                    self.work.element_stamp[e as usize] = self.work.turn;
+                if self.active_vertices[e as usize] == 0 && self.work.noted_elements.visit(e as usize) {
                     added += 1;
                 }
             }
@@ -89,15 +90,12 @@ impl ActiveMesh {
         }
     }
 
+    /// Nothing has been looked at yet.
     pub(super) fn next_turn(&mut self) {
-        self.work.turn = self.work.turn.wrapping_add(1);
-        if self.work.turn == 0 {
-            self.work.node_stamp.fill(0);
-            self.work.element_stamp.fill(0);
-            self.work.vertex_stamp.fill(0);
-            self.work.slot_stamp.fill(0);
-            self.work.turn = 1;
-        }
+        self.work.noted_nodes.clear();
+        self.work.noted_elements.clear();
+        self.work.noted_vertices.clear();
+        self.work.moved_slots.clear();
     }
 
     /// What becomes active, with where and how fast it is, and what ceases to be.
@@ -117,7 +115,7 @@ impl ActiveMesh {
                     let (x, _) = self.interpolate(body, n, body.finer_host(n));
                     let (mut mass, mut momentum) = (0.0, Vec3::zeros());
                     for &c in body.children(n) {
-                        let slot = self.slot[c as usize] as usize;
+                        let slot = self.slot[c as usize].index();
                         mass += self.motion.mass[slot];
                         momentum += vec3(&self.motion.velocity[slot]) * self.motion.mass[slot];
                         self.work.off.push(c);
@@ -137,29 +135,30 @@ impl ActiveMesh {
         let mut x = Vec3::zeros();
         let mut v = Vec3::zeros();
         let nodes = host.map(|h| (body.element(h.element), h.weights));
-        if let Some((nodes, weights)) = nodes.filter(|(nodes, _)| nodes.iter().all(|n| self.slot[*n as usize] != NONE))
+        if let Some((nodes, weights)) =
+            nodes.filter(|(nodes, _)| nodes.iter().all(|n| self.slot[*n as usize] != Slot::NONE))
         {
             for (node, w) in nodes.iter().zip(weights) {
                 let slot = self.slot[*node as usize];
-                x += vec3(&self.motion.position[slot as usize]) * w;
+                x += vec3(&self.motion.position[slot.index()]) * w;
                 v += self.velocity_of(slot) * w;
             }
         } else {
             let row = self.work.search.row(body, &self.set, n);
             for (node, w) in row.entries() {
                 let slot = self.slot[node as usize];
-                x += vec3(&self.motion.position[slot as usize]) * w;
-                v += vec3(&self.motion.velocity[slot as usize]) * w;
+                x += vec3(&self.motion.position[slot.index()]) * w;
+                v += vec3(&self.motion.velocity[slot.index()]) * w;
             }
         }
         (x, v)
     }
 
-    fn velocity_of(&self, slot: u32) -> Vec3 {
+    fn velocity_of(&self, slot: Slot) -> Vec3 {
         if self.is_master(slot) {
-            return vec3(&self.motion.velocity[slot as usize]);
+            return vec3(&self.motion.velocity[slot.index()]);
         }
-        self.row[slot as usize].entries().map(|(m, w)| vec3(&self.motion.velocity[m as usize]) * w).sum()
+        self.row[slot.index()].entries().map(|(m, w)| vec3(&self.motion.velocity[m.index()]) * w).sum()
     }
 
     /// Gives the nodes that become active their slots and motion, and takes the others off the list.
@@ -168,14 +167,14 @@ impl ActiveMesh {
         for &n in &off {
             let slot = self.slot[n as usize];
             self.delist(slot, true);
-            self.set_row(slot, InterfaceRow::EMPTY);
-            self.motion.velocity[slot as usize] = [0.0; 4];
+            self.set_row(slot, InterfaceRow::empty());
+            self.motion.velocity[slot.index()] = [0.0; 4];
             self.enlist(slot, false);
         }
         let on = std::mem::take(&mut self.work.on);
         for &(n, x, v) in &on {
             let slot = match self.slot[n as usize] {
-                NONE => self.take_slot(body, n),
+                Slot::NONE => self.take_slot(body, n),
                 slot => {
                     self.drop_row(slot);
                     self.delist(slot, false);
@@ -184,8 +183,8 @@ impl ActiveMesh {
             };
             self.remember_place(slot);
             self.enlist(slot, true);
-            self.motion.position[slot as usize] = padded(x);
-            self.motion.velocity[slot as usize] = if body.is_fixed(n) { [0.0; 4] } else { padded(v) };
+            self.motion.position[slot.index()] = padded(x);
+            self.motion.velocity[slot.index()] = if body.is_fixed(n) { [0.0; 4] } else { padded(v) };
         }
         self.work.off = off;
         self.work.on = on;
@@ -196,8 +195,7 @@ impl ActiveMesh {
         self.work.elements.clear();
         for n in self.work.on.iter().map(|o| o.0).chain(self.work.off.iter().copied()) {
             for &e in body.elements_around(n) {
-                if self.work.element_stamp[e as usize] != self.work.turn {
-                    self.work.element_stamp[e as usize] = self.work.turn;
+                if self.work.noted_elements.visit(e as usize) {
                     self.work.elements.push(e);
                 }
             }
@@ -214,11 +212,10 @@ impl ActiveMesh {
                 continue;
             }
             for n in nodes {
-                if self.work.node_stamp[n as usize] != self.work.turn {
-                    self.work.node_stamp[n as usize] = self.work.turn;
+                if self.work.noted_nodes.visit(n as usize) {
                     self.work.nodes.push(n);
                 }
-                if self.slot[n as usize] == NONE {
+                if self.slot[n as usize] == Slot::NONE {
                     let slot = self.take_slot(body, n);
                     self.enlist(slot, false);
                 }
@@ -244,9 +241,9 @@ impl ActiveMesh {
             let slot = self.interface[i];
             if self.hangs_otherwise(body, slot, changes) {
                 dirty.push(slot);
-            } else if self.work.node_stamp[self.node[slot as usize] as usize] == self.work.turn {
+            } else if self.work.noted_nodes.contains(self.node[slot.index()] as usize) {
                 self.hand_mass(slot, -1);
-                self.handed_mass[slot as usize] = self.own_mass[slot as usize];
+                self.handed_mass[slot.index()] = self.own_mass[slot.index()];
                 self.hand_mass(slot, 1);
             }
         }
@@ -256,7 +253,7 @@ impl ActiveMesh {
         }
         for i in 0..self.work.dirty.len() {
             let slot = self.work.dirty[i];
-            if self.is_needed(body, self.node[slot as usize]) {
+            if self.is_needed(body, self.node[slot.index()]) {
                 self.make_row(body, slot);
             }
         }
@@ -270,7 +267,7 @@ impl ActiveMesh {
         self.work.dirty = slots;
         // Many come to be where they were.
         let (position, was) = (&self.motion.position, &self.work.was);
-        self.work.moved.retain(|slot| position[*slot as usize] != was[*slot as usize]);
+        self.work.moved.retain(|slot| position[slot.index()] != was[slot.index()]);
     }
 
     /// True when an element in use has the node `n`.
@@ -305,12 +302,10 @@ impl ActiveMesh {
     }
 
     /// Green strain and determinant of an element where its nodes lie now.
-    pub(super) fn strain(&self, constants: &ElementConstants, slots: [u32; 4]) -> ([Real; 6], Real) {
-        let x = slots.map(|s| vec3(&self.motion.position[s as usize]));
-        let g = constants.gradient.map(Vec3::from);
-        let f: Mat3 = (0..3).map(|i| (x[i + 1] - x[0]) * g[i].transpose()).sum();
-        let e = (f.transpose() * f - Mat3::identity()) * 0.5;
-        ([e[(0, 0)], e[(1, 1)], e[(2, 2)], e[(1, 2)], e[(0, 2)], e[(0, 1)]], f.determinant())
+    pub(super) fn strain(&self, constants: &ElementConstants, slots: [Slot; 4]) -> ([Real; 6], Real) {
+        let x = slots.map(|s| vec3(&self.motion.position[s.index()]));
+        let f = constants.deformation(&x);
+        (components(&((f.transpose() * f - Mat3::identity()) * 0.5)), f.determinant())
     }
 
     /// What the Maxwell branches of element `e` hold: the mean over the elements that contain its vertices on the
@@ -339,11 +334,11 @@ impl ActiveMesh {
         for i in 0..self.work.nodes.len() {
             let n = self.work.nodes[i];
             let slot = self.slot[n as usize];
-            if slot != NONE && !self.set.is_active(n) && !self.is_needed(body, n) {
+            if slot != Slot::NONE && !self.set.is_active(n) && !self.is_needed(body, n) {
                 self.drop_row(slot);
                 self.delist(slot, false);
-                self.slot[n as usize] = NONE;
-                self.node[slot as usize] = NONE;
+                self.slot[n as usize] = Slot::NONE;
+                self.node[slot.index()] = NONE;
                 self.free.push(slot);
             }
         }

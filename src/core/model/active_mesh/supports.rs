@@ -6,16 +6,18 @@
 //! when they come to be carried by other elements, not in every step.
 
 use super::ActiveMesh;
+use crate::ids::Slot;
 use crate::math::Real;
 use crate::model::body::Body;
 use crate::model::csr::Csr;
 use crate::model::element_kernel::Padded;
+use crate::model::step_class::class_in;
 
 /// The springs of one element.
 #[derive(Clone, Copy, Debug)]
 struct Support {
     /// Slots of the element's nodes.
-    slots: [u32; 4],
+    slots: [Slot; 4],
     /// `K` [N/m].
     stiffness: [[Real; 4]; 4],
     /// `c` without geomorph offsets [N].
@@ -160,23 +162,22 @@ impl ActiveMesh {
         if self.supports.order.is_empty() {
             return;
         }
-        self.active.iter().for_each(|s| self.springs[*s as usize] = 0.0);
+        self.active.iter().for_each(|s| self.springs[s.index()] = 0.0);
         for support in self.supports.iter() {
-            let amplifies = |s: u32| if self.is_master(s) { 1.0 } else { self.row[s as usize].amplification() };
+            let amplifies = |s: Slot| if self.is_master(s) { 1.0 } else { self.row[s.index()].amplification() };
             let amplification = support.slots.map(amplifies);
             for (slot, bound) in support.slots.iter().zip(&support.bound) {
                 let stiffness: Real = bound.iter().zip(&amplification).map(|(b, a)| b * a).sum();
                 if self.is_master(*slot) {
-                    self.springs[*slot as usize] += stiffness * self.motion.inverse_mass[*slot as usize];
+                    self.springs[slot.index()] += stiffness * self.motion.inverse_mass[slot.index()];
                 } else {
-                    for (master, p) in self.row[*slot as usize].entries() {
-                        self.springs[master as usize] +=
-                            stiffness * p.abs() * self.motion.inverse_mass[master as usize];
+                    for (master, p) in self.row[slot.index()].entries() {
+                        self.springs[master.index()] += stiffness * p.abs() * self.motion.inverse_mass[master.index()];
                     }
                 }
             }
         }
-        self.stiffest_spring = self.active.iter().map(|s| self.springs[*s as usize]).fold(0.0, Real::max);
+        self.stiffest_spring = self.active.iter().map(|s| self.springs[s.index()]).fold(0.0, Real::max);
     }
 
     /// Supports follow the geomorph offsets of this tick.
@@ -202,7 +203,7 @@ impl ActiveMesh {
     }
 
     /// Slots of the nodes that supports pull at, four for each element.
-    pub fn supported(&self) -> impl Iterator<Item = u32> + '_ {
+    pub fn supported(&self) -> impl Iterator<Item = Slot> + '_ {
         self.supports.iter().flat_map(|support| support.slots)
     }
 
@@ -210,9 +211,9 @@ impl ActiveMesh {
     pub fn add_supports(&mut self) {
         let Self { supports, motion, .. } = self;
         for support in supports.iter() {
-            let x = support.slots.map(|s| motion.position[s as usize]);
+            let x = support.slots.map(|s| motion.position[s.index()]);
             for (i, slot) in support.slots.iter().enumerate() {
-                let force = &mut motion.force[*slot as usize];
+                let force = &mut motion.force[slot.index()];
                 let k = &support.stiffness[i];
                 for c in 0..4 {
                     let held = k[0] * x[0][c] + k[1] * x[1][c] + k[2] * x[2][c] + k[3] * x[3][c];
@@ -220,6 +221,11 @@ impl ActiveMesh {
                 }
             }
         }
+    }
+
+    /// The class of steps by which supports act.
+    pub fn support_class(&self, body: &Body) -> usize {
+        class_in(body, 1.0 / self.stiffest_spring().max(1.0).sqrt())
     }
 
     /// What a step of the supports needs [1/s²]: bound on their share of `ω²` at any node.

@@ -3,10 +3,11 @@
 //! Estimates, made of what is near: an elastic solution for each node would take minutes. A node held by its neighbours
 //! alone tells most of how its elements lie around it, the rest is as under a load on a half-space.
 
-use super::body::Body;
-use super::csr::Csr;
-use super::material::Material;
+use super::Body;
+use crate::geometry::tet_mesh::{gradients, volume};
 use crate::math::{Mat3, Real, Vec3};
+use crate::model::csr::Csr;
+use crate::model::material::Material;
 
 /// How far nodes give way along the surface's normal for a newton along it, on the level at rest [m/N].
 #[derive(Clone, Debug, Default)]
@@ -203,17 +204,9 @@ fn stiffness_between(material: &Material, g: &Vec3, h: &Vec3) -> Mat3 {
     (Mat3::identity() * g.dot(h) + h * g.transpose()) * material.mu + g * h.transpose() * material.lambda
 }
 
-/// Gradients of an element's four weights [1/m].
-fn gradients(u: &[Vec3; 4]) -> [Vec3; 4] {
-    let six_volumes = (u[1] - u[0]).cross(&(u[2] - u[0])).dot(&(u[3] - u[0]));
-    let face = |a: usize, b: usize, c: usize| (u[b] - u[a]).cross(&(u[c] - u[a])) / six_volumes;
-    [face(1, 3, 2), face(0, 2, 3), face(0, 3, 1), face(0, 1, 2)]
-}
-
 /// `V Σ|g|²` [m] of the tetrahedron of these corners, `g` the gradients of its four weights.
 fn element_width(corners: [Vec3; 4]) -> Real {
-    let volume = (corners[1] - corners[0]).cross(&(corners[2] - corners[0])).dot(&(corners[3] - corners[0])) / 6.0;
-    gradients(&corners).iter().map(Vec3::norm_squared).sum::<Real>() * volume
+    gradients(&corners).iter().map(Vec3::norm_squared).sum::<Real>() * volume(&corners)
 }
 
 // Measured on covers of a block with spacings of 6 to 12.5 mm and ν of 0.1, 0.35 and 0.45: with these, the small force of a

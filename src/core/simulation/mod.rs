@@ -5,185 +5,37 @@
 //! the simulation is built. Nothing but [`Inputs`] enters a tick, nothing but [`Outputs`] leaves it, and a
 //! [`Snapshot`] is all that it carries over: restored, the same inputs give the same bits.
 
-use crate::adaptation::{self, Adaptivity, Focus, Means};
-use crate::contact::detection;
-use crate::contact::friction;
+mod inputs;
+mod outputs;
+mod snapshot;
+
+pub use crate::model::step_class::TICK;
+pub use crate::stepping::work::{Budget, Laps, Part, Prices};
+pub use inputs::{Inputs, Settings};
+pub use outputs::{MOST_LEVELS, Outputs, Plan, TickFlags, ToolOutput};
+pub use snapshot::Snapshot;
+
+use crate::adaptation::{self, Focus, Means, Wishes};
+use crate::contact::detection::{self, Found, Held};
+use crate::contact::friction::{self, Solved};
 use crate::contact::outside::is_outside;
-use crate::contact::safety::{self, ForceLimits, Limited};
+use crate::contact::safety;
 use crate::contact::shape::{MOST_PARTS, Part as ShapePart};
-use crate::contact::tool::{Following, MOST_POINTS, MOST_TOOLS, Phase, Tool, ToolEvent, ToolState};
+use crate::contact::tool::{MOST_POINTS, MOST_TOOLS, Phase, ToolState};
 use crate::contact::wrench::{self, Wrench};
+use crate::ids::ToolId;
 use crate::math::{Real, Vec3};
 use crate::model::active_mesh::Loads;
 use crate::model::constraint::PointMemory;
 use crate::model::element_kernel::{Extremes, Path};
 use crate::model::knot::{Home, KNOT_FRAMES};
-pub use crate::model::step_class::TICK;
 use crate::model::{ActiveMesh, Body, Constraint, State};
-use crate::stepping::step;
-pub use crate::stepping::work::{self, Budget, Laps, Part, Prices};
-use serde::{Deserialize, Serialize};
+use crate::stepping::step::{self, World};
+use crate::stepping::work;
 use std::sync::Arc;
 
 /// Ticks of a frame: the surface is published once per frame (31.25 Hz).
 pub const TICKS_PER_FRAME: u64 = 32;
-
-/// What a simulation is told once.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Settings {
-    /// Gravity [m/s²].
-    pub gravity: Vec3,
-    /// Tools that clients may take, at most [`MOST_TOOLS`]; a tool's id is its index.
-    pub tools: Vec<Tool>,
-    /// How tools follow their poses.
-    pub following: Following,
-    /// Bounds on rendered forces.
-    pub limits: ForceLimits,
-    /// When to refine and coarsen; `None` keeps the active nodes that the start has.
-    pub adaptivity: Option<Adaptivity>,
-    /// Most elements in use at once: what memory is made for.
-    pub most_elements: usize,
-}
-
-/// Everything that one tick consumes.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Inputs {
-    /// Ticks that the machine lost just before this one: time passes, the body stands still.
-    pub lapsed: u32,
-    /// Time that this tick may take, by the prices.
-    pub budget: Budget,
-    /// What work costs from this tick on, where it has been measured anew.
-    pub prices: Option<Prices>,
-    /// Back to the starting state first.
-    pub reset: bool,
-    /// What happened to each tool, by id.
-    pub tools: [Option<ToolEvent>; MOST_TOOLS],
-}
-
-impl Default for Inputs {
-    /// Nothing happens, and work is unbounded.
-    fn default() -> Self {
-        Self { lapsed: 0, budget: Budget::UNLIMITED, prices: None, reset: false, tools: [None; MOST_TOOLS] }
-    }
-}
-
-/// Everything that changes from tick to tick.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Snapshot {
-    /// Ticks since the start of the session.
-    pub tick: u64,
-    /// Ticks in a row until now in which the body stood still.
-    pub frozen: u32,
-    /// What work costs.
-    pub prices: Prices,
-    /// Frames in a row that the body, which nothing touches, has been knotted in itself.
-    pub knotted: u32,
-    /// Motion of the body.
-    pub body: State,
-    /// Each tool, by id.
-    pub tools: Vec<ToolState>,
-    /// Each tool's contact points of the last tick, ascending, at most [`MOST_POINTS`].
-    pub points: Vec<Vec<PointMemory>>,
-}
-
-impl Snapshot {
-    /// The body at rest with every node of level `level` active, no tool held.
-    pub fn at_rest(body: &Body, level: usize, tools: usize) -> Self {
-        Self::with_state(State::at_rest(body, level), tools)
-    }
-
-    /// The body in `state`, no tool held.
-    pub fn with_state(state: State, tools: usize) -> Self {
-        Self {
-            tick: 0,
-            frozen: 0,
-            prices: Prices::COMMON,
-            knotted: 0,
-            body: state,
-            tools: vec![ToolState::default(); tools],
-            points: (0..tools).map(|_| Vec::with_capacity(MOST_POINTS)).collect(),
-        }
-    }
-
-    /// Room for any snapshot of a session of `body` with `settings`, so that saving into it allocates nothing.
-    pub fn with_room(body: &Body, settings: &Settings) -> Self {
-        let elements = settings.most_elements.min(body.element_count());
-        Self::with_state(State::with_room(body, elements, body.node_count().min(elements + 64)), settings.tools.len())
-    }
-}
-
-/// What a tick says of one tool.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct ToolOutput {
-    /// The tool's state after the tick: pose, physical and rendered wrench, what it answers.
-    pub state: ToolState,
-    /// Contact points that push.
-    pub contact_points: u32,
-    /// Why the rendered force differs from the physical one.
-    pub limited: Limited,
-}
-
-/// What a tick says of itself with every wrench.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct TickFlags {
-    /// A state that was not finite was contained, or a knot.
-    pub restored: bool,
-    /// The budget did not cover the tick.
-    pub substeps_dropped: bool,
-}
-
-/// Most levels of a body.
-pub const MOST_LEVELS: usize = 16;
-
-/// Time of one tick [ns], by the prices, counted before it runs.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Plan {
-    /// What the body's motion needs, contacts with it.
-    pub needed: u32,
-    /// What is spent on it: all of it, or nothing.
-    pub taken: u32,
-    /// What the whole tick takes.
-    pub whole: u32,
-}
-
-/// Everything that leaves a tick.
-#[derive(Clone, Debug)]
-pub struct Outputs {
-    /// Ticks since the start of the session.
-    pub tick: u64,
-    /// Each tool, by id.
-    pub tools: Vec<ToolOutput>,
-    /// The tick ends a frame: `skin`, `levels` and `hash` are those of this tick.
-    pub frame: bool,
-    /// Display vertices [m], (n_vertices); as of the last frame.
-    pub skin: Vec<Vec3>,
-    /// Level of detail that displays each of them, (n_vertices); as of the last frame.
-    pub levels: Vec<u8>,
-    /// [`Simulation::hash`] as of the last frame.
-    pub hash: u64,
-    /// Time that the tick was planned to take: the body stood still when the budget did not cover its motion.
-    pub plan: Plan,
-    /// Element evaluations spent.
-    pub element_evaluations: u32,
-    /// Active nodes per level.
-    pub active: [u32; MOST_LEVELS],
-    /// Elements in use.
-    pub elements: u32,
-    /// Changes of resolution.
-    pub adapted: adaptation::Adapted,
-    /// How far the elements are from rest.
-    pub extremes: Extremes,
-    /// The state was not finite, or a knot that the body did not come out of: it has been replaced by the one that a reset
-    /// returns to.
-    pub restored: bool,
-}
-
-impl Outputs {
-    /// What the tick says of itself with every wrench.
-    pub fn flags(&self) -> TickFlags {
-        TickFlags { restored: self.restored, substeps_dropped: self.plan.taken < self.plan.needed }
-    }
-}
 
 /// A body under way.
 #[derive(Debug)]
@@ -319,72 +171,11 @@ impl Simulation {
         &self.tools
     }
 
-    /// Everything that the next tick depends on beside its inputs.
-    pub fn snapshot(&self) -> Snapshot {
-        let mut snapshot = Snapshot::with_room(&self.body, &self.settings);
-        self.save_into(&mut snapshot);
-        snapshot
-    }
-
-    /// Saves what [`Simulation::snapshot`] gives without allocating; `snapshot` was made by [`Snapshot::with_room`].
-    pub fn save_into(&self, snapshot: &mut Snapshot) {
-        self.mesh.save_into(&mut snapshot.body);
-        self.save_rest_into(snapshot);
-    }
-
-    /// As [`Simulation::save_into`], without what the elements remember of their motion: for questions about a body at rest
-    /// where it is now, in a fraction of the time.
-    pub fn save_shape_into(&self, snapshot: &mut Snapshot) {
-        self.mesh.save_shape_into(&mut snapshot.body);
-        self.save_rest_into(snapshot);
-    }
-
-    fn save_rest_into(&self, snapshot: &mut Snapshot) {
-        snapshot.tick = self.tick;
-        snapshot.frozen = self.frozen;
-        snapshot.prices = self.prices;
-        snapshot.knotted = self.knotted;
-        snapshot.tools.copy_from_slice(&self.tools);
-        for (to, from) in snapshot.points.iter_mut().zip(&self.points) {
-            to.clear();
-            to.extend_from_slice(from);
-        }
-    }
-
-    /// xxh3-64 of exactly what [`Simulation::snapshot`] saves: the same for the same history, whatever the machine.
-    pub fn hash(&self) -> u64 {
-        let mut hash = xxhash_rust::xxh3::Xxh3::new();
-        hash.update(&self.tick.to_le_bytes());
-        hash.update(&self.frozen.to_le_bytes());
-        hash.update(bytemuck::cast_slice(&self.prices.0));
-        hash.update(&self.knotted.to_le_bytes());
-        self.mesh.hash_into(&mut hash);
-        for (tool, points) in self.tools.iter().zip(&self.points) {
-            hash_saved(tool, &mut hash);
-            hash.update(&(points.len() as u32).to_le_bytes());
-            points.iter().for_each(|point| hash_saved(point, &mut hash));
-        }
-        hash.digest()
-    }
-
     /// Changes the body between ticks: for tests, studies and for settling a body before it is served.
     pub fn mesh_mut(&mut self) -> &mut ActiveMesh {
         self.detection.forget();
         self.detection.follow_change(&self.body, &self.mesh);
         &mut self.mesh
-    }
-
-    /// Takes over `snapshot`, which is one of this body and these tools: for questions about a copy.
-    pub fn load(&mut self, snapshot: &Snapshot) {
-        (self.tick, self.frozen, self.knotted) = (snapshot.tick, snapshot.frozen, snapshot.knotted);
-        self.prices = snapshot.prices;
-        self.mesh.restore(&self.body, &snapshot.body);
-        self.detection.forget();
-        self.tools.copy_from_slice(&snapshot.tools);
-        for (to, from) in self.points.iter_mut().zip(&snapshot.points) {
-            to.clear();
-            to.extend_from_slice(from);
-        }
     }
 
     /// For comparison: contacts as the mesh shows them, without the compliance of the dent below its size.
@@ -482,19 +273,10 @@ impl Simulation {
                 frame: ticks.is_multiple_of(TICKS_PER_FRAME / 2),
                 moves: self.frozen >= MOST_FROZEN,
             };
-            let (body, mesh) = (&self.body, &mut self.mesh);
             let loads = Loads { points: &self.points, gravity: self.settings.gravity };
             laps.lap(Part::Fixed, 0);
-            self.outputs.adapted = adaptation::adapt(
-                body,
-                mesh,
-                adaptivity,
-                &self.focus,
-                (&means, &loads),
-                ticks,
-                &mut self.adaptation,
-                laps,
-            );
+            let wishes = Wishes { adaptivity, focus: &self.focus, means, loads, ticks };
+            self.outputs.adapted = adaptation::adapt(&self.body, &mut self.mesh, &wishes, &mut self.adaptation, laps);
             let adapted = &self.outputs.adapted;
             if adapted.splits + adapted.merges > 0 {
                 self.detection.follow_change(&self.body, &self.mesh);
@@ -564,8 +346,9 @@ impl Simulation {
                 continue;
             }
             laps.lap(Part::Fixed, 0);
-            let out = (&mut self.constraints, &mut self.points_of_action);
-            detection::detect((&self.body, &self.mesh), i as u32, of, tool, points, out, &mut self.detection);
+            let out = Found { constraints: &mut self.constraints, points_of_action: &mut self.points_of_action };
+            let held = Held { id: ToolId::at(i), of, state: tool };
+            detection::detect(&self.body, &self.mesh, held, points, out, &mut self.detection);
             match points.len() as u32 {
                 0 => laps.lap(Part::Search, 1),
                 n if of.shape.parts().iter().any(ShapePart::is_solid) => laps.lap(Part::SolidPoint, n),
@@ -592,15 +375,8 @@ impl Simulation {
         self.outputs.element_evaluations = 0;
         if moves {
             self.outputs.element_evaluations = work::evaluations(&self.mesh);
-            self.outputs.extremes = step::tick(
-                self.path,
-                &self.body,
-                &mut self.mesh,
-                &mut self.constraints,
-                self.settings.gravity,
-                &mut self.stepping,
-                laps,
-            );
+            let world = World { path: self.path, body: &self.body, gravity: self.settings.gravity };
+            self.outputs.extremes = step::tick(&world, &mut self.mesh, &mut self.constraints, &mut self.stepping, laps);
             self.mesh.ease_off();
             laps.lap(Part::Fixed, 0);
             self.mesh.reclass_over_limit(&self.body);
@@ -633,7 +409,7 @@ impl Simulation {
             (own, constraints) = constraints.split_at(points.len().min(constraints.len()));
             let middle = wrench::middle_pose(tool);
             let (mut physical, mut contact_points) =
-                wrench::wrench_on(i as u32, &middle, &self.constraints, &self.points_of_action);
+                wrench::wrench_on(ToolId::at(i), &middle, &self.constraints, &self.points_of_action);
             if stood_still && tool.touches() {
                 // No step, no new force: the last one stands.
                 physical = Wrench { force: tool.physical_force, torque: tool.physical_torque };
@@ -642,7 +418,8 @@ impl Simulation {
             let solved_at = tool.pose;
             tool.hang_back(physical.force, physical.torque);
             // What the solver found is where the next tick starts.
-            friction::remember(&self.mesh, (own, per_part), &solved_at, tool, points, !stood_still);
+            let solved = Solved { constraints: own, per_part, at: solved_at, moved: !stood_still };
+            friction::remember(&self.mesh, &solved, tool, points);
             let limited = safety::render(tool, &physical, &self.settings.limits, TICK);
             self.outputs.tools[i] = ToolOutput { state: *tool, contact_points, limited };
         }
@@ -678,15 +455,6 @@ impl Simulation {
             let knotted = self.home.is_knotted(self.outputs.extremes.det_f, &self.outputs.skin);
             self.knotted = if knotted { self.knotted + 1 } else { 0 };
         }
-    }
-}
-
-/// Feeds `hash` the bytes that `value`, of at most 1 KiB, is saved as.
-fn hash_saved(value: &impl Serialize, hash: &mut xxhash_rust::xxh3::Xxh3) {
-    let mut bytes = [0u8; 1024];
-    match postcard::to_slice(value, &mut bytes) {
-        Ok(used) => hash.update(used),
-        Err(_) => debug_assert!(false, "the value fits the buffer"),
     }
 }
 

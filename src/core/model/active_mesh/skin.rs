@@ -1,8 +1,8 @@
 //! Points of the display surface as rows of active nodes.
 
-use super::active_mesh::ActiveMesh;
-use super::constraint::Row;
+use super::ActiveMesh;
 use crate::math::{Real, Vec3};
+use crate::model::constraint::Row;
 
 /// The surface point `Σ weights·vertices` as a row of node weights, and its fade [m]: the displayed point is the row's
 /// plus the fade.

@@ -2,126 +2,30 @@
 //!
 //! Nodes and elements of all levels are numbered through, coarsest level first: a node's number says its level.
 
+mod check;
+mod node_compliance;
+mod parts;
+
+pub use parts::{BodyParts, Hold, LabelParts, MaxwellBranch, material_in, vertices_in};
+
 use super::csr::Csr;
 use super::material::Material;
-use super::node_compliance::NodeCompliance;
 use super::organ::{self, Organ, OrganLevel, OrganParts};
 use crate::geometry::locate::Host;
-use crate::geometry::{Moments, Surface, TetMesh};
-use crate::hierarchy::level::{NOWHERE, mean_edge};
-use crate::hierarchy::{Level, embedding};
+use crate::geometry::{Moments, Surface};
+use crate::hierarchy::Level;
+use crate::ids::NONE;
 use crate::math::{Real, Vec3};
-use serde::{Deserialize, Serialize};
+use crate::visited::Visited;
+use check::check;
+use node_compliance::NodeCompliance;
+use parts::finest_whole;
 
 /// First bytes of a body file: name and format version.
 const MAGIC: &[u8; 12] = b"palpate-bdy\x09";
 
-/// Stands for "no node", "no element".
-pub const NONE: u32 = u32::MAX;
-
 /// How much stiffer one element around a node is than another where the material counts as uneven.
 const CONTRAST: Real = 1.25;
-
-/// A display vertex held in space by a spring.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Hold {
-    /// Display vertex.
-    pub vertex: u32,
-    /// Stiffness [N/m]: the region's stiffness per area times the vertex's area.
-    pub stiffness: Real,
-}
-
-/// A Maxwell branch of the deviatoric stress: part of a Prony series.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct MaxwellBranch {
-    /// Shear modulus of the branch over μ.
-    pub modulus: Real,
-    /// Relaxation time [s].
-    pub time: Real,
-}
-
-/// Which labels of the files that a body was made from its elements bear.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct LabelParts {
-    /// What the files call them.
-    pub name: String,
-    /// Labels, and how many 64ths of an element's volume bear each.
-    pub mixtures: Vec<Vec<(i64, u8)>>,
-    /// Place in `mixtures` of each element's, per level (n_elements); an empty list where there are no labels.
-    pub of: Vec<Vec<u16>>,
-}
-
-/// What is saved of a body: its file.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct BodyParts {
-    /// A name for people.
-    pub name: String,
-    /// The display surface at rest [m].
-    pub surface: Surface,
-    /// Volume, centre and second moments of the shape that it was made from [m].
-    pub shape: Moments,
-    /// Independent levels, coarsest first.
-    pub levels: Vec<Level>,
-    /// Materials that elements refer to.
-    pub materials: Vec<Material>,
-    /// Material of each element, per level (n_elements); an empty list stands for material 0 everywhere.
-    pub material_of: Vec<Vec<u16>>,
-    /// Labels that regions of the material go by.
-    pub labels: LabelParts,
-    /// Springs that hold regions in space, the same on every level.
-    pub holds: Vec<Hold>,
-    /// Maxwell branches of every material, at most two.
-    pub maxwell: Vec<MaxwellBranch>,
-    /// Angular frequency of the slowest mode [rad/s], as calibration found it; 0 when nothing moves.
-    pub slowest_mode: Real,
-    /// The organs, where there are several; empty: the body is one.
-    pub organs: Vec<OrganParts>,
-}
-
-impl BodyParts {
-    /// Of one mesh, which is the only level, all of one material, touched and shown by `surface`, which is to be its
-    /// boundary or near it. Nothing holds it or damps it yet.
-    pub fn of_mesh(name: &str, mesh: TetMesh, surface: Surface, material: Material) -> Self {
-        let whole = vec![1.0; mesh.elements.len()];
-        let (shape, spacing) = (Moments::of_mesh(&mesh, &whole), mean_edge(&mesh));
-        let mut levels = vec![Level::new(mesh, whole, spacing, material.density)];
-        embedding::embed(&mut levels, &surface.vertices);
-        Self {
-            name: name.to_owned(),
-            surface,
-            shape,
-            levels,
-            materials: vec![material],
-            material_of: vec![Vec::new()],
-            labels: LabelParts::default(),
-            holds: Vec::new(),
-            maxwell: Vec::new(),
-            slowest_mode: 0.0,
-            organs: Vec::new(),
-        }
-    }
-
-    /// [`Body::mass_moments`].
-    pub fn mass_moments(&self) -> Moments {
-        let r = self.levels.iter().rposition(Level::is_whole).unwrap_or_default();
-        let level = &self.levels[r];
-        let density = |e: usize| material_in(&self.materials, &self.material_of[r], e).density;
-        let weights: Vec<Real> = level.fraction.iter().enumerate().map(|(e, part)| part * density(e)).collect();
-        let base = self.materials[0].density;
-        let (all, plain) = (Moments::of_mesh(&level.mesh, &weights), Moments::of_mesh(&level.mesh, &level.fraction));
-        Moments::combined(&[(self.shape, base), (all, 1.0), (plain, -base)])
-    }
-
-    /// Gives the whole levels their masses, as their materials say.
-    pub fn weigh(&mut self) {
-        let wanted = self.mass_moments();
-        for (level, of) in self.levels.iter_mut().zip(&self.material_of).filter(|(level, _)| level.is_whole()) {
-            let elements = 0..level.mesh.elements.len();
-            let density: Vec<Real> = elements.map(|e| material_in(&self.materials, of, e).density).collect();
-            level.weigh(&density, &wanted);
-        }
-    }
-}
 
 /// A body ready to be stepped: its parts, and what follows from them.
 #[derive(Debug)]
@@ -212,17 +116,18 @@ impl Body {
         }
         let hosts: Vec<(u32, u32)> = levels()
             .flat_map(|(r, l)| l.embedding.iter().enumerate().map(move |(v, h)| (r, v as u32, h.element)))
-            .filter(|(_, _, e)| *e != NOWHERE)
+            .filter(|(_, _, e)| *e != NONE)
             .map(|(r, v, e)| (first_element[r] + e, v))
             .collect();
         let corners = elements.iter().enumerate().flat_map(|(e, nodes)| nodes.map(|n| (n, e as u32)));
         let around = Csr::new(nodes, corners);
         // Each node once, in the order in which the elements around bring them.
-        let mut seen = vec![u32::MAX; nodes];
+        let mut seen = Visited::new(nodes);
         let mut pairs = Vec::with_capacity(16 * nodes);
         for n in 0..nodes as u32 {
+            seen.clear();
             for m in around.of(n).iter().flat_map(|e| elements[*e as usize]) {
-                if std::mem::replace(&mut seen[m as usize], n) != n {
+                if seen.visit(m as usize) {
                     pairs.push((n, m));
                 }
             }
@@ -428,7 +333,7 @@ impl Body {
     }
 
     fn host_on(&self, r: usize, host: Host) -> Option<Host> {
-        (host.element != NOWHERE).then(|| Host { element: host.element + self.first_element[r], ..host })
+        (host.element != NONE).then(|| Host { element: host.element + self.first_element[r], ..host })
     }
 
     /// Display vertices that lie in element `e` on its level.
@@ -574,159 +479,4 @@ impl Body {
     pub fn damping_time(&self) -> Real {
         self.parts.materials.iter().map(Material::damping_time).fold(0.0, Real::max)
     }
-}
-
-/// What element `e` of a level is made of, from the body's `materials` and the level's list of [`BodyParts::material_of`].
-pub fn material_in<'a>(materials: &'a [Material], of: &[u16], e: usize) -> &'a Material {
-    &materials[usize::from(of.get(e).copied().unwrap_or_default())]
-}
-
-fn check(parts: &BodyParts) -> Result<(), String> {
-    let vertices = parts.surface.vertices.len();
-    if parts.levels.is_empty() || parts.levels.len() > 16 {
-        return Err(format!("{} levels: a body has 1 to 16", parts.levels.len()));
-    }
-    if parts.maxwell.len() > 2
-        || parts.maxwell.iter().any(|b| !(b.modulus >= 0.0 && b.modulus.is_finite() && b.time > 0.0))
-    {
-        return Err(format!("Maxwell branches {:?}: at most two, each of positive time", parts.maxwell));
-    }
-    if parts.materials.is_empty() || parts.material_of.len() != parts.levels.len() {
-        return Err("every level needs its materials".into());
-    }
-    let labels = &parts.labels;
-    let labelled = |(level, of): (&Level, &Vec<u16>)| {
-        of.len() == level.mesh.elements.len() && of.iter().all(|m| usize::from(*m) < labels.mixtures.len())
-    };
-    if !labels.of.is_empty()
-        && (labels.of.len() != parts.levels.len() || !parts.levels.iter().zip(&labels.of).all(labelled))
-    {
-        return Err("an element has no label".into());
-    }
-    for m in &parts.materials {
-        let positive = m.mu > 0.0 && m.density > 0.0 && m.pressure_modulus() > 0.0 && m.phi >= 0.0 && m.psi >= 0.0;
-        if !positive || ![m.pressure_modulus(), m.density, m.phi, m.psi].iter().all(|c| c.is_finite()) {
-            return Err(format!("material {m:?} is not a stable solid"));
-        }
-    }
-    if parts.surface.triangles.is_empty() || parts.surface.triangles.iter().flatten().any(|v| *v as usize >= vertices) {
-        return Err("a display triangle names a vertex that does not exist".into());
-    }
-    if parts.holds.iter().any(|h| h.vertex as usize >= vertices || !(h.stiffness >= 0.0 && h.stiffness.is_finite())) {
-        return Err("a hold names a vertex that does not exist or has a bad stiffness".into());
-    }
-    if !(parts.shape.volume > 0.0 && parts.shape.centre.iter().chain(&parts.shape.second).all(|x| x.is_finite())) {
-        return Err("the shape has no volume, or moments that are no finite numbers".into());
-    }
-    if !(parts.surface.vertices.iter().all(finite) && parts.slowest_mode >= 0.0 && parts.slowest_mode.is_finite()) {
-        return Err("a display vertex or the slowest mode is no finite number".into());
-    }
-    for (i, level) in parts.levels.iter().enumerate() {
-        let (nodes, elements) = (level.mesh.nodes.len(), level.mesh.elements.len());
-        let in_range = |n: &u32| (*n as usize) < nodes;
-        let whole = !level.mesh.elements.is_empty()
-            && level.mesh.elements.iter().flatten().all(in_range)
-            && level.mesh.nodes.iter().all(finite)
-            && level.fraction.len() == elements
-            && level.fraction.iter().all(|w| *w > 0.0 && *w <= 1.0 + 1e-9)
-            && level.stiffness_factor.len() == elements
-            && level.branch_factor.len() == elements
-            && level.density.len() == elements
-            && level.node_mass.len() == nodes
-            && level.embedding.len() == vertices
-            && level.embedding.iter().all(|h| lies_in(h, elements) || !level.is_whole() && h.element == NOWHERE)
-            && level.fixed.iter().chain(&level.rim).all(in_range)
-            && (parts.material_of[i].is_empty() || parts.material_of[i].len() == elements)
-            && parts.material_of[i].iter().all(|m| (*m as usize) < parts.materials.len());
-        if !whole {
-            return Err(format!("level {i}: its arrays do not fit together"));
-        }
-        let positive = level.altitude > 0.0
-            && level.spacing > 0.0
-            && level.least_mass >= 0.0
-            && level.density.iter().all(|d| *d > 0.0 && d.is_finite())
-            && level.stiffness_factor.iter().chain(&level.branch_factor).all(|f| *f > 0.0 && f.is_finite())
-            && level.node_mass.iter().all(|m| *m > 0.0 && m.is_finite())
-            && (0..elements).all(|e| level.mesh.volume(e) > 0.0);
-        if !positive {
-            return Err(format!("level {i}: an element without volume or a node without mass"));
-        }
-    }
-    let (first, last) = (&parts.levels[0], &parts.levels[parts.levels.len() - 1]);
-    if parts.levels[..parts.levels.len() - 1].iter().chain([first]).any(|level| !level.is_whole()) {
-        return Err("a level covers only a region, but is not the finest of several".into());
-    }
-    let body_mass: Real = parts.levels[finest_whole(&parts.levels)].node_mass.iter().sum();
-    for (i, level) in parts.levels.iter().enumerate().filter(|(_, level)| level.is_whole()) {
-        let mass = |e: usize| level.density[e] * level.fraction[e] * level.mesh.volume(e);
-        let of_elements = (0..level.mesh.elements.len()).map(mass).sum::<Real>();
-        let of_nodes: Real = level.node_mass.iter().sum();
-        if [of_elements, of_nodes].iter().any(|mass| !(0.5..2.0).contains(&(mass / body_mass))) {
-            return Err(format!(
-                "level {i} weighs {of_nodes:.3e} kg, its elements {of_elements:.3e} kg, the finest level {body_mass:.3e} kg: \
-                 they are not of one body"
-            ));
-        }
-    }
-    if !(first.parent.is_empty() && first.coarser_host.is_empty() && last.finer_host.is_empty()) {
-        return Err("the coarsest or the finest level is tied to one that is not there".into());
-    }
-    for i in 1..parts.levels.len() {
-        let (coarse, fine) = (&parts.levels[i - 1], &parts.levels[i]);
-        let coarse_nodes = coarse.mesh.nodes.len();
-        if fine.parent.len() != fine.mesh.nodes.len() || fine.parent.iter().any(|p| *p as usize >= coarse_nodes) {
-            return Err(format!("level {i}: a node has no parent"));
-        }
-        let mut on_rim = vec![false; fine.parent.len()];
-        fine.rim.iter().for_each(|n| on_rim[*n as usize] = true);
-        let (mut childless, mut unreached) = (vec![true; coarse_nodes], vec![false; coarse_nodes]);
-        for (p, on_rim) in fine.parent.iter().zip(on_rim) {
-            let mark = if on_rim { &mut unreached } else { &mut childless };
-            mark[*p as usize] = on_rim;
-        }
-        if fine.is_whole() && childless.contains(&true) {
-            return Err(format!(
-                "levels {} and {i}: every coarse node needs a finer child; order the levels from coarse to fine \
-                 (now {coarse_nodes} and {} nodes)",
-                i - 1,
-                fine.mesh.nodes.len()
-            ));
-        }
-        // A family is in the region as a whole or not at all.
-        if childless.iter().zip(&unreached).any(|(childless, unreached)| *unreached && !childless)
-            || !childless.contains(&false)
-        {
-            return Err(format!("level {i} covers only a region, whose rim runs through a family"));
-        }
-        let hosts_above =
-            |(h, childless): (&Host, &bool)| lies_in(h, fine.mesh.elements.len()) || *childless && h.element == NOWHERE;
-        let hosted = fine.coarser_host.len() == fine.mesh.nodes.len()
-            && coarse.finer_host.len() == coarse_nodes
-            && fine.coarser_host.iter().all(|h| lies_in(h, coarse.mesh.elements.len()))
-            && coarse.finer_host.iter().zip(&childless).all(hosts_above);
-        if !hosted {
-            return Err(format!("levels {} and {i}: a node lies in no element of the other level", i - 1));
-        }
-    }
-    organ::check(parts)
-}
-
-/// Number of the finest level that covers the body as a whole: what the body weighs, and where its centre is.
-fn finest_whole(levels: &[Level]) -> usize {
-    levels.iter().rposition(Level::is_whole).unwrap_or(0)
-}
-
-/// False for what is no number or so far away [m] that it can only be damage: its products would not be finite.
-fn finite(p: &Vec3) -> bool {
-    p.iter().all(|c| c.abs() <= 1e6)
-}
-
-/// True for a row on one of `elements` elements whose weights sum to one.
-fn lies_in(host: &Host, elements: usize) -> bool {
-    (host.element as usize) < elements && (host.weights.iter().sum::<Real>() - 1.0).abs() < 1e-6
-}
-
-/// Display vertices within a region, for [`Hold`]s and probes: those that `inside` accepts.
-pub fn vertices_in(surface: &Surface, inside: impl Fn(&Vec3) -> bool) -> Vec<u32> {
-    (0..surface.vertices.len()).filter(|v| inside(&surface.vertices[*v])).map(|v| v as u32).collect()
 }

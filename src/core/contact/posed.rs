@@ -1,0 +1,153 @@
+//! The parts of a tool where they are: what contact asks of them.
+
+use super::shape::{Core, Frame, MOST_PARTS, Part, Shape};
+use crate::math::{Bounds, Pose, Real, Vec3, from_parry, to_parry};
+use parry3d_f64::query::PointQuery;
+use parry3d_f64::query::details::closest_points_segment_segment_with_locations_nD as segment_segment;
+use parry3d_f64::shape::{Segment, Triangle};
+
+/// The parts of a tool at `pose`, and how many they are: what is behind them repeats the first.
+pub fn posed<'a>(pose: &Pose, shape: &'a Shape) -> ([Posed<'a>; MOST_PARTS], usize) {
+    let mut all = [Posed::new(pose, &shape.parts()[0]); MOST_PARTS];
+    for (posed, part) in all.iter_mut().zip(shape.parts()).skip(1) {
+        *posed = Posed::new(pose, part);
+    }
+    (all, shape.parts().len())
+}
+
+/// A part of a tool where it is.
+#[derive(Clone, Copy, Debug)]
+pub struct Posed<'a> {
+    /// The part.
+    pub part: &'a Part,
+    /// Its core in the world.
+    pub frame: Frame,
+}
+
+impl<'a> Posed<'a> {
+    /// `part` of a tool at `pose`.
+    pub fn new(pose: &Pose, part: &'a Part) -> Self {
+        Self { part, frame: Frame::new(pose, part) }
+    }
+
+    /// Coordinates of the core's point nearest to the world's place `p`; where `p` is inside, those of `p`.
+    pub fn nearest(&self, p: Vec3) -> Vec3 {
+        match &self.part.core {
+            Core::Axis(_) => Vec3::new(0.0, 0.0, self.along(p)),
+            Core::Solid(solid) => solid.nearest(self.frame.own(p)),
+        }
+    }
+
+    /// Part of the axis (0..=1) nearest to `p`.
+    fn along(&self, p: Vec3) -> Real {
+        let axis = self.frame.axes[2];
+        let length_squared = axis.norm_squared();
+        if length_squared == 0.0 {
+            return 0.0;
+        }
+        ((p - self.frame.from).dot(&axis) / length_squared).clamp(0.0, 1.0)
+    }
+
+    /// True when the surface can get inside of the core.
+    pub fn is_solid(&self) -> bool {
+        self.part.is_solid()
+    }
+
+    /// Where the way from the world's place `p` along the unit vector `d` leaves a solid core (coordinates), and how long
+    /// it is [m]; `None` for an axis, which has no inside.
+    pub fn exit(&self, p: Vec3, d: Vec3) -> Option<(Vec3, Real)> {
+        match &self.part.core {
+            Core::Axis(_) => None,
+            Core::Solid(solid) => {
+                let (p, d) = (self.frame.own(p), self.frame.own_direction(d));
+                let way = solid.exit(p, d);
+                Some((p + d * way, way))
+            }
+        }
+    }
+
+    /// Box around the core, grown by `reach`.
+    pub fn window(&self, reach: Real) -> Bounds {
+        let own = self.part.core.bounds();
+        let (middle, half) = (own.middle(), own.size() * 0.5);
+        let size: Vec3 = (0..3).map(|c| self.frame.axes[c].abs() * half[c]).sum();
+        let place = self.frame.at(middle);
+        Bounds { low: place - size.add_scalar(reach), high: place + size.add_scalar(reach) }
+    }
+
+    /// The place of a triangle that is nearest to the core, or deepest in it along `push`, along which the core would push
+    /// it out; for an axis also the coordinates of its nearest point.
+    pub fn nearest_in_triangle(&self, corners: &[Vec3; 3], push: Vec3) -> (Vec3, Option<Vec3>) {
+        match &self.part.core {
+            Core::Axis(_) => self.nearest_to_axis(corners),
+            Core::Solid(solid) => {
+                let own = corners.map(|p| self.frame.own(p));
+                let blend = BLEND * self.part.radius;
+                (self.frame.at(solid.nearest_in_triangle(&own, self.frame.own_direction(push), blend)), None)
+            }
+        }
+    }
+
+    /// Where an axis is deepest below a triangle that faces `outward`, straight below it: the place on the triangle, the
+    /// coordinates on the axis and the depth [m]. `None` where no part of the axis is below it, and for solid cores.
+    pub fn below_triangle(&self, corners: &[Vec3; 3], outward: Vec3) -> Option<(Vec3, Vec3, Real)> {
+        let size = outward.norm();
+        if self.part.core.is_solid() || size == 0.0 {
+            return None;
+        }
+        let (from, axis, up) = (self.frame.from, self.frame.axes[2], outward / size);
+        // The part of the axis between the planes that stand on the triangle's edges.
+        let mut part = (0.0 as Real, 1.0 as Real);
+        for i in 0..3 {
+            let across = up.cross(&(corners[(i + 1) % 3] - corners[i]));
+            let (at, rise) = (across.dot(&(from - corners[i])), across.dot(&axis));
+            if rise > 0.0 {
+                part.0 = part.0.max(-at / rise);
+            } else if rise < 0.0 {
+                part.1 = part.1.min(-at / rise);
+            } else if at < 0.0 {
+                return None;
+            }
+        }
+        if part.0 > part.1 {
+            return None;
+        }
+        let along = if up.dot(&axis) > 0.0 { part.0 } else { part.1 };
+        let core = Vec3::new(0.0, 0.0, if axis == Vec3::zeros() { 0.0 } else { along });
+        let p = self.frame.at(core);
+        let depth = up.dot(&(corners[0] - p));
+        (depth > 0.0).then_some((p + up * depth, core, depth))
+    }
+
+    fn nearest_to_axis(&self, corners: &[Vec3; 3]) -> (Vec3, Option<Vec3>) {
+        let triangle = Triangle::new(to_parry(corners[0]), to_parry(corners[1]), to_parry(corners[2]));
+        let on_triangle = |p: Vec3| from_parry(triangle.project_local_point(to_parry(p), true).point);
+        // The nearest pair lies at an end of the axis or between the axis and an edge; an axis that pierces the triangle
+        // has passed the surface, and its reference end still gives the side.
+        let mut best = (Real::INFINITY, Vec3::zeros(), Vec3::zeros());
+        let mut keep = |along: Real, p: Vec3| {
+            let core = Vec3::new(0.0, 0.0, along);
+            let distance = (p - self.frame.at(core)).norm_squared();
+            if distance < best.0 {
+                best = (distance, p, core);
+            }
+        };
+        let ends = [0.0, 1.0].map(|part| self.frame.at(Vec3::new(0.0, 0.0, part)));
+        keep(0.0, on_triangle(ends[0]));
+        if self.frame.axes[2].norm_squared() > 0.0 {
+            keep(1.0, on_triangle(ends[1]));
+            let axis = Segment::new(to_parry(ends[0]), to_parry(ends[1]));
+            for i in 0..3 {
+                let edge = Segment::new(to_parry(corners[i]), to_parry(corners[(i + 1) % 3]));
+                let (_, place) = segment_segment((&axis.a, &axis.b), (&edge.a, &edge.b));
+                let p = from_parry(edge.point_at(&place));
+                keep(self.along(p), p);
+            }
+        }
+        (best.1, Some(best.2))
+    }
+}
+
+/// Difference of distances, over the rounding, up to which a triangle's point goes from next to its middle to where it is
+/// nearest: half as much makes a flat end on a flat face rattle, more hides the nearest place.
+const BLEND: Real = 0.3;

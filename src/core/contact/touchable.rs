@@ -1,0 +1,47 @@
+//! The displayed surface near a tool, as contact looks at it.
+
+use crate::math::{Real, Vec3};
+use crate::model::{ActiveMesh, Body};
+
+/// Points this far from the tool [m] become constraints, so that contact begins with an open gap, and no tool passes
+/// between two ticks what it did not push: more where a tick's motion is more.
+pub(super) const MARGIN: Real = 2e-3;
+
+/// A surface that comes to meet a tool is taken to be no faster [m/s].
+pub(super) const FASTEST_SURFACE: Real = 1.0;
+
+/// What a tool may touch.
+#[derive(Debug)]
+pub(super) struct Touchable<'a> {
+    pub(super) body: &'a Body,
+    pub(super) mesh: &'a ActiveMesh,
+    /// Display vertices at the start of the tick [m], (n_vertices), as far as they are near the tool.
+    pub(super) vertices: &'a [Vec3],
+    /// No display edge is longer at rest [m].
+    pub(super) longest_edge: Real,
+}
+
+/// Outward area vector of display triangle `t`, twice its area long [m²].
+pub(super) fn area_vector(on: &Touchable, t: u32) -> Vec3 {
+    let [a, b, c] = on.body.surface().triangles[t as usize].map(|v| on.vertices[v as usize]);
+    (b - a).cross(&(c - a))
+}
+
+/// Barycentric weights of the triangle's place `p`; `None` for a collapsed triangle.
+pub(super) fn weights_in_triangle(corners: &[Vec3; 3], p: Vec3) -> Option<[Real; 3]> {
+    let (e1, e2, d) = (corners[1] - corners[0], corners[2] - corners[0], p - corners[0]);
+    let (a, b, c) = (e1.norm_squared(), e1.dot(&e2), e2.norm_squared());
+    let det = a * c - b * b;
+    #[expect(clippy::neg_cmp_op_on_partial_ord, reason = "NaN, too, must leave here")]
+    if !(det > 0.0) {
+        return None;
+    }
+    let (r, s) = (e1.dot(&d), e2.dot(&d));
+    let (w1, w2) = ((c * r - b * s) / det, (a * s - b * r) / det);
+    Some([1.0 - w1 - w2, w1, w2])
+}
+
+/// Numbers that the points of one part of a tool take: its vertices and triangles.
+pub fn points_of_a_part(body: &Body) -> u32 {
+    (body.surface().vertices.len() + body.surface().triangles.len()) as u32
+}

@@ -1,0 +1,49 @@
+//! Numbers that things go by: one type for each kind of thing, so that none is taken for another.
+
+use serde::{Deserialize, Serialize};
+
+/// Stands for "no node", "no element" and the like in lists where an `Option` would take twice the room.
+pub const NONE: u32 = u32::MAX;
+
+macro_rules! id {
+    ($(#[$meta:meta])* $name:ident) => {
+        $(#[$meta])*
+        #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+        #[serde(transparent)]
+        #[repr(transparent)]
+        pub struct $name(pub u32);
+
+        impl $name {
+            /// Stands for none where an `Option` would take twice the room.
+            pub const NONE: Self = Self(NONE);
+
+            /// The number as one of a place in a list.
+            #[inline(always)]
+            pub const fn index(self) -> usize {
+                self.0 as usize
+            }
+
+            /// Of the thing in this place of a list.
+            #[inline(always)]
+            pub const fn at(index: usize) -> Self {
+                Self(index as u32)
+            }
+        }
+
+        impl std::fmt::Display for $name {
+            fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+                self.0.fmt(f)
+            }
+        }
+    };
+}
+
+id! {
+    /// Place of a node among those that move, active and interface nodes alike: another node's once it is free.
+    Slot
+}
+
+id! {
+    /// A tool of a session: its place in [`Settings::tools`](crate::simulation::Settings::tools).
+    ToolId
+}

@@ -1,0 +1,78 @@
+//! The step classes of the elements in use: each steps as long as its strain and the springs at its nodes allow.
+
+use super::ActiveMesh;
+use crate::ids::Slot;
+use crate::math::Real;
+use crate::model::body::Body;
+use crate::model::element_pool::CLASSES;
+use crate::model::step_class::{self, Strained};
+
+impl ActiveMesh {
+    /// Class of the shortest steps that elements in use take.
+    pub fn finest_class(&self) -> usize {
+        (0..CLASSES).rev().find(|class| self.pool.count(*class) > 0).unwrap_or(0)
+    }
+
+    /// Springs' share of `ω²` [1/s²] at the nodes in `slots`, at most.
+    pub(super) fn springs_at(&self, slots: [Slot; 4]) -> Real {
+        slots.iter().map(|s| self.springs[s.index()]).fold(0.0, Real::max)
+    }
+
+    /// Moves element `e` to the class of its longest stable step; lengthening asks for some margin, so that elements do
+    /// not flutter.
+    pub fn reclass(&mut self, body: &Body, e: u32) {
+        let (Some(class), Some((strain, det))) = (self.pool.class_of(e), self.pool.strain_and_det(e)) else { return };
+        let springs = self.springs_at(body.element(e).map(|n| self.slot[n as usize]));
+        let strained = Strained::of(body.material_of(e), &strain, det);
+        let step = step_class::stable_step(self.omega_squared[e as usize], strained, body.damping_time(), springs);
+        let mut wanted = step_class::class_in(body, step);
+        if wanted < class {
+            wanted = step_class::class_in(body, step / LENGTHENING_MARGIN).min(class);
+        }
+        if wanted != class {
+            self.hand_ease_on(body, e, wanted);
+            self.pool.set_class(e, wanted);
+            self.revision[class] = self.revision[class].wrapping_add(1);
+            self.revision[wanted] = self.revision[wanted].wrapping_add(1);
+            self.limit_strain(body, e, wanted);
+        }
+    }
+
+    /// Tells the kernel up to which strain element `e` may stay in `class`.
+    pub(super) fn limit_strain(&mut self, body: &Body, e: u32, class: usize) {
+        let springs = self.springs_at(body.element(e).map(|n| self.slot[n as usize]));
+        let omega_squared = self.omega_squared[e as usize];
+        let material = body.material_of(e);
+        let limit = step_class::strain_limit(class, material, omega_squared, body.damping_time(), springs);
+        self.pool.set_strain_limit(e, limit);
+    }
+
+    /// [`ActiveMesh::reclass`] for the elements that their last evaluation found strained beyond what their step
+    /// allows.
+    pub fn reclass_over_limit(&mut self, body: &Body) {
+        self.work.elements.clear();
+        for class in 0..CLASSES {
+            self.work.elements.extend(self.pool.over_limit(class));
+        }
+        self.pool.forget_over_limit();
+        for i in 0..self.work.elements.len() {
+            self.reclass(body, self.work.elements[i]);
+        }
+    }
+
+    /// [`ActiveMesh::reclass`] for part `part` of `parts` of the elements in use.
+    pub fn reclass_part(&mut self, body: &Body, part: u64, parts: u64) {
+        for class in 0..CLASSES {
+            let at = |k: u64| (self.pool.count(class) as u64 * k / parts) as usize;
+            // From the end, because leaving fills the gap with the last.
+            for place in (at(part)..at(part + 1)).rev() {
+                if let Some(e) = self.pool.id_at(class, place) {
+                    self.reclass(body, e);
+                }
+            }
+        }
+    }
+}
+
+/// An element takes a longer step only when it could take one this much longer still.
+const LENGTHENING_MARGIN: Real = 1.15;

@@ -1,0 +1,93 @@
+//! An element in use: what it is made of, what it remembers, and how far it may be strained.
+
+use super::material::{COLLAPSE_ONSET, COLLAPSE_STIFFNESS};
+use crate::math::{Mat3, Real, Vec3, symmetric};
+use serde::{Deserialize, Serialize};
+
+/// Most Maxwell branches of an element.
+pub const MAX_BRANCHES: usize = 2;
+
+/// What an element is made of.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ElementConstants {
+    /// ∇L_1, ∇L_2, ∇L_3 at rest [1/m]; ∇L_0 is minus their sum.
+    pub gradient: [[Real; 3]; 3],
+    /// λ·w·vol [N·m].
+    pub lambda: Real,
+    /// μ·w·vol [N·m].
+    pub mu: Real,
+    /// Factor on the shear moduli of the Maxwell branches over μ.
+    pub branch: Real,
+}
+
+/// The law of the kernel for one element, on matrices: what the kernel is tested against, and what weighs an element that is
+/// not due.
+impl ElementConstants {
+    /// Deformation gradient `F = Σ (x_i − x_0) ⊗ ∇L_i` with its nodes at `x` [m].
+    pub fn deformation(&self, x: &[Vec3; 4]) -> Mat3 {
+        let g = self.gradient.map(Vec3::from);
+        (0..3).map(|i| (x[i + 1] - x[0]) * g[i].transpose()).sum()
+    }
+
+    /// Second Piola–Kirchhoff stress at `f` times its part of the volume [N·m]: elastic, and that of Maxwell branches of these
+    /// `moduli` over μ with what they remember. Viscosity and the term against collapse are not in it.
+    pub fn stress(&self, f: &Mat3, moduli: impl Iterator<Item = Real>, history: &History) -> Mat3 {
+        let (lambda, mu) = (self.lambda, self.mu);
+        let doubled = f.transpose() * f - Mat3::identity();
+        let mut s = doubled * mu + Mat3::identity() * (0.5 * lambda * doubled.trace());
+        for (modulus, held) in moduli.zip(&history.branch) {
+            let d = symmetric(*held) * 2.0;
+            s += (d - Mat3::identity() * (d.trace() / 3.0)) * (mu * self.branch * modulus);
+        }
+        s
+    }
+
+    /// Forces on its nodes [N] at the deformation gradient `f` and the stress `s`, with the term against collapse.
+    pub fn forces(&self, f: &Mat3, s: &Mat3) -> [Vec3; 4] {
+        let mut p = f * s;
+        let det = f.determinant();
+        if det < COLLAPSE_ONSET {
+            let rows: [Vec3; 3] = std::array::from_fn(|r| f.row(r).transpose());
+            let cofactor = [rows[1].cross(&rows[2]), rows[2].cross(&rows[0]), rows[0].cross(&rows[1])];
+            let squeeze = COLLAPSE_STIFFNESS * (self.lambda + 2.0 * self.mu) * (det - COLLAPSE_ONSET);
+            p += Mat3::from_rows(&cofactor.map(|c| c.transpose())) * squeeze;
+        }
+        let q = self.gradient.map(|g| p * Vec3::from(g));
+        [q[0] + q[1] + q[2], -q[0], -q[1], -q[2]]
+    }
+}
+
+/// What an element remembers between two evaluations. Components of strains are xx, yy, zz, yz, xz, xy.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct History {
+    /// Green strain `E` at the last evaluation.
+    pub strain: [Real; 6],
+    /// `J = det F` at the last evaluation.
+    pub det: Real,
+    /// Memory `D` of each Maxwell branch; zero for branches that the pool does not have.
+    pub branch: [[Real; 6]; MAX_BRANCHES],
+}
+
+impl History {
+    /// True when no number is infinite or not a number.
+    pub fn is_finite(&self) -> bool {
+        self.det.is_finite() && self.strain.iter().chain(self.branch.iter().flatten()).all(|x| x.is_finite())
+    }
+
+    /// Of an element that has always been at rest.
+    pub const REST: History = History { strain: [0.0; 6], det: 1.0, branch: [[0.0; 6]; MAX_BRANCHES] };
+}
+
+/// Strain up to which an element may keep its step: `|dev 2E| ≤ deviator − slope · tr 2E`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct StrainLimit {
+    /// No unit.
+    pub deviator: Real,
+    /// No unit.
+    pub slope: Real,
+}
+
+impl StrainLimit {
+    /// Whatever the strain.
+    pub const NONE: Self = Self { deviator: Real::INFINITY, slope: 0.0 };
+}

@@ -1,0 +1,362 @@
+//! The kernel gives the forces of the law, in every form to the same bit.
+
+use super::super::element_pool::{ElementConstants, ElementPool, History};
+use super::super::material::Material;
+use super::*;
+use crate::ids::Slot;
+use crate::math::{Mat3, Vec3, components, symmetric};
+
+/// Numbers in ±1 that look random.
+struct Noise(u64);
+
+impl Noise {
+    fn next(&mut self) -> Real {
+        self.0 ^= self.0 << 13;
+        self.0 ^= self.0 >> 7;
+        self.0 ^= self.0 << 17;
+        (self.0 >> 11) as Real / (1u64 << 52) as Real - 1.0
+    }
+    fn vector(&mut self) -> Vec3 {
+        Vec3::new(self.next(), self.next(), self.next())
+    }
+    fn below(&mut self, n: usize) -> usize {
+        ((self.next() * 0.5 + 0.5) * n as Real) as usize % n
+    }
+}
+
+fn edges(x: &[Vec3], n: [u32; 4]) -> Mat3 {
+    let at = |i: usize| x[n[i] as usize];
+    Mat3::from_columns(&[at(1) - at(0), at(2) - at(0), at(3) - at(0)])
+}
+
+/// Elements between random nodes, each of another stiffness.
+struct Soup {
+    rest: Vec<Vec3>,
+    elements: Vec<([u32; 4], ElementConstants)>,
+}
+
+impl Soup {
+    fn new(noise: &mut Noise, nodes: usize, count: usize) -> Self {
+        let rest: Vec<_> = (0..nodes).map(|_| noise.vector() * 0.01).collect();
+        let mut elements = vec![];
+        while elements.len() < count {
+            let mut n = [0; 4].map(|_: u32| noise.below(nodes) as u32);
+            let volume = edges(&rest, n).determinant() / 6.0;
+            if volume.abs() < 1e-8 {
+                continue;
+            }
+            if volume < 0.0 {
+                n.swap(2, 3);
+            }
+            let g = edges(&rest, n).try_inverse().expect("a volume");
+            let gradient = [0, 1, 2].map(|i| [0, 1, 2].map(|c| g[(i, c)]));
+            let weight = volume.abs() * (0.5 + 0.4 * noise.next());
+            let (lambda, mu) = (weight * (5e4 + 3e4 * noise.next()), weight * (2e3 + 1e3 * noise.next()));
+            elements.push((n, ElementConstants { gradient, lambda, mu, branch: 1.0 + 0.3 * noise.next() }));
+        }
+        Self { rest, elements }
+    }
+
+    fn pool(&self, branches: usize) -> ElementPool {
+        let count = self.elements.len();
+        let mut pool = ElementPool::new(count, count, self.rest.len(), branches);
+        for (id, (nodes, constants)) in self.elements.iter().enumerate() {
+            assert!(pool.insert(id as u32, 5, nodes.map(Slot), constants, &History::REST));
+        }
+        pool
+    }
+
+    /// The nodes moved by `amount` element sizes; a quarter of the calls mirrors or crushes the whole.
+    fn moved(&self, noise: &mut Noise, amount: Real) -> Vec<Vec3> {
+        let shape = Mat3::from_diagonal(&match noise.below(8) {
+            0 => Vec3::new(-0.8, 1.0, 1.0),
+            1 => Vec3::new(0.3, 0.2, 1.1),
+            _ => Vec3::repeat(1.0),
+        });
+        self.rest.iter().map(|x| shape * x + noise.vector() * 0.01 * amount).collect()
+    }
+
+    fn gradient_of(&self, e: usize) -> Mat3 {
+        Mat3::from_fn(|i, c| self.elements[e].1.gradient[i][c])
+    }
+
+    fn deformation(&self, e: usize, x: &[Vec3]) -> Mat3 {
+        edges(x, self.elements[e].0) * self.gradient_of(e)
+    }
+
+    /// Elastic energy [J].
+    fn energy(&self, x: &[Vec3]) -> Real {
+        let of = |e: usize| {
+            let c = &self.elements[e].1;
+            let material = Material { lambda: c.lambda, mu: c.mu, phi: 0.0, psi: 0.0, density: 0.0 };
+            material.energy_density(&self.deformation(e, x))
+        };
+        (0..self.elements.len()).map(of).sum()
+    }
+}
+
+fn padded(x: &[Vec3]) -> Vec<Padded> {
+    x.iter().map(|v| [v.x, v.y, v.z, 0.0]).collect()
+}
+
+fn forces(pool: &mut ElementPool, path: Path, rates: &Rates, x: &[Vec3]) -> (Vec<Padded>, Extremes) {
+    let mut force = vec![[0.0; 4]; x.len()];
+    let extremes = pool.add_forces(path, 5, rates, &padded(x), &mut force);
+    (force, extremes)
+}
+
+fn force(pool: &mut ElementPool, rates: &Rates, x: &[Vec3]) -> Vec<Vec3> {
+    forces(pool, Path::best(), rates, x).0.iter().map(|f| Vec3::new(f[0], f[1], f[2])).collect()
+}
+
+const RATES: Rates = Rates { volume: 0.7, shear: 1.3, decay: [0.97, 0.6], share: [0.8, 0.4] };
+
+fn bits(x: &[Real]) -> Vec<u64> {
+    x.iter().map(|x| x.to_bits()).collect()
+}
+
+fn history_bits(pool: &ElementPool, id: u32) -> Vec<u64> {
+    let h = pool.history(id).expect("there");
+    bits(&[&h.strain[..], &[h.det], h.branch.as_flattened()].concat())
+}
+
+#[test]
+fn all_forms_give_the_same_bits() {
+    let mut noise = Noise(7);
+    for count in (0..40).chain([200, 333]) {
+        let soup = Soup::new(&mut noise, 40, count);
+        for branches in 0..=MAX_BRANCHES {
+            let mut pools = Path::available().into_iter().map(|p| (p, soup.pool(branches))).collect::<Vec<_>>();
+            let mut crushed = false;
+            for call in 0..12 {
+                let amount = [0.0, 0.02, 0.3, 2.0][call % 4];
+                let x = padded(&soup.moved(&mut noise, amount));
+                // Forces of other classes are there already, zeros of both signs among them.
+                let before: Vec<Padded> = x.iter().map(|x| [x[0], -0.0, 0.0 * x[2], 0.0]).collect();
+                let mut expected: Option<(Vec<Padded>, Extremes)> = None;
+                for (path, pool) in &mut pools {
+                    let mut force = before.clone();
+                    let extremes = pool.add_forces(*path, 5, &RATES, &x, &mut force);
+                    assert!(force.as_flattened().iter().all(|f| f.is_finite()));
+                    let (f, e) = expected.get_or_insert((force.clone(), extremes));
+                    assert_eq!(bits(f.as_flattened()), bits(force.as_flattened()), "{path:?}");
+                    assert_eq!(*e, extremes, "{path:?}");
+                    crushed |= extremes.det_f < COLLAPSE_ONSET;
+                }
+                for id in 0..count as u32 {
+                    let expected = history_bits(&pools[0].1, id);
+                    assert!(pools.iter().all(|(_, pool)| history_bits(pool, id) == expected));
+                }
+                if count > 0 {
+                    // Leaves other unused lanes behind, and other elements in the last block.
+                    let id = noise.below(count) as u32;
+                    for (_, pool) in &mut pools {
+                        let history = pool.remove(id).expect("there");
+                        let (nodes, constants) = &soup.elements[id as usize];
+                        assert!(pool.insert(id, 5, nodes.map(Slot), constants, &history));
+                    }
+                }
+            }
+            assert!(crushed || count < 8);
+        }
+    }
+}
+
+#[test]
+fn the_force_is_minus_the_slope_of_the_energy() {
+    let mut noise = Noise(3);
+    let soup = Soup::new(&mut noise, 12, 21);
+    for round in 0..8 {
+        let x = soup.moved(&mut noise, [0.05, 0.4, 1.0][round % 3]);
+        let f = force(&mut soup.pool(0), &Rates::ELASTIC, &x);
+        let scale = f.iter().map(|f| f.norm()).fold(0.0, Real::max);
+        let step = 1e-7;
+        for n in 0..x.len() {
+            for c in 0..3 {
+                let energy = |d: Real| {
+                    let mut x = x.clone();
+                    x[n][c] += d;
+                    soup.energy(&x)
+                };
+                let slope = (energy(step) - energy(-step)) / (2.0 * step);
+                assert!((f[n][c] + slope).abs() < 1e-6 * scale, "{} {slope} of {scale}", f[n][c]);
+            }
+        }
+    }
+}
+
+#[test]
+fn a_rigid_rotation_costs_no_force() {
+    let mut noise = Noise(5);
+    let soup = Soup::new(&mut noise, 20, 50);
+    let turn = nalgebra::Rotation3::from_euler_angles(0.4, -2.0, 1.1);
+    let x: Vec<_> = soup.rest.iter().map(|x| turn * x + Vec3::new(0.1, -0.2, 0.05)).collect();
+    for path in Path::available() {
+        for branches in 0..=MAX_BRANCHES {
+            let (force, extremes) = forces(&mut soup.pool(branches), path, &RATES, &x);
+            assert!(force.as_flattened().iter().all(|f| f.abs() < 1e-11));
+            assert!(extremes.strain_squared < 1e-24 && (extremes.det_f - 1.0).abs() < 1e-12);
+        }
+    }
+}
+
+/// The law on matrices, element by element, with viscosity.
+fn reference(soup: &Soup, rates: &Rates, memory: &mut [History], branches: usize, x: &[Vec3]) -> Vec<Vec3> {
+    let mut force = vec![Vec3::zeros(); x.len()];
+    for (e, memory) in memory.iter_mut().enumerate() {
+        let (nodes, c) = &soup.elements[e];
+        let f = c.deformation(&nodes.map(|n| x[n as usize]));
+        let strain = (f.transpose() * f - Mat3::identity()) * 0.5;
+        let change = strain - symmetric(std::mem::replace(&mut memory.strain, components(&strain)));
+        for (d, decay) in memory.branch.iter_mut().zip(rates.decay).take(branches) {
+            *d = components(&((symmetric(*d) + change) * decay));
+        }
+        let viscous =
+            Mat3::from_diagonal_element(c.lambda * rates.volume * change.trace()) + 2.0 * c.mu * rates.shear * change;
+        let stress = c.stress(&f, rates.share[..branches].iter().copied(), memory);
+        for (n, f) in nodes.iter().zip(c.forces(&f, &(stress + viscous))) {
+            force[*n as usize] += f;
+        }
+    }
+    force
+}
+
+#[test]
+fn the_law_with_viscosity_and_memory_agrees_with_matrices() {
+    let mut noise = Noise(11);
+    let soup = Soup::new(&mut noise, 15, 30);
+    for branches in 0..=MAX_BRANCHES {
+        let mut pool = soup.pool(branches);
+        let mut memory = vec![History::REST; soup.elements.len()];
+        for _ in 0..20 {
+            let x = soup.moved(&mut noise, 0.3);
+            let f = force(&mut pool, &RATES, &x);
+            let expected = reference(&soup, &RATES, &mut memory, branches, &x);
+            let scale = expected.iter().map(|f| f.norm()).fold(0.0, Real::max);
+            assert!(f.iter().zip(&expected).all(|(a, b)| (a - b).norm() < 1e-12 * scale));
+        }
+    }
+}
+
+#[test]
+fn a_branch_relaxes_under_a_held_shear() {
+    // A tenth of the relaxation time in 1000 steps; the elastic share stays, the branch fades by 1/(1 + h/T).
+    let soup = {
+        let mut noise = Noise(2);
+        let mut soup = Soup::new(&mut noise, 4, 1);
+        soup.rest = vec![Vec3::zeros(), Vec3::x() * 0.01, Vec3::y() * 0.01, Vec3::z() * 0.01];
+        let gradient = [[100.0, 0.0, 0.0], [0.0, 100.0, 0.0], [0.0, 0.0, 100.0]];
+        soup.elements[0] = ([0, 1, 2, 3], ElementConstants { gradient, lambda: 3e-3, mu: 2e-4, branch: 1.5 });
+        soup
+    };
+    let shear = 1e-7;
+    let mut x = soup.rest.clone();
+    x[2].x += shear * 0.01;
+    let (h, time, share) = (1e-4, 1.0, 0.7);
+    let rates = Rates { volume: 0.0, shear: 0.0, decay: [1.0 / (1.0 + h / time), 0.0], share: [share, 0.0] };
+    let mut pool = soup.pool(1);
+    let mut model = 0.5 * shear;
+    for step in 1..=1000 {
+        let f = force(&mut pool, &rates, &x);
+        model *= rates.decay[0];
+        let stress = 2.0 * 2e-4 * (0.5 * shear + 1.5 * share * model);
+        assert!((f[2].x / (-stress * 100.0) - 1.0).abs() < 1e-6);
+        let exact = 0.5 * shear * (-(step as Real) * h / time).exp();
+        assert!((pool.history(0).expect("there").branch[0][5] / exact - 1.0).abs() < 1e-5);
+    }
+}
+
+#[test]
+fn what_does_not_move_feels_no_viscosity() {
+    let mut noise = Noise(13);
+    let soup = Soup::new(&mut noise, 20, 35);
+    let x = soup.moved(&mut noise, 0.2);
+    let mut pool = soup.pool(0);
+    let moving = force(&mut pool, &RATES, &x);
+    let still = force(&mut pool, &RATES, &x);
+    let elastic = force(&mut soup.pool(0), &Rates::ELASTIC, &x);
+    assert_ne!(moving, still);
+    assert_eq!(still, elastic);
+}
+
+#[test]
+fn lanes_without_an_element_are_not_seen() {
+    let mut noise = Noise(17);
+    for count in 1..=17 {
+        let mut soup = Soup::new(&mut noise, 12, count);
+        // Node 0, which unused lanes name, is far away and in no element.
+        for (nodes, _) in &mut soup.elements {
+            *nodes = nodes.map(|n| n + 1);
+        }
+        soup.rest.insert(0, Vec3::repeat(Real::NAN));
+        let x: Vec<_> = soup.rest.iter().map(|x| x * 1.1).collect();
+        for path in Path::available() {
+            let mut pool = soup.pool(2);
+            for _ in 0..3 {
+                let (force, extremes) = forces(&mut pool, path, &RATES, &x);
+                assert!(force.as_flattened().iter().all(|f| f.is_finite()));
+                assert_eq!(force[0], [0.0; 4]);
+                // E = 0.105 I, J = 1.331.
+                assert!((extremes.strain_squared - 3.0 * 0.105 * 0.105).abs() < 1e-12);
+                assert_eq!(extremes.det_f, 1.0);
+            }
+        }
+    }
+}
+
+#[test]
+fn a_memory_fades_without_becoming_subnormal() {
+    let mut noise = Noise(19);
+    let soup = Soup::new(&mut noise, 10, 9);
+    let x = soup.moved(&mut noise, 0.1);
+    let mut pool = soup.pool(2);
+    for _ in 0..4000 {
+        force(&mut pool, &RATES, &x);
+    }
+    for id in 0..9 {
+        let history = pool.history(id).expect("there");
+        let faded = |d: &Real| d.abs() < 1e-30 && !d.is_subnormal();
+        assert!(history.branch.as_flattened().iter().all(faded));
+    }
+}
+
+#[test]
+fn extremes_are_those_of_the_elements_and_who_is_over_its_limit_is_named() {
+    let mut noise = Noise(23);
+    let soup = Soup::new(&mut noise, 30, 61);
+    for amount in [0.02, 0.5, 1.5] {
+        let x = soup.moved(&mut noise, amount);
+        let mut pool = soup.pool(1);
+        let (_, extremes) = forces(&mut pool, Path::best(), &RATES, &x);
+        let mut expected = Extremes::REST;
+        let (mut strained, mut calm) = (vec![], vec![]);
+        let limit = StrainLimit { deviator: 0.6, slope: 0.8 };
+        for e in 0..soup.elements.len() {
+            let f = soup.deformation(e, &x);
+            let strain = (f.transpose() * f - Mat3::identity()) * 0.5;
+            let det = f.determinant();
+            let own = Extremes { strain_squared: strain.dot(&strain), det_f: det };
+            let deviator = (strain - Mat3::identity() * (strain.trace() / 3.0)).norm();
+            let over = 2.0 * deviator - (limit.deviator - limit.slope * 2.0 * strain.trace());
+            if det < COLLAPSE_ONSET || over > 1e-9 {
+                strained.push(e as u32);
+            } else if over < -1e-9 {
+                calm.push(e as u32);
+            }
+            expected = expected.join(&own);
+        }
+        let near = |a: Real, b: Real| (a - b).abs() < 1e-11 * (1.0 + b.abs());
+        assert!(near(extremes.strain_squared, expected.strain_squared));
+        assert!(near(extremes.det_f, expected.det_f));
+        for path in Path::available() {
+            let mut pool = soup.pool(1);
+            (0..soup.elements.len() as u32).for_each(|e| pool.set_strain_limit(e, limit));
+            forces(&mut pool, path, &RATES, &x);
+            let over: Vec<u32> = pool.over_limit(5).collect();
+            assert!(strained.iter().all(|e| over.contains(e)), "{strained:?} in {over:?}");
+            // One over its limit brings along those of its block, and no others.
+            let block = |e: &u32| strained.iter().any(|s| s / LANES as u32 == e / LANES as u32);
+            assert!(calm.iter().all(|e| block(e) || !over.contains(e)), "{over:?} for {strained:?}");
+        }
+    }
+}

@@ -1,0 +1,80 @@
+//! What leaves a tick.
+
+use crate::adaptation;
+use crate::contact::safety::Limited;
+use crate::contact::tool::ToolState;
+use crate::math::Vec3;
+use crate::model::element_kernel::Extremes;
+
+/// What a tick says of one tool.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ToolOutput {
+    /// The tool's state after the tick: pose, physical and rendered wrench, what it answers.
+    pub state: ToolState,
+    /// Contact points that push.
+    pub contact_points: u32,
+    /// Why the rendered force differs from the physical one.
+    pub limited: Limited,
+}
+
+/// What a tick says of itself with every wrench.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct TickFlags {
+    /// A state that was not finite was contained, or a knot.
+    pub restored: bool,
+    /// The budget did not cover the tick.
+    pub substeps_dropped: bool,
+}
+
+/// Most levels of a body.
+pub const MOST_LEVELS: usize = 16;
+
+/// Time of one tick [ns], by the prices, counted before it runs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Plan {
+    /// What the body's motion needs, contacts with it.
+    pub needed: u32,
+    /// What is spent on it: all of it, or nothing.
+    pub taken: u32,
+    /// What the whole tick takes.
+    pub whole: u32,
+}
+
+/// Everything that leaves a tick.
+#[derive(Clone, Debug)]
+pub struct Outputs {
+    /// Ticks since the start of the session.
+    pub tick: u64,
+    /// Each tool, by id.
+    pub tools: Vec<ToolOutput>,
+    /// The tick ends a frame: `skin`, `levels` and `hash` are those of this tick.
+    pub frame: bool,
+    /// Display vertices [m], (n_vertices); as of the last frame.
+    pub skin: Vec<Vec3>,
+    /// Level of detail that displays each of them, (n_vertices); as of the last frame.
+    pub levels: Vec<u8>,
+    /// [`Simulation::hash`](super::Simulation::hash) as of the last frame.
+    pub hash: u64,
+    /// Time that the tick was planned to take: the body stood still when the budget did not cover its motion.
+    pub plan: Plan,
+    /// Element evaluations spent.
+    pub element_evaluations: u32,
+    /// Active nodes per level.
+    pub active: [u32; MOST_LEVELS],
+    /// Elements in use.
+    pub elements: u32,
+    /// Changes of resolution.
+    pub adapted: adaptation::Adapted,
+    /// How far the elements are from rest.
+    pub extremes: Extremes,
+    /// The state was not finite, or a knot that the body did not come out of: it has been replaced by the one that a reset
+    /// returns to.
+    pub restored: bool,
+}
+
+impl Outputs {
+    /// What the tick says of itself with every wrench.
+    pub fn flags(&self) -> TickFlags {
+        TickFlags { restored: self.restored, substeps_dropped: self.plan.taken < self.plan.needed }
+    }
+}

@@ -1,0 +1,125 @@
+//! What a simulation carries from tick to tick: how it is saved, hashed and restored.
+
+use super::{Settings, Simulation};
+use crate::contact::tool::{MOST_POINTS, ToolState};
+use crate::model::constraint::PointMemory;
+use crate::model::{Body, State};
+use crate::stepping::work::Prices;
+use serde::{Deserialize, Serialize};
+
+/// Everything that changes from tick to tick.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Snapshot {
+    /// Ticks since the start of the session.
+    pub tick: u64,
+    /// Ticks in a row until now in which the body stood still.
+    pub frozen: u32,
+    /// What work costs.
+    pub prices: Prices,
+    /// Frames in a row that the body, which nothing touches, has been knotted in itself.
+    pub knotted: u32,
+    /// Motion of the body.
+    pub body: State,
+    /// Each tool, by id.
+    pub tools: Vec<ToolState>,
+    /// Each tool's contact points of the last tick, ascending, at most [`MOST_POINTS`].
+    pub points: Vec<Vec<PointMemory>>,
+}
+
+impl Snapshot {
+    /// The body at rest with every node of level `level` active, no tool held.
+    pub fn at_rest(body: &Body, level: usize, tools: usize) -> Self {
+        Self::with_state(State::at_rest(body, level), tools)
+    }
+
+    /// The body in `state`, no tool held.
+    pub fn with_state(state: State, tools: usize) -> Self {
+        Self {
+            tick: 0,
+            frozen: 0,
+            prices: Prices::COMMON,
+            knotted: 0,
+            body: state,
+            tools: vec![ToolState::default(); tools],
+            points: (0..tools).map(|_| Vec::with_capacity(MOST_POINTS)).collect(),
+        }
+    }
+
+    /// Room for any snapshot of a session of `body` with `settings`, so that saving into it allocates nothing.
+    pub fn with_room(body: &Body, settings: &Settings) -> Self {
+        let elements = settings.most_elements.min(body.element_count());
+        Self::with_state(State::with_room(body, elements, body.node_count().min(elements + 64)), settings.tools.len())
+    }
+}
+
+impl Simulation {
+    /// Everything that the next tick depends on beside its inputs.
+    pub fn snapshot(&self) -> Snapshot {
+        let mut snapshot = Snapshot::with_room(&self.body, &self.settings);
+        self.save_into(&mut snapshot);
+        snapshot
+    }
+
+    /// Saves what [`Simulation::snapshot`] gives without allocating; `snapshot` was made by [`Snapshot::with_room`].
+    pub fn save_into(&self, snapshot: &mut Snapshot) {
+        self.mesh.save_into(&mut snapshot.body);
+        self.save_rest_into(snapshot);
+    }
+
+    /// As [`Simulation::save_into`], without what the elements remember of their motion: for questions about a body at rest
+    /// where it is now, in a fraction of the time.
+    pub fn save_shape_into(&self, snapshot: &mut Snapshot) {
+        self.mesh.save_shape_into(&mut snapshot.body);
+        self.save_rest_into(snapshot);
+    }
+
+    fn save_rest_into(&self, snapshot: &mut Snapshot) {
+        snapshot.tick = self.tick;
+        snapshot.frozen = self.frozen;
+        snapshot.prices = self.prices;
+        snapshot.knotted = self.knotted;
+        snapshot.tools.copy_from_slice(&self.tools);
+        for (to, from) in snapshot.points.iter_mut().zip(&self.points) {
+            to.clear();
+            to.extend_from_slice(from);
+        }
+    }
+
+    /// xxh3-64 of exactly what [`Simulation::snapshot`] saves: the same for the same history, whatever the machine.
+    pub fn hash(&self) -> u64 {
+        let mut hash = xxhash_rust::xxh3::Xxh3::new();
+        hash.update(&self.tick.to_le_bytes());
+        hash.update(&self.frozen.to_le_bytes());
+        hash.update(bytemuck::cast_slice(&self.prices.0));
+        hash.update(&self.knotted.to_le_bytes());
+        self.mesh.hash_into(&mut hash);
+        for (tool, points) in self.tools.iter().zip(&self.points) {
+            hash_saved(tool, &mut hash);
+            hash.update(&(points.len() as u32).to_le_bytes());
+            points.iter().for_each(|point| hash_saved(point, &mut hash));
+        }
+        hash.digest()
+    }
+
+    /// Takes over `snapshot`, which is one of this body and these tools: for questions about a copy.
+    pub fn load(&mut self, snapshot: &Snapshot) {
+        (self.tick, self.frozen, self.knotted) = (snapshot.tick, snapshot.frozen, snapshot.knotted);
+        self.prices = snapshot.prices;
+        self.mesh.restore(&self.body, &snapshot.body);
+        self.detection.forget();
+        self.tools.copy_from_slice(&snapshot.tools);
+        for (to, from) in self.points.iter_mut().zip(&snapshot.points) {
+            to.clear();
+            to.extend_from_slice(from);
+        }
+    }
+}
+
+/// Feeds `hash` the bytes that `value`, of at most 1 KiB, is saved as.
+fn hash_saved(value: &impl Serialize, hash: &mut xxhash_rust::xxh3::Xxh3) {
+    let mut bytes = [0u8; 1024];
+    match postcard::to_slice(value, &mut bytes) {
+        Ok(used) => hash.update(used),
+        Err(_) => debug_assert!(false, "the value fits the buffer"),
+    }
+}
