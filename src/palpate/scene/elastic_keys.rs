@@ -1,7 +1,5 @@
 //! Elastic constants of a scene: Young's modulus and Poisson's ratio, or Lamé's parameters λ and μ.
 
-use super::keys::{MaterialKeys, RegionKeys};
-use super::organ_keys::TissueKeys;
 use palpate_core::math::Real;
 use palpate_core::model::Material;
 use serde::Deserialize;
@@ -21,13 +19,13 @@ const ROUNDING: Real = 1e-12;
 #[derive(Clone, Copy, Debug, Deserialize)]
 pub(super) struct ElasticKeys {
     /// Young's modulus [Pa].
-    youngs_modulus: Option<Real>,
+    pub(super) youngs_modulus: Option<Real>,
     /// Poisson's ratio.
-    poisson_ratio: Option<Real>,
+    pub(super) poisson_ratio: Option<Real>,
     /// Lamé's first parameter λ [Pa].
-    lambda: Option<Real>,
+    pub(super) lambda: Option<Real>,
     /// Shear modulus μ [Pa].
-    mu: Option<Real>,
+    pub(super) mu: Option<Real>,
 }
 
 impl ElasticKeys {
@@ -130,55 +128,10 @@ pub(super) fn as_given(material: &mut toml::Table, given: &toml::Table) {
 }
 
 /// Writes the defaults of Young's modulus and Poisson's ratio into keys of which neither pair is given whole.
-fn fill(keys: ElasticKeys, youngs_modulus: &mut Option<Real>, poisson_ratio: &mut Option<Real>) {
+pub(super) fn fill(keys: ElasticKeys, youngs_modulus: &mut Option<Real>, poisson_ratio: &mut Option<Real>) {
     if keys.lame().is_none() {
         let (e, nu) = keys.young();
         (*youngs_modulus, *poisson_ratio) = (Some(e), Some(nu));
-    }
-}
-
-impl MaterialKeys {
-    /// Its elastic constants as written.
-    pub(super) fn elastic_keys(&self) -> ElasticKeys {
-        let Self { youngs_modulus, poisson_ratio, lambda, mu, .. } = *self;
-        ElasticKeys { youngs_modulus, poisson_ratio, lambda, mu }
-    }
-
-    /// Its constants, without viscosity.
-    pub(super) fn elastic(&self) -> Material {
-        self.elastic_keys().material(self.density)
-    }
-
-    /// Writes out the defaults of elastic constants.
-    pub(super) fn fill(&mut self) {
-        fill(self.elastic_keys(), &mut self.youngs_modulus, &mut self.poisson_ratio);
-    }
-}
-
-impl TissueKeys {
-    /// Its elastic constants as written.
-    pub(super) fn elastic_keys(&self) -> ElasticKeys {
-        let Self { youngs_modulus, poisson_ratio, lambda, mu, .. } = *self;
-        ElasticKeys { youngs_modulus, poisson_ratio, lambda, mu }
-    }
-
-    /// Writes out the defaults of elastic constants.
-    pub(super) fn fill(&mut self) {
-        fill(self.elastic_keys(), &mut self.youngs_modulus, &mut self.poisson_ratio);
-    }
-}
-
-impl RegionKeys {
-    /// Its elastic constants as written.
-    pub(super) fn elastic_keys(&self) -> ElasticKeys {
-        let Self { youngs_modulus, poisson_ratio, lambda, mu, .. } = *self;
-        ElasticKeys { youngs_modulus, poisson_ratio, lambda, mu }
-    }
-
-    /// Young's modulus [Pa] and Poisson's ratio of the region in a material of Poisson's ratio `rest`.
-    pub(super) fn young(&self, rest: Real) -> (Real, Real) {
-        let keys = self.elastic_keys();
-        ElasticKeys { poisson_ratio: keys.poisson_ratio.or(Some(rest)), ..keys }.young()
     }
 }
 

@@ -1,6 +1,6 @@
 //! The keys of a scene, each with its range and default, and what follows from them.
 
-use super::elastic_keys::{LARGEST_POISSON_RATIO, STIFFNESS};
+use super::elastic_keys::{ElasticKeys, LARGEST_POISSON_RATIO, STIFFNESS, fill};
 use super::organ_keys::OrganKeys;
 use super::tool_keys::{ToolKeys, centimetre};
 use garde::Validate;
@@ -247,6 +247,18 @@ pub struct RegionKeys {
 }
 
 impl RegionKeys {
+    /// Its elastic constants as written.
+    pub(super) fn elastic_keys(&self) -> ElasticKeys {
+        let Self { youngs_modulus, poisson_ratio, lambda, mu, .. } = *self;
+        ElasticKeys { youngs_modulus, poisson_ratio, lambda, mu }
+    }
+
+    /// Young's modulus [Pa] and Poisson's ratio of the region in a material of Poisson's ratio `rest`.
+    pub(super) fn young(&self, rest: Real) -> (Real, Real) {
+        let keys = self.elastic_keys();
+        ElasticKeys { poisson_ratio: keys.poisson_ratio.or(Some(rest)), ..keys }.young()
+    }
+
     /// The ball, the box or the label; `None` where the keys are those of none or of several, or of an empty box.
     fn place(&self) -> Option<Place> {
         match (self.centre, self.radius, self.min, self.max, self.label) {
@@ -271,6 +283,22 @@ impl RegionKeys {
 }
 
 impl MaterialKeys {
+    /// Its elastic constants as written.
+    pub(super) fn elastic_keys(&self) -> ElasticKeys {
+        let Self { youngs_modulus, poisson_ratio, lambda, mu, .. } = *self;
+        ElasticKeys { youngs_modulus, poisson_ratio, lambda, mu }
+    }
+
+    /// Its constants, without viscosity.
+    pub(super) fn elastic(&self) -> Material {
+        self.elastic_keys().material(self.density)
+    }
+
+    /// Writes out the defaults of elastic constants.
+    pub(super) fn fill(&mut self) {
+        fill(self.elastic_keys(), &mut self.youngs_modulus, &mut self.poisson_ratio);
+    }
+
     /// Adds what is wrong with the keys together, under `path`.
     pub(super) fn faults(&self, path: &str, out: &mut Vec<(String, String)>) {
         self.elastic_keys().faults(path, out);

@@ -1,6 +1,6 @@
 //! Further bodies of a scene, beside `[body]`: the keys of each, and the scene that it would be alone.
 
-use super::elastic_keys::{LARGEST_POISSON_RATIO, STIFFNESS};
+use super::elastic_keys::{ElasticKeys, LARGEST_POISSON_RATIO, STIFFNESS, fill};
 use super::keys::{BodyKeys, HoldKeys, MaterialKeys, RegionKeys, Scene};
 use super::tool_keys::{unit_quaternion, upright};
 use garde::Validate;
@@ -65,6 +65,17 @@ pub struct TissueKeys {
 }
 
 impl TissueKeys {
+    /// Its elastic constants as written.
+    pub(super) fn elastic_keys(&self) -> ElasticKeys {
+        let Self { youngs_modulus, poisson_ratio, lambda, mu, .. } = *self;
+        ElasticKeys { youngs_modulus, poisson_ratio, lambda, mu }
+    }
+
+    /// Writes out the defaults of elastic constants.
+    pub(super) fn fill(&mut self) {
+        fill(self.elastic_keys(), &mut self.youngs_modulus, &mut self.poisson_ratio);
+    }
+
     /// Names of its keys: what is taken over from a prepared body.
     pub(super) const KEYS: [&str; 6] = ["youngs_modulus", "poisson_ratio", "lambda", "mu", "density", "region"];
 }
