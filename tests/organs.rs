@@ -80,7 +80,7 @@ fn alone(loaded: &LoadedScene) -> [(Body, Pose); 2] {
     let organ = &loaded.scene.organ[0];
     let first = palpate::scene::Scene { organ: vec![], ..loaded.scene.clone() };
     let built = |scene| LoadedScene { scene, ..loaded.clone() }.build(&mut |_, _, _| {}).unwrap();
-    [(built(first), Pose::default()), (built(organ.alone(&loaded.scene)), organ.pose())]
+    [(built(first), Pose::default()), (built(loaded.scene.of_organ(organ)), organ.pose())]
 }
 
 fn simulation(loaded: &LoadedScene, body: &Arc<Body>) -> Simulation {
@@ -428,7 +428,7 @@ fn organs_that_overlap_or_do_not_fit_are_refused_by_name_and_place() {
 fn a_prepared_body_is_an_organ_of_its_own_material_and_holds() {
     let loaded = load(&["material.damping_ratio=0.15"]);
     let [_, (own, _)] = alone(&loaded);
-    let scene = loaded.scene.organ[0].alone(&loaded.scene);
+    let scene = loaded.scene.of_organ(&loaded.scene.organ[0]);
     let provenance = Provenance { scene: scene.to_toml(), ..Provenance::default() };
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("small.palpate"), BodyFile { provenance, body: own }.bytes()).unwrap();

@@ -1,4 +1,4 @@
-//! Numbers that things go by: one type for each kind of thing, so that none is taken for another.
+//! Ids, a type for each kind, so that none is taken for another.
 
 use serde::{Deserialize, Serialize};
 

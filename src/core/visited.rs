@@ -1,6 +1,6 @@
-//! Which of the things of one kind have been looked at.
+//! The visited set: indices that have been looked at, as in a walk over a mesh.
 
-/// A set of numbers that is emptied in no time.
+/// A set of indices; cleared in constant time, because each entry carries the generation it was put in.
 #[derive(Clone, Debug)]
 pub struct Visited {
     /// Count of the times that it has been emptied, and what that was when each was put in.

@@ -1,4 +1,7 @@
 //! Elastic constants of a scene: Young's modulus and Poisson's ratio, or Lamé's parameters λ and μ.
+//!
+//! The three tables that give them list the four keys themselves: serde does not refuse unknown keys in a table that has
+//! another one's keys flattened into it.
 
 use palpate_core::math::Real;
 use palpate_core::model::Material;

@@ -3,6 +3,7 @@
 //! Every key stands in `config/scenes/reference.toml` with its unit, range and default; a test holds the two together.
 //! A wrong key, a bad value or a bad mesh gets an error that names the file, the line and what to do.
 
+pub mod body_keys;
 mod elastic_keys;
 pub mod keys;
 pub mod organ_keys;
@@ -11,8 +12,8 @@ pub mod tool_keys;
 
 pub use keys::Scene;
 
+use body_keys::Source;
 use garde::Validate;
-use keys::Source;
 use palpate_body::geometry::{LabelledMesh, MeshError, mesh_io, primitives};
 use palpate_body::prepare::body_file::{self, BodyFileError};
 use palpate_body::prepare::merge::merge;
@@ -192,7 +193,7 @@ impl LoadedScene {
             let mut all = vec![(body, Pose::default())];
             for organ in &self.scene.organ {
                 let origin = format!("{}: organ \"{}\"", self.origin, organ.name);
-                let alone = Self { scene: organ.alone(&self.scene), origin, folder: self.folder.clone() };
+                let alone = Self { scene: self.scene.of_organ(organ), origin, folder: self.folder.clone() };
                 let mut told = |what: &str, done, of| progress(&format!("{}: {what}", organ.name), done, of);
                 all.push((alone.first_body(&mut told)?, organ.pose()));
             }

@@ -1,7 +1,7 @@
 //! Further bodies of a scene, beside `[body]`: the keys of each, and the scene that it would be alone.
 
+use super::body_keys::{BodyKeys, HoldKeys, MaterialKeys, RegionKeys};
 use super::elastic_keys::{ElasticKeys, LARGEST_POISSON_RATIO, STIFFNESS, fill};
-use super::keys::{BodyKeys, HoldKeys, MaterialKeys, RegionKeys, Scene};
 use super::tool_keys::{unit_quaternion, upright};
 use garde::Validate;
 use palpate_core::math::{Pose, Real, Vec3, normalized_quaternion};
@@ -92,28 +92,6 @@ impl OrganKeys {
     pub fn pose(&self) -> Pose {
         let orientation = normalized_quaternion(self.orientation).unwrap_or_else(upright);
         Pose { position: Vec3::from(self.position), orientation }
-    }
-
-    /// The scene of this body alone, in its own frame; all else is as in `scene`.
-    pub fn alone(&self, scene: &Scene) -> Scene {
-        let TissueKeys { youngs_modulus, poisson_ratio, lambda, mu, density, region } = self.material.clone();
-        let mut material =
-            MaterialKeys { youngs_modulus, poisson_ratio, lambda, mu, density, region, ..scene.material.clone() };
-        // Viscosities that the scene gives stand for relaxation times, which are the same in every organ.
-        let (own, first) = (material.elastic(), scene.material.elastic());
-        let as_stiff = |viscosity: Option<Real>, own: Real, first: Real| {
-            viscosity.map(|viscosity| if first > 0.0 { viscosity * own / first } else { 0.0 })
-        };
-        material.phi = as_stiff(scene.material.phi, own.lambda, first.lambda);
-        material.psi = as_stiff(scene.material.psi, own.mu, first.mu);
-        Scene {
-            name: self.name.clone(),
-            body: self.body.clone(),
-            material,
-            hold: self.hold.clone(),
-            organ: Vec::new(),
-            ..scene.clone()
-        }
     }
 
     /// Adds what is wrong with the keys together, under `path`.

@@ -1,6 +1,7 @@
 //! Scenes of prepared bodies: what they leave out of material and holds is as the body was prepared.
 
-use super::keys::{BodyKeys, Scene, Source};
+use super::body_keys::{BodyKeys, Source};
+use super::keys::Scene;
 use super::organ_keys::TissueKeys;
 use super::{LoadedScene, SceneError, elastic_keys, parse};
 use palpate_body::prepare::body_file::{BodyFile, BodyFileError, Provenance};

@@ -1,6 +1,7 @@
 //! What scenes say, and what they are refused for.
 
-use super::keys::{BodyKeys, MaterialKeys, ResolutionKeys};
+use super::body_keys::{BodyKeys, MaterialKeys};
+use super::keys::ResolutionKeys;
 use super::*;
 use palpate_body::prepare::inclusions::Place;
 use palpate_body::prepare::region::Reach;
@@ -120,7 +121,7 @@ fn lame_parameters_give_the_material_of_youngs_modulus_and_poissons_ratio() {
     let found = scene(&lame(8e3, 0.4), &lame(5e4, 0.3), &lame(10.0, 0.49));
     // Viscosities and the springs of supports follow from them.
     assert_eq!(found.material(), expected.material());
-    assert_eq!(found.organ[0].alone(&found).material(), expected.organ[0].alone(&expected).material());
+    assert_eq!(found.of_organ(&found.organ[0]).material(), expected.of_organ(&expected.organ[0]).material());
     let near = |a: Real, b: Real| (a - b).abs() <= 1e-12 * b;
     let (found_region, expected_region) = (found.inclusions()[0], expected.inclusions()[0]);
     assert!(near(found_region.youngs_modulus, expected_region.youngs_modulus), "{found_region:?}");

@@ -63,7 +63,7 @@ pub struct Gate {
     pub epoch: u32,
     /// Last sequence number that passed, 0 before the first.
     pub sequence: u32,
-    /// Least and greatest corner of where a tool may be [m].
+    /// Where a tool may be [m].
     pub workspace: Bounds,
 }
 
@@ -87,8 +87,7 @@ impl Gate {
         let orientation = normalized_quaternion(orientation)
             .filter(|_| (length_squared - 1.0).abs() < 0.02)
             .ok_or(Refusal::BadOrientation)?;
-        let Bounds { low, high } = self.workspace;
-        if !(0..3).all(|c| position[c] >= low[c] && position[c] <= high[c]) {
+        if !self.workspace.contains(&position) {
             return Err(Refusal::OutOfRange);
         }
         // Wrapping difference: a device at 1 kHz takes 49 days to get round.
