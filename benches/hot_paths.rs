@@ -7,6 +7,7 @@ use palpate::scene::LoadedScene;
 use palpate::wire;
 use palpate::wire::surface::SurfaceEncoder;
 use palpate_core::contact::tool::{Coupling, PoseSample, ToolEvent};
+use palpate_core::ids::Node;
 use palpate_core::math::{Pose, Vec3};
 use palpate_core::model::active_set::Change;
 use palpate_core::model::element_kernel::{Path as KernelPath, Rates};
@@ -160,7 +161,7 @@ fn change_of_resolution(c: &mut Criterion) {
     let body = build(&load(&[]));
     let mut mesh = ActiveMesh::new(&body, &State::at_rest(&body, 0), usize::MAX).unwrap();
     let centre = body.centre_of_mass();
-    let away = |n: &u32| (body.rest(*n) - centre).norm_squared();
+    let away = |n: &Node| (body.rest(*n) - centre).norm_squared();
     let middle = body.nodes_of(0).min_by(|a, b| away(a).total_cmp(&away(b))).unwrap();
     assert_eq!(mesh.set().first_needed(&body, middle), None);
     let changed = mesh.apply(&body, &[Change::Split(middle)]);

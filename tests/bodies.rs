@@ -87,7 +87,7 @@ fn explicit_limit(body: &Body, mesh: &mut ActiveMesh) -> Real {
     let slots = mesh.active().to_vec();
     let rest: Vec<Vec3> = slots.iter().map(|s| body.rest(mesh.node(*s))).collect();
     let mut index = vec![usize::MAX; body.node_count()];
-    slots.iter().enumerate().for_each(|(i, s)| index[mesh.node(*s) as usize] = i);
+    slots.iter().enumerate().for_each(|(i, s)| index[mesh.node(*s).index()] = i);
     let mut shape: Vec<Vec3> = (0..rest.len())
         .map(|i| Vec3::new((i % 7) as Real - 3.0, (i % 5) as Real - 2.0, (i % 3) as Real - 1.0))
         .collect();
@@ -96,7 +96,7 @@ fn explicit_limit(body: &Body, mesh: &mut ActiveMesh) -> Real {
         let norm = shape.iter().map(|v| v.norm_squared()).sum::<Real>().sqrt();
         shape.iter_mut().for_each(|v| *v /= norm);
         let scale = 1e-6;
-        mesh.change_motion(|n, x, _| *x = body.rest(n) + shape[index[n as usize]] * scale);
+        mesh.change_motion(|n, x, _| *x = body.rest(n) + shape[index[n.index()]] * scale);
         for class in 0..CLASSES {
             mesh.add_forces(KernelPath::best(), class, &Rates::ELASTIC);
         }
@@ -161,7 +161,7 @@ fn a_hard_kick_dies_away_at_every_damping_time() {
         simulation.mesh_mut().change_motion(|n, _, v| {
             // Undamped, a hard kick makes elements change their steps to and fro with the strain, and each change of
             // step costs or gives a little energy; a soft one leaves the steps alone.
-            if n.is_multiple_of(3) {
+            if n.index().is_multiple_of(3) {
                 *v = Vec3::new(0.5, -0.4, 0.3) * if damped { 1.0 } else { 0.02 };
             }
         });

@@ -231,7 +231,7 @@ fn a_change_of_resolution_in_one_organ_leaves_the_other_as_it_was() {
     let state = State::at_rest_on(&body, body.nodes_of(0).collect()).unwrap();
     let mut mesh = ActiveMesh::new(&body, &state, body.element_count()).unwrap();
     mesh.change_motion(|n, x, v| {
-        let wave = (n as Real * 0.7).sin();
+        let wave = (Real::from(n.0) * 0.7).sin();
         *x += Vec3::new(wave, -wave, 0.5 * wave) * 1e-3;
         *v = Vec3::new(0.3 * wave, 0.2, x.x);
     });

@@ -44,6 +44,16 @@ id! {
 }
 
 id! {
+    /// A node of a body, numbered through all levels. A level by itself counts its own from 0, as plain numbers.
+    Node
+}
+
+id! {
+    /// An element of a body, numbered through all levels. A level by itself counts its own from 0, as plain numbers.
+    Element
+}
+
+id! {
     /// A tool of a session: its place in [`Settings::tools`](crate::simulation::Settings::tools).
     ToolId
 }

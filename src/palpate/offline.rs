@@ -3,6 +3,7 @@
 use crate::scene::Scene;
 use palpate_core::contact::tool::{Coupling, MOST_TOOLS, PoseSample, ToolEvent};
 use palpate_core::geometry::locate::Host;
+use palpate_core::ids::{Element, Node};
 use palpate_core::math::{Pose, Real, Vec3, normalized_quaternion};
 use palpate_core::model::energy::energy;
 use palpate_core::simulation::{Inputs, Outputs, Simulation, TICK};
@@ -221,7 +222,7 @@ pub struct Summary {
 /// Writes `samples.csv`: one row per `every` ticks.
 pub struct SampleWriter {
     out: csv::Writer<File>,
-    probes: Vec<Vec<Host>>,
+    probes: Vec<Vec<Host<Element>>>,
     every: u64,
 }
 
@@ -300,11 +301,11 @@ fn numbers<'a>(out: &mut csv::Writer<File>, values: impl IntoIterator<Item = &'a
 }
 
 /// Displacement [m] of a point, from where it lies on each level: on the one whose nodes around it are active.
-pub fn displacement(simulation: &Simulation, hosts: &[Host]) -> Vec3 {
+pub fn displacement(simulation: &Simulation, hosts: &[Host<Element>]) -> Vec3 {
     let (body, mesh) = (simulation.body(), simulation.mesh());
-    let active = |h: &&Host| mesh.active_vertices(h.element);
+    let active = |h: &&Host<Element>| mesh.active_vertices(h.element);
     let Some(host) = hosts.iter().max_by_key(active) else { return Vec3::zeros() };
-    let moved = |n: u32| mesh.position_of(n).map_or(Vec3::zeros(), |x| x - body.rest(n));
+    let moved = |n: Node| mesh.position_of(n).map_or(Vec3::zeros(), |x| x - body.rest(n));
     body.element(host.element).into_iter().zip(host.weights).map(|(n, w)| moved(n) * w).sum()
 }
 

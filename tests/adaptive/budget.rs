@@ -160,7 +160,7 @@ fn a_small_body_is_refined_as_far_as_a_large_one() {
 }
 
 /// Nodes on which more than a fiftieth of what the tool presses with is held, unless the body has to shed load.
-fn unsettled(press: &Simulation, budget: u32) -> Vec<u32> {
+fn unsettled(press: &Simulation, budget: u32) -> Vec<Node> {
     let (mesh, points) = (press.mesh(), &press.snapshot().points[0]);
     let pressed: Real = points.iter().map(|p| p.multiplier).sum();
     let points = points.len() as u32;

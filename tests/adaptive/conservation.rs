@@ -16,7 +16,7 @@ pub(super) struct Kept {
 ///
 /// The body is so soft that the fastest modes turn by a fraction of a radian in a tick: what is left of the step's own
 /// error (proportional to its square, and bounded) is then below what is asked.
-pub(super) fn run(body: &Arc<Body>, nodes: Vec<u32>, held: bool, seconds: Real) -> Kept {
+pub(super) fn run(body: &Arc<Body>, nodes: Vec<Node>, held: bool, seconds: Real) -> Kept {
     let mut free = simulation(body, &settings(None), nodes);
     let centre = body.centre_of_mass();
     free.mesh_mut().change_motion(|n, _, v| {

@@ -27,7 +27,7 @@ fn the_slowest_mode_is_damped_as_asked_on_every_level_and_across_levels() {
     let body = damped().body();
     report(&body);
     println!("{:?}", body.maxwell());
-    let mut sets: Vec<(String, Vec<u32>)> =
+    let mut sets: Vec<(String, Vec<Node>)> =
         (0..body.levels().len()).map(|r| (format!("level {r}"), uniform(&body, r))).collect();
     sets.extend((0..4).map(|seed| (format!("set {seed}"), random_set(&body, &mut Random(seed)))));
     for axis in [Vec3::z(), Vec3::y()] {

@@ -8,7 +8,7 @@ use palpate_core::contact::safety::ForceLimits;
 use palpate_core::contact::tool::{Coupling, Following, PoseSample, Shape as ToolShape, Tool, ToolEvent};
 use palpate_core::geometry::Surface;
 use palpate_core::geometry::primitives::box_surface;
-use palpate_core::ids::Slot;
+use palpate_core::ids::{Node, Slot};
 use palpate_core::math::{Bounds, Pose, Real, Vec3};
 use palpate_core::model::active_set::{ActiveSet, Change, Status};
 use palpate_core::model::{ActiveMesh, Body, Material, State};
@@ -127,22 +127,22 @@ fn settings(adaptivity: Option<Adaptivity>) -> Settings {
 }
 
 /// The body at rest with these active nodes.
-fn simulation(body: &Arc<Body>, settings: &Settings, nodes: Vec<u32>) -> Simulation {
+fn simulation(body: &Arc<Body>, settings: &Settings, nodes: Vec<Node>) -> Simulation {
     let state = State::at_rest_on(body, nodes).unwrap();
     Simulation::new(body.clone(), settings.clone(), Snapshot::with_state(state, settings.tools.len())).unwrap()
 }
 
-fn uniform(body: &Body, level: usize) -> Vec<u32> {
+fn uniform(body: &Body, level: usize) -> Vec<Node> {
     body.nodes_of(level).collect()
 }
 
 /// A mesh at rest with room for every element.
-fn mesh_on(body: &Body, nodes: Vec<u32>) -> ActiveMesh {
+fn mesh_on(body: &Body, nodes: Vec<Node>) -> ActiveMesh {
     ActiveMesh::new(body, &State::at_rest_on(body, nodes).unwrap(), body.element_count()).unwrap()
 }
 
 /// The node to split first so that `n` may be split.
-fn split_first(body: &Body, set: &ActiveSet, n: u32) -> u32 {
+fn split_first(body: &Body, set: &ActiveSet, n: Node) -> Node {
     let mut first = n;
     while let Some(before) = set.first_needed(body, first) {
         first = before;
@@ -150,12 +150,12 @@ fn split_first(body: &Body, set: &ActiveSet, n: u32) -> u32 {
     first
 }
 
-fn active_nodes(body: &Body, set: &ActiveSet) -> Vec<u32> {
-    (0..body.node_count() as u32).filter(|n| set.is_active(*n)).collect()
+fn active_nodes(body: &Body, set: &ActiveSet) -> Vec<Node> {
+    body.nodes().filter(|n| set.is_active(*n)).collect()
 }
 
 /// Refined around one to three random places, as tools would.
-fn random_set(body: &Body, random: &mut Random) -> Vec<u32> {
+fn random_set(body: &Body, random: &mut Random) -> Vec<Node> {
     let mut set = ActiveSet::uniform(body, 0);
     let size = body.surface().bounds().size().norm() / 1.7;
     for _ in 0..1 + random.below(3) {
@@ -183,13 +183,13 @@ fn random_changes(body: &Body, set: &ActiveSet, random: &mut Random) -> Vec<Chan
     let near = random.below(2) == 0;
     let split = random.below(2) == 0;
     let most = 1 + random.below(12);
-    let mut candidates: Vec<u32> = match near {
+    let mut candidates: Vec<Node> = match near {
         true => nodes,
         false => (0..4 * most).map(|_| nodes[random.below(nodes.len())]).collect(),
     };
     if near {
         candidates.sort_by(|a, b| {
-            let distance = |n: u32| (body.rest(n) - place).norm_squared();
+            let distance = |n: Node| (body.rest(n) - place).norm_squared();
             distance(*a).total_cmp(&distance(*b))
         });
     }
@@ -211,9 +211,9 @@ fn random_changes(body: &Body, set: &ActiveSet, random: &mut Random) -> Vec<Chan
 fn go_to(body: &Body, mesh: &mut ActiveMesh, target: &ActiveSet, mut each: impl FnMut(&mut ActiveMesh, &[Change])) {
     loop {
         let set = mesh.set();
-        let all = || 0..body.node_count() as u32;
-        let too_coarse = |n: &u32| set.is_active(*n) && target.status(*n) == Status::Refined;
-        let too_fine = |n: &u32| target.status(*n) != Status::Refined && set.may_merge(body, *n);
+        let all = || body.nodes();
+        let too_coarse = |n: &Node| set.is_active(*n) && target.status(*n) == Status::Refined;
+        let too_fine = |n: &Node| target.status(*n) != Status::Refined && set.may_merge(body, *n);
         let mut changes: Vec<Change> = Vec::new();
         for n in all().filter(too_coarse) {
             let change = Change::Split(split_first(body, set, n));
@@ -230,7 +230,7 @@ fn go_to(body: &Body, mesh: &mut ActiveMesh, target: &ActiveSet, mut each: impl 
         each(mesh, &changes);
         mesh.apply(body, &changes);
     }
-    assert!((0..body.node_count() as u32).all(|n| mesh.set().status(n) == target.status(n)), "the set is reached");
+    assert!(body.nodes().all(|n| mesh.set().status(n) == target.status(n)), "the set is reached");
 }
 
 fn ball_at(position: Vec3) -> ToolEvent {
@@ -270,7 +270,7 @@ fn mean_displacement(body: &Body, mesh: &ActiveMesh) -> Vec3 {
 }
 
 /// The body at rest under `gravity`, brought there with its velocities fading.
-fn sagging(body: &Arc<Body>, nodes: Vec<u32>, gravity: Vec3, ticks: usize) -> Simulation {
+fn sagging(body: &Arc<Body>, nodes: Vec<Node>, gravity: Vec3, ticks: usize) -> Simulation {
     let mut sagging = simulation(body, &Settings { gravity, ..settings(None) }, nodes);
     for _ in 0..ticks {
         sagging.advance(&Inputs::default());

@@ -16,7 +16,7 @@ struct Linear<'a> {
 }
 
 impl<'a> Linear<'a> {
-    fn new(body: &'a Body, nodes: Vec<u32>) -> Self {
+    fn new(body: &'a Body, nodes: Vec<Node>) -> Self {
         let mesh = mesh_on(body, nodes);
         let rest = mesh.active().iter().map(|s| body.rest(mesh.node(*s))).collect();
         let mass = mesh.active().iter().map(|s| mesh.motion.mass[s.index()]).collect();
@@ -159,7 +159,7 @@ fn the_three_slowest_modes_are_those_of_the_finest_level_whatever_is_active() {
     let finest = Linear::new(&body, uniform(&body, body.finest())).slowest();
     println!("finest: {finest:.3?} rad/s");
     let (mut worst, mut scattered) = (0.0 as Real, 0.0 as Real);
-    let mut sets: Vec<(String, Vec<u32>)> =
+    let mut sets: Vec<(String, Vec<Node>)> =
         (0..body.finest()).map(|r| (format!("level {r}"), uniform(&body, r))).collect();
     sets.extend((0..8).map(|seed| (format!("set {seed}"), random_set(&body, &mut Random(seed)))));
     // Scattered as no tool leaves it: as many interfaces as there can be.

@@ -29,8 +29,8 @@ fn reference_cube(cells: [u32; 3], psi: Real) -> Arc<Body> {
 }
 
 /// Sets of which none is a level.
-fn mixed_sets(body: &Body, count: usize) -> Vec<Vec<u32>> {
-    let is_mixed = |nodes: &Vec<u32>| {
+fn mixed_sets(body: &Body, count: usize) -> Vec<Vec<Node>> {
+    let is_mixed = |nodes: &Vec<Node>| {
         let levels: Vec<usize> = nodes.iter().map(|n| body.level_of(*n)).collect();
         levels.iter().min() < levels.iter().max()
     };

@@ -51,7 +51,7 @@ fn size(body: &Body) -> Real {
 fn check_set(body: &Body, set: &ActiveSet) {
     let mut level = vec![usize::MAX; body.node_count()];
     let mut count = vec![0; body.levels().len()];
-    (0..body.node_count() as u32).filter(|n| set.is_active(*n)).for_each(|n| count[body.level_of(n)] += 1);
+    body.nodes().filter(|n| set.is_active(*n)).for_each(|n| count[body.level_of(n)] += 1);
     assert_eq!(set.count(), count);
     for n in body.nodes_of(body.finest()) {
         let mut stands = Vec::new();
@@ -66,14 +66,14 @@ fn check_set(body: &Body, set: &ActiveSet) {
             above = body.parent(above);
         }
         assert_eq!(stands.len(), 1, "node {n} is stood for by {stands:?}");
-        level[n as usize] = body.level_of(stands[0]);
+        level[n.index()] = body.level_of(stands[0]);
     }
     for e in body.elements_of(body.finest()) {
-        let levels = body.element(e).map(|n| level[n as usize]);
+        let levels = body.element(e).map(|n| level[n.index()]);
         let (low, high) = (levels.iter().min().unwrap(), levels.iter().max().unwrap());
         assert!(high - low <= 1, "regions of levels {levels:?} meet in element {e}");
     }
-    for n in 0..body.node_count() as u32 {
+    for n in body.nodes() {
         if set.status(n) == Status::Refined {
             assert_eq!(set.first_needed(body, n), None, "node {n} is refined");
         }
@@ -84,7 +84,7 @@ fn check_set(body: &Body, set: &ActiveSet) {
 fn check_mesh(body: &Body, mesh: &ActiveMesh, worst: &mut Worst) {
     let mut interface = BTreeSet::new();
     let mut in_use = 0;
-    for e in 0..body.element_count() as u32 {
+    for e in body.elements() {
         let nodes = body.element(e);
         let active = nodes.iter().filter(|n| mesh.set().is_active(**n)).count();
         assert_eq!(usize::from(mesh.active_vertices(e)), active, "element {e}");
@@ -97,10 +97,10 @@ fn check_mesh(body: &Body, mesh: &ActiveMesh, worst: &mut Worst) {
         }
     }
     assert_eq!(mesh.pool().len(), in_use);
-    let listed: BTreeSet<u32> = mesh.interface().iter().map(|s| mesh.node(*s)).collect();
+    let listed: BTreeSet<Node> = mesh.interface().iter().map(|s| mesh.node(*s)).collect();
     assert_eq!((mesh.interface().len(), &listed), (interface.len(), &interface));
     assert_eq!(mesh.active().len() as u32, mesh.set().count().iter().sum::<u32>());
-    for n in 0..body.node_count() as u32 {
+    for n in body.nodes() {
         assert_eq!(mesh.slot(n).is_some(), mesh.set().is_active(n) || interface.contains(&n), "node {n}");
     }
 
@@ -146,18 +146,18 @@ fn derived(body: &Body, mesh: &ActiveMesh) -> Vec<(u32, Vec<u64>)> {
         let s = slot.index();
         let x = mesh.motion.position[s].map(Real::to_bits);
         let masses = [mesh.motion.mass[s], mesh.motion.inverse_mass[s]].map(Real::to_bits);
-        all.push((mesh.node(slot), [&masses[..], &x[..]].concat()));
+        all.push((mesh.node(slot).0, [&masses[..], &x[..]].concat()));
     }
     for &slot in mesh.interface() {
-        let row = mesh.row(slot).entries().flat_map(|(m, w)| [u64::from(mesh.node(m)), w.to_bits()]);
+        let row = mesh.row(slot).entries().flat_map(|(m, w)| [u64::from(mesh.node(m).0), w.to_bits()]);
         let x = mesh.motion.position[slot.index()].map(Real::to_bits);
-        all.push((mesh.node(slot), row.chain(x).collect()));
+        all.push((mesh.node(slot).0, row.chain(x).collect()));
     }
     for v in 0..body.surface().vertices.len() as u32 {
         let a = mesh.attachment(v);
         let place = mesh.vertex(v);
         let bits = a.weights.into_iter().chain([a.spacing, place.x, place.y, place.z]).map(Real::to_bits);
-        all.push((a.element, bits.collect()));
+        all.push((a.element.0, bits.collect()));
     }
     all
 }
@@ -289,7 +289,7 @@ fn walk(body: &Body, seeds: std::ops::Range<u64>, batches: usize) {
         }
         for &slot in fresh.interface() {
             let n = fresh.node(slot);
-            let row = |mesh: &ActiveMesh, slot: Slot| -> Vec<(u32, u64)> {
+            let row = |mesh: &ActiveMesh, slot: Slot| -> Vec<(Node, u64)> {
                 mesh.row(slot).entries().map(|(m, w)| (mesh.node(m), w.to_bits())).collect()
             };
             assert_eq!(row(&mesh, mesh.slot(n).unwrap()), row(&fresh, slot), "row of node {n}");

@@ -3,7 +3,7 @@
 use palpate_core::geometry::Moments;
 use palpate_core::geometry::tet_mesh::FACES;
 use palpate_core::hierarchy::Level;
-use palpate_core::ids::NONE;
+use palpate_core::ids::{NONE, Node};
 use palpate_core::math::{Real, Vec3};
 use palpate_core::model::Body;
 use palpate_core::model::element_pool::CLASSES;
@@ -113,10 +113,9 @@ fn level_report(body: &Body, r: usize, wanted: &Moments) -> LevelReport {
     let altitudes = (0..elements).map(|e| level.mesh.smallest_altitude(e));
     let (mut least, mut sum) = (Real::INFINITY, 0.0);
     altitudes.for_each(|a| (least, sum) = (least.min(a), sum + a));
-    let first = body.elements_of(r).start;
     let stiffness = body.elements_of(r).map(|e| omega_squared(body, e));
     let stiffest = stiffness.enumerate().fold((0, 0.0), |most, (e, w)| if w > most.1 { (e, w) } else { most });
-    let corners = body.corners(first + stiffest.0 as u32);
+    let middle = |e: usize| level.mesh.corners(e).iter().sum::<Vec3>() / 4.0;
     LevelReport {
         spacing: level.spacing,
         nodes: level.mesh.nodes.len(),
@@ -129,7 +128,7 @@ fn level_report(body: &Body, r: usize, wanted: &Moments) -> LevelReport {
         dihedral: dihedral_angles(level),
         altitude: (least, sum / elements as Real),
         step: stable_step(stiffest.1, Strained::REST, body.damping_time(), 0.0),
-        stiffest: (stiffest.0, corners.iter().sum::<Vec3>() / 4.0),
+        stiffest: (stiffest.0, middle(stiffest.0)),
         factor: spread(&level.stiffness_factor),
         extrapolation: worst_row(body, r),
         memory: memory(level),
@@ -140,7 +139,7 @@ fn level_report(body: &Body, r: usize, wanted: &Moments) -> LevelReport {
 fn shared_places(body: &Body, r: usize) -> Real {
     let Some(coarser) = r.checked_sub(1) else { return 0.0 };
     let near = 1e-6 * body.level(r).spacing;
-    let at_home = |n: &u32| body.children(*n).iter().any(|child| (body.rest(*child) - body.rest(*n)).norm() < near);
+    let at_home = |n: &Node| body.children(*n).iter().any(|child| (body.rest(*child) - body.rest(*n)).norm() < near);
     body.nodes_of(coarser).filter(at_home).count() as Real / body.nodes_of(coarser).len() as Real
 }
 

@@ -46,7 +46,7 @@ fn sagging_corner(size: Vec3, cells: [u32; 3], material: Material, gravity: Real
         damping_ratio: 0.0,
     };
     let body = Arc::new(prepare(&recipe, &mut |_, _, _| {}).unwrap());
-    let corner = (0..body.node_count() as u32).find(|n| (body.rest(*n) - place).norm() < 1e-9).unwrap();
+    let corner = body.nodes().find(|n| (body.rest(*n) - place).norm() < 1e-9).unwrap();
     let gravity = Vec3::new(0.0, 0.0, -gravity);
     let mut sag = Simulation::new(body.clone(), settings(gravity, None, 0.01), Snapshot::at_rest(&body, 0, 1)).unwrap();
     let (mut last, mut stops, mut found) = (0.0, 0, Vec3::zeros());

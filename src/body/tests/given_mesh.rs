@@ -22,7 +22,7 @@ use std::sync::Arc;
 
 #[path = "../../../tests/common/shared.rs"]
 mod shared;
-use palpate_core::ids::Slot;
+use palpate_core::ids::{Node, Slot};
 use shared::shared;
 
 fn vector(value: &Value) -> Vec3 {
@@ -45,7 +45,7 @@ fn liver(case: &Value, shape: Shape, fixed: Vec<u32>) -> Arc<Body> {
 }
 
 /// What would hold each node in place against its elements and its weight [N].
-fn reactions(simulation: &mut Simulation, gravity: Vec3) -> Vec<(u32, Vec3)> {
+fn reactions(simulation: &mut Simulation, gravity: Vec3) -> Vec<(Node, Vec3)> {
     let body = simulation.body().clone();
     let mesh = simulation.mesh_mut();
     (0..CLASSES).for_each(|class| {
@@ -55,28 +55,28 @@ fn reactions(simulation: &mut Simulation, gravity: Vec3) -> Vec<(u32, Vec3)> {
     let of = |slot: &Slot| {
         let n = mesh.node(*slot);
         let f = std::mem::take(&mut mesh.motion.force[slot.index()]);
-        (n, -(Vec3::new(f[0], f[1], f[2]) + gravity * body.level(0).node_mass[n as usize]))
+        (n, -(Vec3::new(f[0], f[1], f[2]) + gravity * body.level(0).node_mass[n.index()]))
     };
     slots.iter().map(of).collect()
 }
 
 /// Moves the nodes, but for those that are `still`, until the forces of the core's elements balance their weight: plain
 /// damped steps of the shortest length that any element takes.
-fn balance(simulation: &mut Simulation, gravity: Vec3, still: &[u32]) {
+fn balance(simulation: &mut Simulation, gravity: Vec3, still: &[Node]) {
     let body = simulation.body().clone();
     let classes = body.elements_of(0).map(|e| class_at_rest(&body, e));
     let step = 0.5 * step_of(classes.max().unwrap());
     let mut velocity = vec![Vec3::zeros(); body.node_count()];
     for _ in 0..60_000 {
         for (n, force) in reactions(simulation, gravity) {
-            let v = &mut velocity[n as usize];
+            let v = &mut velocity[n.index()];
             *v = if still.contains(&n) {
                 Vec3::zeros()
             } else {
-                *v * 0.97 - force * (step / body.level(0).node_mass[n as usize])
+                *v * 0.97 - force * (step / body.level(0).node_mass[n.index()])
             };
         }
-        simulation.mesh_mut().change_motion(|n, x, _| *x += velocity[n as usize] * step);
+        simulation.mesh_mut().change_motion(|n, x, _| *x += velocity[n.index()] * step);
     }
 }
 
@@ -102,7 +102,7 @@ fn settle(simulation: &mut Simulation, ticks: u32) {
 }
 
 /// The body under its weight, its nodes in `patch` moved by `pressed` [m], at rest.
-fn press(body: &Arc<Body>, gravity: Vec3, patch: &[u32], pressed: Vec3) -> Simulation {
+fn press(body: &Arc<Body>, gravity: Vec3, patch: &[Node], pressed: Vec3) -> Simulation {
     let mut simulation = at_rest(body, gravity);
     // In steps: an element is never crushed on the way.
     for step in 1..=5 {
@@ -140,10 +140,12 @@ fn a_given_mesh_answers_as_the_reference_does_on_the_same_mesh() {
     let mut still: Vec<u32> = fixed.iter().chain(&patch).copied().collect();
     still.sort_unstable();
     let body = liver(&case, Shape::meshes([mesh]), still.clone());
+    // The mesh is the only level: its nodes are the body's.
+    let [fixed, patch, still] = [fixed, patch, still].map(|nodes| nodes.into_iter().map(Node).collect::<Vec<_>>());
     let volume = case["mesh"]["volume_m3"].as_f64().unwrap();
     assert!((body.level(0).volume() / volume - 1.0).abs() < 1e-9, "{}", body.level(0).volume());
     for (number, place) in case["probes"].as_object().unwrap() {
-        assert!((body.rest(number.parse().unwrap()) - vector(place)).norm() < 1e-9, "node {number}");
+        assert!((body.rest(Node(number.parse().unwrap())) - vector(place)).norm() < 1e-9, "node {number}");
     }
 
     let gravity = Vec3::new(0.0, -case["g"].as_f64().unwrap(), 0.0);
@@ -153,7 +155,7 @@ fn a_given_mesh_answers_as_the_reference_does_on_the_same_mesh() {
     let linear = case["res"].as_array().unwrap().iter().find(|r| r["elem"] == "P1").unwrap();
     let moves_as_the_reference = |simulation: &Simulation, what: &str, allowed: Real| {
         for (number, expected) in linear["probes"].as_object().unwrap() {
-            let node: u32 = number.parse().unwrap();
+            let node = Node(number.parse().unwrap());
             let moved = simulation.mesh().position_of(node).unwrap() - body.rest(node);
             let off = (moved - vector(expected)).norm() / pressed.norm();
             println!("R7, {what}, node {number}: {:.5} mm, off by {off:.1e} of the press", 1e3 * moved.norm());
@@ -235,7 +237,7 @@ fn covered(case: &Value, mesh: &TetMesh, surface: &Surface, spacing: Real) -> Ve
         }
     }
     let body = Arc::new(Body::new(parts).unwrap());
-    let is_free = |n: u32| body.level(0).fixed.binary_search(&n).is_err();
+    let is_free = |n: Node| !body.is_fixed(n);
 
     // From near the answer, so that nothing is crushed on the way.
     let middle = sets[0].iter().map(|v| body.surface().vertices[*v as usize]).sum::<Vec3>() / sets[0].len() as Real;
@@ -259,8 +261,8 @@ fn covered(case: &Value, mesh: &TetMesh, surface: &Surface, spacing: Real) -> Ve
         sets.iter().map(|set| body.holds().iter().filter(|h| set.contains(&h.vertex)).map(pull).sum()).collect();
     let level = Locator::new(&body.level(0).mesh, spacing);
     for (number, _) in &CUT[2..] {
-        let host = level.host(vector(&case["probes"][number]));
-        let shift = |n: u32| mesh.position_of(n).unwrap() - body.rest(n);
+        let host = body.host_on(0, level.host(vector(&case["probes"][number]))).unwrap();
+        let shift = |n: Node| mesh.position_of(n).unwrap() - body.rest(n);
         found.push(body.element(host.element).into_iter().zip(host.weights).map(|(n, w)| shift(n) * (1e3 * w)).sum());
     }
     let at_nodes = reactions(&mut simulation, gravity);

@@ -8,7 +8,7 @@
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use palpate_body::prepare::{Recipe, Region, Shape, prepare};
 use palpate_core::geometry::primitives::box_mesh;
-use palpate_core::ids::Slot;
+use palpate_core::ids::{Node, Slot};
 use palpate_core::math::{Bounds, Mat3, Real, Vec3};
 use palpate_core::model::active_set::{ActiveSet, Change};
 use palpate_core::model::element_kernel::{Path, Rates};
@@ -56,24 +56,24 @@ fn forces_by(path: Path, mesh: &mut ActiveMesh, rates: &Rates) -> Vec<Vec3> {
         mesh.add_forces(path, class, rates);
     }
     mesh.hand_back_all();
-    let slots: Vec<(Slot, u32)> = mesh.active().iter().map(|s| (*s, mesh.node(*s))).collect();
-    let mut force = vec![Vec3::zeros(); slots.iter().map(|s| s.1 as usize + 1).max().unwrap_or(0)];
+    let slots: Vec<(Slot, Node)> = mesh.active().iter().map(|s| (*s, mesh.node(*s))).collect();
+    let mut force = vec![Vec3::zeros(); slots.iter().map(|s| s.1.index() + 1).max().unwrap_or(0)];
     for (slot, node) in slots {
         let f = std::mem::replace(&mut mesh.motion.force[slot.index()], [0.0; 4]);
-        force[node as usize] = Vec3::new(f[0], f[1], f[2]);
+        force[node.index()] = Vec3::new(f[0], f[1], f[2]);
     }
     force
 }
 
 fn elastic_forces(mesh: &mut ActiveMesh, position: &[Vec3]) -> Vec<Vec3> {
-    mesh.change_motion(|n, x, _| *x = position[n as usize]);
+    mesh.change_motion(|n, x, _| *x = position[n.index()]);
     forces_by(Path::best(), mesh, &Rates::ELASTIC)
 }
 
 /// Forces where the nodes are at `position` and were at `before` when the elements were last evaluated, `step` [s] ago.
 fn forces(body: &Body, mesh: &mut ActiveMesh, before: &[Vec3], position: &[Vec3], step: Real) -> Vec<Vec3> {
     elastic_forces(mesh, before);
-    mesh.change_motion(|n, x, _| *x = position[n as usize]);
+    mesh.change_motion(|n, x, _| *x = position[n.index()]);
     let material = body.material();
     let rates = Rates {
         volume: material.phi / (material.lambda * step),
@@ -202,7 +202,7 @@ fn trajectory_error(body: &Body, gravity: Real, traces: &[Trace], per_tick: u32)
         least_det = least_det.min(extremes.det_f);
         for (node, points) in traces {
             for (_, value) in points.iter().filter(|p| p.0 == tick) {
-                let u = mesh.position_of(*node as u32).unwrap().z - body.rest(*node as u32).z;
+                let u = mesh.position_of(Node::at(*node)).unwrap().z - body.rest(Node::at(*node)).z;
                 worst = worst.max((u - value).abs());
             }
         }
@@ -365,7 +365,7 @@ struct Modes {
 fn lowest_mode(body: &Body) -> Modes {
     let rest = &body.level(0).mesh.nodes;
     let mass = &body.level(0).node_mass;
-    let free: Vec<usize> = (0..rest.len()).filter(|n| !body.is_fixed(*n as u32)).collect();
+    let free: Vec<usize> = (0..rest.len()).filter(|n| !body.is_fixed(Node::at(*n))).collect();
     let size = 3 * free.len();
     let mut mesh = at_rest(body, 1);
     let mut column = |k: usize, moving: bool, h: Real| {
@@ -424,7 +424,8 @@ fn viscosity_damps_the_lowest_mode_as_the_reference() {
                         .enumerate()
                         .map(|(i, v)| {
                             let n = mode.free[i / 3];
-                            v * weight(n) * (mesh.position_of(n as u32).unwrap() - body.rest(n as u32))[i % 3]
+                            let moved = mesh.position_of(Node::at(n)).unwrap() - body.rest(Node::at(n));
+                            v * weight(n) * moved[i % 3]
                         })
                         .sum()
                 };
@@ -494,8 +495,8 @@ fn force_is_minus_energy_gradient_where_levels_meet_too() {
         }
     }
     assert!(set.count().iter().all(|n| *n > 0), "{:?}", set.count());
-    let nodes: Vec<u32> = (0..body.node_count() as u32).filter(|n| set.is_active(*n)).collect();
-    let rest: Vec<Vec3> = (0..body.node_count() as u32).map(|n| body.rest(n)).collect();
+    let nodes: Vec<Node> = body.nodes().filter(|n| set.is_active(*n)).collect();
+    let rest: Vec<Vec3> = body.nodes().map(|n| body.rest(n)).collect();
     let state = State::at_rest_on(&body, nodes.clone()).unwrap();
     assert!(!state.interface.is_empty());
     let mut mesh = ActiveMesh::new(&body, &state, usize::MAX).unwrap();
@@ -508,13 +509,13 @@ fn force_is_minus_energy_gradient_where_levels_meet_too() {
         for &n in &nodes {
             for c in 0..3 {
                 let mut at = |h: Real| {
-                    let before = position[n as usize][c];
-                    position[n as usize][c] += h;
-                    mesh.change_motion(|n, x, _| *x = position[n as usize]);
-                    position[n as usize][c] = before;
+                    let before = position[n.index()][c];
+                    position[n.index()][c] += h;
+                    mesh.change_motion(|n, x, _| *x = position[n.index()]);
+                    position[n.index()][c] = before;
                     energy(&body, &mesh, Vec3::zeros()).elastic
                 };
-                worst = worst.max((force[n as usize][c] + (at(1e-6) - at(-1e-6)) / 2e-6).abs());
+                worst = worst.max((force[n.index()][c] + (at(1e-6) - at(-1e-6)) / 2e-6).abs());
             }
         }
         println!("shaken by {size} m: {:.1e} of the largest force", worst / scale);
@@ -551,12 +552,12 @@ fn a_number_that_is_none_shows_in_the_forces_whichever_form_the_kernel_has() {
     let body = cube(3, Material::from_young(1e4, 0.45, 1000.0), false);
     for path in Path::available() {
         let mut mesh = at_rest(&body, 1);
-        mesh.change_motion(|n, x, _| x.y = if n == 5 { Real::NAN } else { x.y });
+        mesh.change_motion(|n, x, _| x.y = if n == Node(5) { Real::NAN } else { x.y });
         let force = forces_by(path, &mut mesh, &Rates::ELASTIC);
         // Those of its own elements, and no others.
         for n in body.nodes_of(0) {
-            let beside = body.elements_around(5).iter().any(|e| body.element(*e).contains(&n));
-            assert_eq!(force[n as usize].iter().any(|f| f.is_nan()), beside, "{path:?}, node {n}");
+            let beside = body.elements_around(Node(5)).iter().any(|e| body.element(*e).contains(&n));
+            assert_eq!(force[n.index()].iter().any(|f| f.is_nan()), beside, "{path:?}, node {n}");
         }
     }
 }

@@ -1,5 +1,6 @@
 //! How badly the present resolution shows the strain.
 
+use crate::ids::Node;
 use crate::math::Real;
 use crate::model::{ActiveMesh, Body};
 
@@ -10,7 +11,7 @@ const CRUSHED: Real = 0.5;
 /// Strain jump of active node `n` (no unit): the mean over the node's elements, by volume, of `|E_t − Ē|`, `Ē` their
 /// mean strain; `None` where one of them is crushed. Unlike the printed γ = |f|/h it does not vanish in equilibrium and does
 /// not fire on passing waves.
-pub fn strain_jump(body: &Body, mesh: &ActiveMesh, n: u32) -> Option<Real> {
+pub fn strain_jump(body: &Body, mesh: &ActiveMesh, n: Node) -> Option<Real> {
     let mut mean = [0.0; 6];
     let mut volume = 0.0;
     let elements = body.elements_around(n);

@@ -7,7 +7,7 @@
 pub mod indicator;
 mod shedding;
 
-use crate::ids::Slot;
+use crate::ids::{Element, Node, Slot};
 use crate::math::{Bounds, Real, Vec3};
 use crate::model::active_mesh::Loads;
 use crate::model::active_set::Change;
@@ -123,9 +123,9 @@ impl Adapted {
 #[derive(Debug)]
 pub struct Workspace {
     /// Value and node, best first.
-    wanted: Vec<(Real, u32)>,
+    wanted: Vec<(Real, Node)>,
     /// Value and parent, least first.
-    spare: Vec<(Real, u32)>,
+    spare: Vec<(Real, Node)>,
     changes: Vec<Change>,
     /// Finest level that can be stepped and is allowed.
     finest: usize,
@@ -397,9 +397,9 @@ fn plan_splits(look: &Look, mesh: &mut ActiveMesh, pay: &mut Pay, room: [u32; 2]
 
 /// Time a tick that a split of `n` costs which adds `elements` [ns]: theirs, and that of as many nodes and row entries as
 /// come with each element that is in use now. They take shorter steps than at rest where those around `n` do.
-fn cost_of_split(body: &Body, mesh: &ActiveMesh, n: u32, elements: u32, prices: &Prices) -> u32 {
+fn cost_of_split(body: &Body, mesh: &ActiveMesh, n: Node, elements: u32, prices: &Prices) -> u32 {
     let around = body.elements_around(n).iter();
-    let shorter = |e: &u32| Some(mesh.pool().class_of(*e)?.saturating_sub(step_class::class_at_rest(body, *e)));
+    let shorter = |e: &Element| Some(mesh.pool().class_of(*e)?.saturating_sub(step_class::class_at_rest(body, *e)));
     let shorter = around.filter_map(shorter).max().unwrap_or_default();
     let class = (class_of_level(body, n) + shorter).min(CLASSES - 1);
     let evaluations = elements << class;
@@ -411,7 +411,7 @@ fn cost_of_split(body: &Body, mesh: &ActiveMesh, n: u32, elements: u32, prices: 
 }
 
 /// Class at rest of the level that the children of `n` are on, from any of their elements.
-fn class_of_level(body: &Body, n: u32) -> usize {
+fn class_of_level(body: &Body, n: Node) -> usize {
     let element = body.children(n).first().and_then(|c| body.elements_around(*c).first());
     element.map_or(0, |e| step_class::class_at_rest(body, *e))
 }
@@ -481,23 +481,23 @@ impl Look<'_> {
     }
 
     /// How much farther than elsewhere a tool is felt around node `n`.
-    fn farther(&self, n: u32) -> Real {
+    fn farther(&self, n: Node) -> Real {
         if self.body.is_uneven(n) { UNEVEN } else { 1.0 }
     }
 
     /// False where there is nothing finer that may be used.
-    fn may_split(&self, n: u32, finest: usize) -> bool {
+    fn may_split(&self, n: Node, finest: usize) -> bool {
         self.body.level_of(n) < finest && !self.body.children(n).is_empty()
     }
 
     /// False where nothing around the children of `n` can move: they show no strain, whatever there is around `n`.
-    fn can_strain(&self, n: u32) -> bool {
+    fn can_strain(&self, n: Node) -> bool {
         let elements = self.body.children(n).iter().flat_map(|c| self.body.elements_around(*c));
         elements.flat_map(|e| self.body.element(*e)).any(|m| !self.body.is_fixed(m))
     }
 
     /// Nodes worth splitting, of the slice of this look.
-    fn wanted_nodes(&self, mesh: &ActiveMesh, ticks: u64, finest: usize, wanted: &mut Vec<(Real, u32)>) {
+    fn wanted_nodes(&self, mesh: &ActiveMesh, ticks: u64, finest: usize, wanted: &mut Vec<(Real, Node)>) {
         for slot in slice(mesh.active(), ticks / (2 * LOOK_TICKS) % INDICATOR_LOOKS, INDICATOR_LOOKS) {
             let n = mesh.node(*slot);
             if self.may_split(n, finest) && self.is_settled(mesh, *slot) {
@@ -541,7 +541,7 @@ impl Look<'_> {
         mesh: &ActiveMesh,
         slots: impl Iterator<Item = &'s Slot>,
         limit: Real,
-        spare: &mut Vec<(Real, u32)>,
+        spare: &mut Vec<(Real, Node)>,
     ) {
         for slot in slots {
             let n = mesh.node(*slot);
@@ -550,14 +550,14 @@ impl Look<'_> {
             }
             let parent = self.body.parent(n);
             let family = self.body.children(parent);
-            let settled = |c: &u32| mesh.slot(*c).is_some_and(|slot| self.is_settled(mesh, slot));
+            let settled = |c: &Node| mesh.slot(*c).is_some_and(|slot| self.is_settled(mesh, slot));
             if family[0] != n || !family.iter().all(|c| mesh.set().is_active(*c) && settled(c)) {
                 continue;
             }
             let spacing = self.body.spacing_at(parent);
             let mut distance = Real::INFINITY;
             if !self.focus.is_empty() {
-                let from_tools = |c: &u32| mesh.position_of(*c).map_or(Real::INFINITY, |x| self.distance(x));
+                let from_tools = |c: &Node| mesh.position_of(*c).map_or(Real::INFINITY, |x| self.distance(x));
                 distance = family.iter().map(from_tools).fold(Real::INFINITY, Real::min);
             }
             let touch = self.worth(distance, spacing, STAY * self.farther(parent));
@@ -565,7 +565,7 @@ impl Look<'_> {
             if touch >= limit || spare.len() == spare.capacity() {
                 continue;
             }
-            let jump = |most: Real, c: &u32| Some(most.max(indicator::strain_jump(self.body, mesh, *c)?));
+            let jump = |most: Real, c: &Node| Some(most.max(indicator::strain_jump(self.body, mesh, *c)?));
             let strain = family.iter().try_fold(0.0, jump).unwrap_or_default() / self.adaptivity.split;
             let value = touch.max(strain.min(STRAINED));
             if value < limit {
@@ -588,7 +588,7 @@ fn slice<T>(all: &[T], part: u64, parts: u64) -> &[T] {
 }
 
 /// Puts `(value, n)` in its place in a list of the [`MOST_CHANGES`] largest values, ties to the smaller number.
-fn keep(list: &mut Vec<(Real, u32)>, value: Real, n: u32) {
+fn keep(list: &mut Vec<(Real, Node)>, value: Real, n: Node) {
     let place = list.partition_point(|&(v, m)| v > value || (v == value && m < n));
     if place < MOST_CHANGES && list.get(place).is_none_or(|e| e.1 != n) {
         list.truncate(MOST_CHANGES - 1);

@@ -10,7 +10,7 @@ use super::candidate::{Candidate, Sheet};
 use super::posed::Posed;
 use super::tool::MOST_POINTS;
 use super::touchable::{MARGIN, Touchable, points_of_a_part};
-use crate::ids::NONE;
+use crate::ids::Node;
 use crate::math::{Real, Vec3};
 use crate::model::active_mesh::skin;
 use crate::model::constraint::{Constraint, Firming, PointMemory};
@@ -128,9 +128,9 @@ impl Load {
 #[derive(Debug)]
 pub(super) struct Dents {
     /// Nodes that carry the points, ascending.
-    wanted: Vec<u32>,
-    /// Node in each place; [`NONE`] in free ones.
-    nodes: Vec<u32>,
+    wanted: Vec<Node>,
+    /// Node in each place; [`Node::NONE`] in free ones.
+    nodes: Vec<Node>,
     /// Place of each node (n_nodes); [`NOWHERE`] for most.
     place_of: Vec<u8>,
     /// Compliance between the nodes of two places [m/N]. It is the body's at rest, and so kept from tick to tick.
@@ -154,7 +154,7 @@ impl Dents {
     pub(super) fn new(nodes: usize) -> Self {
         Self {
             wanted: Vec::with_capacity(MOST_POINTS * MOST_NODES),
-            nodes: vec![NONE; MOST_CARRIERS],
+            nodes: vec![Node::NONE; MOST_CARRIERS],
             place_of: vec![NOWHERE; nodes],
             between: vec![0.0; MOST_CARRIERS * MOST_CARRIERS],
             carriers: (0..MOST_POINTS).map(|_| Vec::with_capacity(MOST_NODES)).collect(),
@@ -197,7 +197,7 @@ impl Dents {
         for (load, carriers) in loads.iter().zip(&self.carriers[first..]) {
             carriers.iter().for_each(|(k, b)| self.given[usize::from(*k)] += b * load.multiplier / force);
         }
-        let carried = |node: &u32| match self.place_of[*node as usize] {
+        let carried = |node: &Node| match self.place_of[node.index()] {
             NOWHERE => 0.0,
             place => self.given[usize::from(place)].max(0.0),
         };
@@ -311,22 +311,22 @@ impl Dents {
         self.wanted.sort_unstable();
         self.wanted.dedup();
         self.wanted.truncate(MOST_CARRIERS);
-        let is_free = |node: u32, wanted: &[u32]| node == NONE || wanted.binary_search(&node).is_err();
+        let is_free = |node: Node, wanted: &[Node]| node == Node::NONE || wanted.binary_search(&node).is_err();
         let mut place = 0;
         for w in 0..self.wanted.len() {
             let node = self.wanted[w];
-            if self.place_of[node as usize] != NOWHERE {
+            if self.place_of[node.index()] != NOWHERE {
                 continue;
             }
             while place < MOST_CARRIERS && !is_free(self.nodes[place], &self.wanted) {
                 place += 1;
             }
             let Some(before) = self.nodes.get_mut(place) else { break };
-            if let Some(old) = self.place_of.get_mut(std::mem::replace(before, node) as usize) {
+            if let Some(old) = self.place_of.get_mut(std::mem::replace(before, node).index()) {
                 *old = NOWHERE;
             }
-            self.place_of[node as usize] = place as u8;
-            for (other, of) in self.nodes.iter().enumerate().filter(|(_, of)| **of != NONE) {
+            self.place_of[node.index()] = place as u8;
+            for (other, of) in self.nodes.iter().enumerate().filter(|(_, of)| **of != Node::NONE) {
                 let c = on.body.compliance_between(node, *of);
                 self.between[place * MOST_CARRIERS + other] = c;
                 self.between[other * MOST_CARRIERS + place] = c;
@@ -334,8 +334,8 @@ impl Dents {
         }
         for (row, carriers) in rows().zip(&mut self.carriers) {
             carriers.clear();
-            let placed = row.map(|(node, b)| (node, self.place_of[node as usize], b));
-            let wanted = |node: u32| self.wanted.binary_search(&node).is_ok();
+            let placed = row.map(|(node, b)| (node, self.place_of[node.index()], b));
+            let wanted = |node: Node| self.wanted.binary_search(&node).is_ok();
             carriers
                 .extend(placed.filter(|(node, place, _)| *place != NOWHERE && wanted(*node)).map(|(_, p, b)| (p, b)));
         }

@@ -1,5 +1,6 @@
 //! The part of the displayed surface that a tool may touch: the rest need not be moved every tick.
 
+use crate::ids::Node;
 use crate::math::{Bounds, Real, Vec3};
 use crate::model::active_mesh::MOST_ASIDE;
 use crate::model::element_kernel::Padded;
@@ -108,7 +109,7 @@ impl Nearby {
     }
 
     /// False when no vertex that hangs on the element of these nodes, neither astray nor fading, is within reach.
-    fn may_reach(&self, mesh: &ActiveMesh, nodes: [u32; 4]) -> bool {
+    fn may_reach(&self, mesh: &ActiveMesh, nodes: [Node; 4]) -> bool {
         let places = nodes.map(|n| mesh.slot(n).map_or(Vec3::zeros(), |slot| mesh.position(slot)));
         let around = Bounds::of(places);
         let aside = around.size() * (3.0 * MOST_ASIDE);

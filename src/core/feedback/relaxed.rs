@@ -16,7 +16,7 @@
 use super::approach::ahead;
 pub use super::stiffness::Stiffness;
 use crate::contact::tool::{MOST_TOOLS, Shape};
-use crate::ids::ToolId;
+use crate::ids::{Element, Node, ToolId};
 use crate::math::{Mat3, Pose, Real, Vec3};
 use crate::model::constraint::Coupling;
 use crate::model::constraint::Row;
@@ -61,8 +61,8 @@ impl Answer {
     }
 
     /// What is known of node `n`: its own displacement, or that of the nodes that stood for it.
-    fn guess(&self, body: &Body, n: u32) -> [Vec3; 3] {
-        let known = |n: u32| self.asked.contains(n as usize).then(|| self.displacement[n as usize]);
+    fn guess(&self, body: &Body, n: Node) -> [Vec3; 3] {
+        let known = |n: Node| self.asked.contains(n.index()).then(|| self.displacement[n.index()]);
         if let Some(own) = known(n).or_else(|| if body.level_of(n) > 0 { known(body.parent(n)) } else { None }) {
             return own;
         }
@@ -261,7 +261,7 @@ impl<'a> System<'a> {
             .map(|s| {
                 let around = body.elements_around(mesh.node(*s)).iter();
                 // An element's share of a diagonal entry: about (λ + 2μ) V / 3 over its altitude squared.
-                let share = |e: &u32| {
+                let share = |e: &Element| {
                     let m = body.material_of(*e);
                     let x = body.corners(*e);
                     let edge = (0..4).flat_map(|i| (0..i).map(move |j| (i, j)));
@@ -297,7 +297,7 @@ impl<'a> System<'a> {
     /// K and the iterations it took; `None` where the system is not one of a body at rest.
     fn relax(&self, mesh: &mut ActiveMesh, contact: &Contact, answer: &mut Answer) -> Option<(Mat3, usize)> {
         let n = self.at.len();
-        let nodes: Vec<u32> = mesh.active().iter().map(|s| mesh.node(*s)).collect();
+        let nodes: Vec<Node> = mesh.active().iter().map(|s| mesh.node(*s)).collect();
         let guesses: Vec<[Vec3; 3]> = nodes.iter().map(|n| answer.guess(self.body, *n)).collect();
         let mut solutions = Vec::with_capacity(3);
         let mut stiffness = Mat3::zeros();
@@ -321,8 +321,8 @@ impl<'a> System<'a> {
         }
         answer.asked.clear();
         for (i, n) in nodes.iter().enumerate() {
-            answer.displacement[*n as usize] = std::array::from_fn(|k| solutions[k][i]);
-            answer.asked.visit(*n as usize);
+            answer.displacement[n.index()] = std::array::from_fn(|k| solutions[k][i]);
+            answer.asked.visit(n.index());
         }
         let eigen = (0.5 * (stiffness + stiffness.transpose())).symmetric_eigen();
         let values = eigen.eigenvalues.map(|v| v.max(0.0));

@@ -10,14 +10,14 @@ use serde::{Deserialize, Serialize};
 
 /// A point as an affine combination of an element's four nodes.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Host {
-    /// Element of the host's mesh.
-    pub element: u32,
+pub struct Host<Id = u32> {
+    /// Element of the host's mesh: its place there, or its id in a body.
+    pub element: Id,
     /// Barycentric weights, sum 1; negative ones extrapolate.
     pub weights: [Real; 4],
 }
 
-impl Host {
+impl<Id> Host<Id> {
     /// How far the point lies outside its element: the most negative weight, or 0 inside.
     pub fn extrapolation(&self) -> Real {
         self.weights.iter().fold(0.0, |worst: Real, w| worst.min(*w))

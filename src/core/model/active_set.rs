@@ -4,7 +4,7 @@
 //! level: a node is refined only where its neighbours, and those of its children, are at least as fine as it is.
 
 use super::body::Body;
-use crate::ids::NONE;
+use crate::ids::Node;
 
 /// How a node's region is represented.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -21,9 +21,9 @@ pub enum Status {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Change {
     /// The node gives way to its children.
-    Split(u32),
+    Split(Node),
     /// The children give way to the node.
-    Merge(u32),
+    Merge(Node),
 }
 
 /// The active nodes of a body.
@@ -51,46 +51,46 @@ impl ActiveSet {
     }
 
     /// The set whose active nodes are `nodes`; `None` unless they cover every part of the body exactly once.
-    pub fn from_nodes(body: &Body, nodes: &[u32]) -> Option<Self> {
+    pub fn from_nodes(body: &Body, nodes: &[Node]) -> Option<Self> {
         let mut set = Self { status: vec![Status::Coarser; body.node_count()], count: vec![0; body.levels().len()] };
         set.assign(body, nodes).then_some(set)
     }
 
     /// Makes `nodes` the active ones; false, and the set is of no use, unless they cover every part of the body exactly
     /// once. Allocates nothing.
-    pub fn assign(&mut self, body: &Body, nodes: &[u32]) -> bool {
+    pub fn assign(&mut self, body: &Body, nodes: &[Node]) -> bool {
         self.status.fill(Status::Coarser);
         self.count.fill(0);
         for &n in nodes {
-            if n as usize >= self.status.len() || self.status[n as usize] != Status::Coarser || body.is_on_rim(n) {
+            if n.index() >= self.status.len() || self.status[n.index()] != Status::Coarser || body.is_on_rim(n) {
                 return false;
             }
-            self.status[n as usize] = Status::Active;
+            self.status[n.index()] = Status::Active;
             self.count[body.level_of(n)] += 1;
             let mut above = body.parent(n);
-            while above != NONE && self.status[above as usize] != Status::Refined {
-                if self.status[above as usize] == Status::Active {
+            while above != Node::NONE && self.status[above.index()] != Status::Refined {
+                if self.status[above.index()] == Status::Active {
                     return false;
                 }
-                self.status[above as usize] = Status::Refined;
+                self.status[above.index()] = Status::Refined;
                 above = body.parent(above);
             }
         }
-        let covered = |n: u32| match self.status(n) {
+        let covered = |n: Node| match self.status(n) {
             Status::Active => true,
             Status::Refined => body.children(n).iter().all(|c| self.status(*c) != Status::Coarser),
             Status::Coarser => body.level_of(n) > 0,
         };
-        (0..body.node_count() as u32).all(covered)
+        body.nodes().all(covered)
     }
 
     /// How the region of node `n` is represented.
-    pub fn status(&self, n: u32) -> Status {
-        self.status[n as usize]
+    pub fn status(&self, n: Node) -> Status {
+        self.status[n.index()]
     }
 
     /// True when `n` is active.
-    pub fn is_active(&self, n: u32) -> bool {
+    pub fn is_active(&self, n: Node) -> bool {
         self.status(n) == Status::Active
     }
 
@@ -100,22 +100,22 @@ impl ActiveSet {
     }
 
     /// True when the region of `n` is at least as fine as the level of `n`.
-    fn is_fine(&self, n: u32) -> bool {
+    fn is_fine(&self, n: Node) -> bool {
         self.status(n) != Status::Coarser
     }
 
     /// Calls `each` with every node of the level of `n` (with repetitions) whose region must be at least as fine as
     /// that level before `n` may be refined: the neighbours of `n`, and the parents of its children's neighbours. The
     /// relation is symmetric. Stops early when `each` returns false.
-    fn each_neighbour(body: &Body, n: u32, mut each: impl FnMut(u32) -> bool) -> bool {
-        let beside = |n: u32, each: &mut dyn FnMut(u32) -> bool| {
+    fn each_neighbour(body: &Body, n: Node, mut each: impl FnMut(Node) -> bool) -> bool {
+        let beside = |n: Node, each: &mut dyn FnMut(Node) -> bool| {
             body.elements_around(n).iter().all(|e| body.element(*e).iter().all(|v| each(*v)))
         };
         beside(n, &mut each) && body.children(n).iter().all(|c| beside(*c, &mut |v| each(body.parent(v))))
     }
 
     /// A node that has to be split before `n` may be, so that neighbouring regions stay within one level.
-    pub fn first_needed(&self, body: &Body, n: u32) -> Option<u32> {
+    pub fn first_needed(&self, body: &Body, n: Node) -> Option<Node> {
         let mut needed = None;
         Self::each_neighbour(body, n, |v| {
             if !self.is_fine(v) {
@@ -131,7 +131,7 @@ impl ActiveSet {
     }
 
     /// True when `n` is refined, its children are all active, and no neighbour is so fine that they must stay.
-    pub fn may_merge(&self, body: &Body, n: u32) -> bool {
+    pub fn may_merge(&self, body: &Body, n: Node) -> bool {
         self.status(n) == Status::Refined
             && body.children(n).iter().all(|c| self.is_active(*c))
             && body.children(n).iter().all(|c| Self::each_neighbour(body, *c, |v| self.status(v) != Status::Refined))
@@ -143,8 +143,8 @@ impl ActiveSet {
             Change::Split(n) => (n, Status::Refined, Status::Active),
             Change::Merge(n) => (n, Status::Active, Status::Coarser),
         };
-        self.status[n as usize] = own;
-        body.children(n).iter().for_each(|c| self.status[*c as usize] = theirs);
+        self.status[n.index()] = own;
+        body.children(n).iter().for_each(|c| self.status[c.index()] = theirs);
         let (level, children) = (body.level_of(n), body.children(n).len() as u32);
         match change {
             Change::Split(_) => {

@@ -2,37 +2,37 @@
 
 /// Items by key, (n_keys) lists.
 #[derive(Clone, Debug, Default)]
-pub struct Csr {
+pub struct Csr<Item> {
     start: Vec<u32>,
-    items: Vec<u32>,
+    items: Vec<Item>,
 }
 
-impl Csr {
+impl<Item: Copy + Default> Csr<Item> {
     /// From (key, item) pairs, read twice; items of a key keep their order.
-    pub fn new(keys: usize, pairs: impl Iterator<Item = (u32, u32)> + Clone) -> Self {
+    pub fn new(keys: usize, pairs: impl Iterator<Item = (usize, Item)> + Clone) -> Self {
         let mut start = vec![0u32; keys + 1];
         for (key, _) in pairs.clone() {
-            start[key as usize + 1] += 1;
+            start[key + 1] += 1;
         }
         for k in 0..keys {
             start[k + 1] += start[k];
         }
         let mut next = start.clone();
-        let mut items = vec![0; start[keys] as usize];
+        let mut items = vec![Item::default(); start[keys] as usize];
         for (key, item) in pairs {
-            items[next[key as usize] as usize] = item;
-            next[key as usize] += 1;
+            items[next[key] as usize] = item;
+            next[key] += 1;
         }
         Self { start, items }
     }
 
     /// The items of `key`.
-    pub fn of(&self, key: u32) -> &[u32] {
-        &self.items[self.start_of(key)..self.start[key as usize + 1] as usize]
+    pub fn of(&self, key: usize) -> &[Item] {
+        &self.items[self.start_of(key)..self.start[key + 1] as usize]
     }
 
     /// Number of the first item of `key` among all.
-    pub fn start_of(&self, key: u32) -> usize {
-        self.start[key as usize] as usize
+    pub fn start_of(&self, key: usize) -> usize {
+        self.start[key] as usize
     }
 }

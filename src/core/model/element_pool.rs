@@ -9,8 +9,7 @@ use super::element::{MAX_BRANCHES, StrainLimit};
 use super::element_block::{Blocks, Lane};
 use super::element_kernel::{self, Batch, Extremes, Path, Rates};
 use super::lanes::{LANES, Padded};
-use crate::ids::NONE;
-use crate::ids::Slot;
+use crate::ids::{Element, Slot};
 use crate::math::Real;
 
 /// Step classes.
@@ -42,8 +41,8 @@ struct Class {
 #[derive(Clone, Debug)]
 pub struct ElementPool {
     blocks: Blocks,
-    /// Ids of the elements of each block, or [`NONE`].
-    owners: Vec<[u32; LANES]>,
+    /// Ids of the elements of each block, or [`Element::NONE`].
+    owners: Vec<[Element; LANES]>,
     /// Blocks that belong to no class, the next to be used last.
     free: Vec<u32>,
     classes: [Class; CLASSES],
@@ -63,14 +62,14 @@ impl ElementPool {
     /// When there are more than [`MAX_BRANCHES`] branches, or more elements than a `u32` counts.
     pub fn new(total_elements: usize, capacity: usize, nodes: usize, branches: usize) -> Self {
         assert!(branches <= MAX_BRANCHES, "at most {MAX_BRANCHES} branches");
-        assert!(total_elements < NONE as usize, "too many elements");
+        assert!(total_elements < Element::NONE.index(), "too many elements");
         let capacity = capacity.min(total_elements);
         let full = capacity.div_ceil(LANES);
         // Every class may have one block that is not full.
         let blocks = full + CLASSES;
         let mut pool = Self {
             blocks: Blocks::new(blocks, branches),
-            owners: vec![[NONE; LANES]; blocks],
+            owners: vec![[Element::NONE; LANES]; blocks],
             free: Vec::with_capacity(blocks),
             classes: std::array::from_fn(|_| Class { blocks: Vec::with_capacity(full + 1), count: 0 }),
             alarmed: std::array::from_fn(|_| Vec::with_capacity(full + 1)),
@@ -86,7 +85,7 @@ impl ElementPool {
     /// Takes all elements out.
     pub fn clear(&mut self) {
         self.blocks.clear();
-        self.owners.fill([NONE; LANES]);
+        self.owners.fill([Element::NONE; LANES]);
         self.places.fill(Place::OUT);
         for class in &mut self.classes {
             class.blocks.clear();
@@ -103,7 +102,7 @@ impl ElementPool {
     /// When the id, the class or a node is beyond what the pool was made for.
     pub fn insert(
         &mut self,
-        id: u32,
+        id: Element,
         class: usize,
         nodes: [Slot; 4],
         constants: &ElementConstants,
@@ -111,7 +110,7 @@ impl ElementPool {
     ) -> bool {
         self.check_nodes(nodes);
         assert!(class < CLASSES, "no such class");
-        if self.places[id as usize] != Place::OUT || self.len == self.capacity {
+        if self.places[id.index()] != Place::OUT || self.len == self.capacity {
             return false;
         }
         let lane = self.append(id, class);
@@ -121,11 +120,11 @@ impl ElementPool {
     }
 
     /// Takes element `id` out; the last of its class takes its place. `None` when the pool does not have it.
-    pub fn remove(&mut self, id: u32) -> Option<History> {
+    pub fn remove(&mut self, id: Element) -> Option<History> {
         let place = self.place(id)?;
         let history = self.blocks.history(self.lane(place));
         self.vacate(place);
-        self.places[id as usize] = Place::OUT;
+        self.places[id.index()] = Place::OUT;
         self.len -= 1;
         Some(history)
     }
@@ -135,7 +134,7 @@ impl ElementPool {
     ///
     /// # Panics
     /// When there is no such class.
-    pub fn set_class(&mut self, id: u32, class: usize) -> bool {
+    pub fn set_class(&mut self, id: Element, class: usize) -> bool {
         assert!(class < CLASSES, "no such class");
         let Some(place) = self.place(id) else { return false };
         if place.class as usize != class {
@@ -148,7 +147,7 @@ impl ElementPool {
     }
 
     /// Gives element `id` another stiffness: `λ·w·vol` and `μ·w·vol` [N·m]. False when the pool does not have it.
-    pub fn set_stiffness(&mut self, id: u32, lambda: Real, mu: Real) -> bool {
+    pub fn set_stiffness(&mut self, id: Element, lambda: Real, mu: Real) -> bool {
         let Some(Lane { block, lane }) = self.find(id) else { return false };
         self.blocks.all[block].lambda[lane] = lambda;
         self.blocks.all[block].mu[lane] = mu;
@@ -156,50 +155,50 @@ impl ElementPool {
     }
 
     /// What element `id` remembers.
-    pub fn history(&self, id: u32) -> Option<History> {
+    pub fn history(&self, id: Element) -> Option<History> {
         self.find(id).map(|lane| self.blocks.history(lane))
     }
 
     /// Has element `id` remember `history`. False when the pool does not have it.
-    pub fn set_history(&mut self, id: u32, history: &History) -> bool {
+    pub fn set_history(&mut self, id: Element, history: &History) -> bool {
         let Some(lane) = self.find(id) else { return false };
         self.blocks.write_history(lane, history);
         true
     }
 
     /// Strain of element `id` at its last evaluation: xx, yy, zz, yz, xz, xy.
-    pub fn strain(&self, id: u32) -> Option<[Real; 6]> {
+    pub fn strain(&self, id: Element) -> Option<[Real; 6]> {
         // Not by way of the whole history: the branches lie elsewhere, and this is asked for often.
         self.find(id).map(|lane| self.blocks.strain(lane))
     }
 
     /// [`ElementPool::strain`], and the determinant of the deformation gradient then.
-    pub fn strain_and_det(&self, id: u32) -> Option<([Real; 6], Real)> {
+    pub fn strain_and_det(&self, id: Element) -> Option<([Real; 6], Real)> {
         let det = self.find(id).map(|at| self.blocks.all[at.block].det[at.lane]);
         self.strain(id).zip(det)
     }
 
     /// Element at `place` in the sequence of `class`.
-    pub fn id_at(&self, class: usize, place: usize) -> Option<u32> {
+    pub fn id_at(&self, class: usize, place: usize) -> Option<Element> {
         (place < self.classes[class].count)
             .then(|| self.owners[self.classes[class].blocks[place / LANES] as usize][place % LANES])
     }
 
     /// Beyond `limit`, and when crushed, element `id` is among those [over their limit](ElementPool::over_limit).
-    pub fn set_strain_limit(&mut self, id: u32, limit: StrainLimit) {
+    pub fn set_strain_limit(&mut self, id: Element, limit: StrainLimit) {
         if let Some(lane) = self.find(id) {
             self.blocks.set_limit(lane, limit);
         }
     }
 
     /// What [`ElementPool::set_strain_limit`] has set.
-    pub fn strain_limit(&self, id: u32) -> Option<StrainLimit> {
+    pub fn strain_limit(&self, id: Element) -> Option<StrainLimit> {
         self.find(id).map(|lane| self.blocks.limit(lane))
     }
 
     /// Elements of the blocks of `class` in which the last evaluation found one over its limit.
-    pub fn over_limit(&self, class: usize) -> impl Iterator<Item = u32> + '_ {
-        self.alarmed[class].iter().flat_map(|b| self.owners[*b as usize]).filter(|e| *e != NONE)
+    pub fn over_limit(&self, class: usize) -> impl Iterator<Item = Element> + '_ {
+        self.alarmed[class].iter().flat_map(|b| self.owners[*b as usize]).filter(|e| *e != Element::NONE)
     }
 
     /// Forgets who is over its limit: what was found in one tick says nothing in the next.
@@ -213,17 +212,17 @@ impl ElementPool {
     }
 
     /// The class of element `id`.
-    pub fn class_of(&self, id: u32) -> Option<usize> {
+    pub fn class_of(&self, id: Element) -> Option<usize> {
         self.place(id).map(|place| place.class as usize)
     }
 
     /// The nodes of element `id`.
-    pub fn nodes_of(&self, id: u32) -> Option<[Slot; 4]> {
+    pub fn nodes_of(&self, id: Element) -> Option<[Slot; 4]> {
         self.find(id).map(|lane| self.blocks.nodes(lane))
     }
 
     /// True when element `id` is in use.
-    pub fn contains(&self, id: u32) -> bool {
+    pub fn contains(&self, id: Element) -> bool {
         self.place(id).is_some()
     }
 
@@ -243,7 +242,7 @@ impl ElementPool {
     }
 
     /// The elements of a class in the order of its sequence: inserted in this order, they make up the same sequence.
-    pub fn ids(&self, class: usize) -> impl Iterator<Item = u32> + '_ {
+    pub fn ids(&self, class: usize) -> impl Iterator<Item = Element> + '_ {
         let of = &self.classes[class];
         (0..of.count).map(|s| self.owners[of.blocks[s / LANES] as usize][s % LANES])
     }
@@ -257,7 +256,7 @@ impl ElementPool {
             let block = block as usize;
             // Lanes that are not in use hold what the kernel has left there.
             let used = (of.count - i * LANES).min(LANES);
-            hash.update(bytemuck::cast_slice(&self.owners[block][..used]));
+            hash.update(bytemuck::cast_slice(&self.owners[block].map(|e| e.0)[..used]));
             let (b, memories) = (&self.blocks.all[block], self.blocks.memories_of(block));
             let parts = [&b.strain[..], &[b.det, b.limit, b.slope]];
             for rows in parts.into_iter().chain(memories.iter().map(|memory| &memory.0[..])) {
@@ -310,8 +309,8 @@ impl ElementPool {
         assert!(nodes.iter().all(|n| n.index() < self.nodes), "an element names a lost node");
     }
 
-    fn place(&self, id: u32) -> Option<Place> {
-        self.places.get(id as usize).copied().filter(|place| *place != Place::OUT)
+    fn place(&self, id: Element) -> Option<Place> {
+        self.places.get(id.index()).copied().filter(|place| *place != Place::OUT)
     }
 
     fn lane(&self, place: Place) -> Lane {
@@ -319,12 +318,12 @@ impl ElementPool {
         Lane { block: self.classes[place.class as usize].blocks[s / LANES] as usize, lane: s % LANES }
     }
 
-    fn find(&self, id: u32) -> Option<Lane> {
+    fn find(&self, id: Element) -> Option<Lane> {
         self.place(id).map(|place| self.lane(place))
     }
 
     /// A lane at the end of `class` for element `id`. There is a free block for it: see `new`.
-    fn append(&mut self, id: u32, class: usize) -> Lane {
+    fn append(&mut self, id: Element, class: usize) -> Lane {
         let to = &mut self.classes[class];
         if to.count.is_multiple_of(LANES) {
             debug_assert!(!self.free.is_empty());
@@ -332,7 +331,7 @@ impl ElementPool {
         }
         let place = Place { class: class as u8, sequence: to.count as u32 };
         to.count += 1;
-        self.places[id as usize] = place;
+        self.places[id.index()] = place;
         let lane = self.lane(place);
         self.owners[lane.block][lane.lane] = id;
         lane
@@ -348,9 +347,9 @@ impl ElementPool {
             self.blocks.copy(last, hole);
             let moved = self.owners[last.block][last.lane];
             self.owners[hole.block][hole.lane] = moved;
-            self.places[moved as usize] = place;
+            self.places[moved.index()] = place;
         }
-        self.owners[last.block][last.lane] = NONE;
+        self.owners[last.block][last.lane] = Element::NONE;
         let from = &mut self.classes[class];
         from.count = sequence;
         if last.lane == 0 {
@@ -372,16 +371,16 @@ mod tests {
 
     #[derive(Clone, Debug)]
     enum Op {
-        Insert(u32, usize, [Slot; 4]),
-        Remove(u32),
-        SetClass(u32, usize),
-        SetStiffness(u32, Real),
+        Insert(Element, usize, [Slot; 4]),
+        Remove(Element),
+        SetClass(Element, usize),
+        SetStiffness(Element, Real),
         Evaluate(usize, Real),
         Clear,
     }
 
     fn op() -> impl Strategy<Value = Op> {
-        let id = || 0..TOTAL as u32;
+        let id = || (0..TOTAL as u32).prop_map(Element);
         let class = || prop_oneof![8 => 0..3usize, 1 => 0..CLASSES];
         let nodes = || prop::array::uniform4((0..NODES).prop_map(Slot::at));
         prop_oneof![
@@ -395,10 +394,10 @@ mod tests {
     }
 
     /// Some numbers that are different for every element.
-    fn constants(id: u32) -> ElementConstants {
-        let number = |i: usize, c: usize| (2.0 + id as Real + 3.0 * i as Real - c as Real).sqrt();
+    fn constants(id: Element) -> ElementConstants {
+        let number = |i: usize, c: usize| (2.0 + id.0 as Real + 3.0 * i as Real - c as Real).sqrt();
         let gradient = [0, 1, 2].map(|i| [0, 1, 2].map(|c| number(i, c)));
-        ElementConstants { gradient, lambda: 1.0, mu: 0.1 * id as Real, branch: 1.0 + 0.01 * id as Real }
+        ElementConstants { gradient, lambda: 1.0, mu: 0.1 * id.0 as Real, branch: 1.0 + 0.01 * id.0 as Real }
     }
 
     fn history(x: Real) -> History {
@@ -422,13 +421,13 @@ mod tests {
         #[test]
         fn the_pool_does_what_lists_of_ids_do(ops in prop::collection::vec(op(), 1..300)) {
             let mut pool = ElementPool::new(TOTAL, CAPACITY, NODES, 2);
-            let mut classes = vec![Vec::<u32>::new(); CLASSES];
+            let mut classes = vec![Vec::<Element>::new(); CLASSES];
             let mut known = vec![None::<Known>; TOTAL];
             let spare = |pool: &ElementPool| {
                 (pool.free.capacity(), pool.classes.iter().map(|c| c.blocks.capacity()).collect::<Vec<_>>())
             };
             let allocated = spare(&pool);
-            let take = |classes: &mut Vec<Vec<u32>>, id: u32| {
+            let take = |classes: &mut Vec<Vec<Element>>, id: Element| {
                 for class in classes {
                     if let Some(at) = class.iter().position(|i| *i == id) {
                         class.swap_remove(at);
@@ -439,33 +438,33 @@ mod tests {
                 match op {
                     Op::Insert(id, class, nodes) => {
                         let len: usize = classes.iter().map(Vec::len).sum();
-                        let fits = known[id as usize].is_none() && len < CAPACITY;
-                        prop_assert_eq!(pool.insert(id, class, nodes, &constants(id), &history(0.01 * id as Real)), fits);
+                        let fits = known[id.index()].is_none() && len < CAPACITY;
+                        prop_assert_eq!(pool.insert(id, class, nodes, &constants(id), &history(0.01 * id.0 as Real)), fits);
                         if fits {
                             classes[class].push(id);
-                            known[id as usize] = Some(Known { nodes, constants: constants(id) });
-                            prop_assert_eq!(pool.history(id), Some(history(0.01 * id as Real)));
+                            known[id.index()] = Some(Known { nodes, constants: constants(id) });
+                            prop_assert_eq!(pool.history(id), Some(history(0.01 * id.0 as Real)));
                         }
                     }
                     Op::Remove(id) => {
                         let before = pool.history(id);
-                        prop_assert_eq!(before.is_some(), known[id as usize].is_some());
+                        prop_assert_eq!(before.is_some(), known[id.index()].is_some());
                         prop_assert_eq!(pool.remove(id), before);
                         take(&mut classes, id);
-                        known[id as usize] = None;
+                        known[id.index()] = None;
                     }
                     Op::SetClass(id, class) => {
                         let before = pool.history(id);
-                        prop_assert_eq!(pool.set_class(id, class), known[id as usize].is_some());
+                        prop_assert_eq!(pool.set_class(id, class), known[id.index()].is_some());
                         prop_assert_eq!(pool.history(id), before);
-                        if known[id as usize].is_some() && !classes[class].contains(&id) {
+                        if known[id.index()].is_some() && !classes[class].contains(&id) {
                             take(&mut classes, id);
                             classes[class].push(id);
                         }
                     }
                     Op::SetStiffness(id, k) => {
-                        prop_assert_eq!(pool.set_stiffness(id, k, 0.5 * k), known[id as usize].is_some());
-                        if let Some(known) = &mut known[id as usize] {
+                        prop_assert_eq!(pool.set_stiffness(id, k, 0.5 * k), known[id.index()].is_some());
+                        if let Some(known) = &mut known[id.index()] {
                             (known.constants.lambda, known.constants.mu) = (k, 0.5 * k);
                         }
                     }
@@ -484,9 +483,9 @@ mod tests {
                     prop_assert_eq!(&pool.ids(class).collect::<Vec<_>>(), ids);
                     prop_assert!(ids.iter().all(|id| pool.class_of(*id) == Some(class)));
                 }
-                for id in 0..TOTAL as u32 {
-                    prop_assert_eq!(pool.contains(id), known[id as usize].is_some());
-                    prop_assert_eq!(pool.nodes_of(id), known[id as usize].as_ref().map(|k| k.nodes));
+                for id in (0..TOTAL).map(Element::at) {
+                    prop_assert_eq!(pool.contains(id), known[id.index()].is_some());
+                    prop_assert_eq!(pool.nodes_of(id), known[id.index()].as_ref().map(|k| k.nodes));
                 }
             }
             prop_assert_eq!(spare(&pool), allocated);
@@ -495,7 +494,7 @@ mod tests {
             let mut again = ElementPool::new(TOTAL, CAPACITY, NODES, 2);
             for class in (0..CLASSES).rev() {
                 for id in pool.ids(class) {
-                    let Known { nodes, constants } = known[id as usize].clone().expect("known");
+                    let Known { nodes, constants } = known[id.index()].clone().expect("known");
                     let history = pool.history(id).expect("there");
                     prop_assert!(again.insert(id, class, nodes, &constants, &history));
                 }
@@ -518,12 +517,14 @@ mod tests {
     fn every_class_finds_room_however_the_elements_are_spread() {
         for capacity in [1, 7, 8, 9, 45, 60] {
             let mut pool = ElementPool::new(TOTAL, capacity, NODES, 1);
-            for id in 0..capacity as u32 {
-                assert!(pool.insert(id, id as usize % CLASSES, [0, 1, 2, 3].map(Slot), &constants(id), &History::REST));
+            for id in (0..capacity).map(Element::at) {
+                assert!(pool.insert(id, id.index() % CLASSES, [0, 1, 2, 3].map(Slot), &constants(id), &History::REST));
             }
-            assert!(capacity == TOTAL || !pool.insert(59, 0, [Slot(0); 4], &constants(0), &History::REST));
+            assert!(
+                capacity == TOTAL || !pool.insert(Element(59), 0, [Slot(0); 4], &constants(Element(0)), &History::REST)
+            );
             for class in 0..CLASSES {
-                (0..capacity as u32).for_each(|id| assert!(pool.set_class(id, class)));
+                (0..capacity).map(Element::at).for_each(|id| assert!(pool.set_class(id, class)));
                 assert_eq!(pool.count(class), capacity);
             }
         }
@@ -533,10 +534,10 @@ mod tests {
     #[should_panic(expected = "lost node")]
     fn a_node_beyond_the_field_is_refused() {
         ElementPool::new(TOTAL, CAPACITY, NODES, 0).insert(
-            0,
+            Element(0),
             0,
             [0, 1, 2, NODES as u32].map(Slot),
-            &constants(0),
+            &constants(Element(0)),
             &History::REST,
         );
     }

@@ -2,6 +2,7 @@
 
 use super::active_mesh::ActiveMesh;
 use super::body::Body;
+use crate::ids::Element;
 use crate::math::{Mat3, Real, Vec3};
 
 /// Energies [J] and momenta of the body about the origin.
@@ -27,7 +28,7 @@ impl Energy {
 }
 
 /// Deformation gradient of element `e`, which is in use.
-pub fn deformation_gradient(body: &Body, mesh: &ActiveMesh, e: u32) -> Mat3 {
+pub fn deformation_gradient(body: &Body, mesh: &ActiveMesh, e: Element) -> Mat3 {
     let u = body.corners(e);
     let x = body.element(e).map(|n| mesh.position_of(n).unwrap_or_else(|| body.rest(n)));
     let columns = |p: &[Vec3; 4]| Mat3::from_columns(&[p[1] - p[0], p[2] - p[0], p[3] - p[0]]);
@@ -47,7 +48,7 @@ pub fn energy(body: &Body, mesh: &ActiveMesh, gravity: Vec3) -> Energy {
         sum.linear_momentum += v * mass;
         sum.angular_momentum += x.cross(&v) * mass;
     }
-    for e in 0..body.element_count() as u32 {
+    for e in body.elements() {
         let active = mesh.active_vertices(e);
         if active > 0 {
             let f = deformation_gradient(body, mesh, e);

@@ -7,6 +7,7 @@
 
 use super::active_set::{ActiveSet, Status};
 use super::body::Body;
+use crate::ids::Node;
 use crate::math::{Real, Vec3};
 use crate::visited::Visited;
 
@@ -78,9 +79,9 @@ impl<Id: Copy + Default> InterfaceRow<Id> {
 #[derive(Debug)]
 pub struct Search {
     /// Squared distance, node.
-    found: Vec<(Real, u32)>,
+    found: Vec<(Real, Node)>,
     /// Nodes whose neighbours have been looked at.
-    ring: Vec<u32>,
+    ring: Vec<Node>,
     /// Nodes that have been looked at, and those that have been stood in for.
     looked_at: Visited,
     stood_in: Visited,
@@ -114,9 +115,9 @@ impl Search {
     }
 
     /// Looks at `n`: notes how far away it is; the first time, whether it is active.
-    fn look(&mut self, body: &Body, set: &ActiveSet, n: u32) -> Status {
+    fn look(&mut self, body: &Body, set: &ActiveSet, n: Node) -> Status {
         let status = set.status(n);
-        if self.looked_at.visit(n as usize) {
+        if self.looked_at.visit(n.index()) {
             let distance = (body.rest(n) - self.origin).norm_squared();
             self.reach_squared = self.reach_squared.max(distance);
             // A node too many is a node too far: there is room for every neighbourhood that can occur.
@@ -128,8 +129,8 @@ impl Search {
     }
 
     /// Finds the active nodes that stand for the region of `n`: itself, one above it, or the next below it.
-    fn stand_in(&mut self, body: &Body, set: &ActiveSet, n: u32) {
-        if !self.stood_in.visit(n as usize) {
+    fn stand_in(&mut self, body: &Body, set: &ActiveSet, n: Node) {
+        if !self.stood_in.visit(n.index()) {
             return;
         }
         match self.look(body, set, n) {
@@ -153,7 +154,7 @@ impl Search {
     }
 
     /// The row of node `n`, which is not active.
-    pub fn row(&mut self, body: &Body, set: &ActiveSet, n: u32) -> InterfaceRow<u32> {
+    pub fn row(&mut self, body: &Body, set: &ActiveSet, n: Node) -> InterfaceRow<Node> {
         self.begin(body.rest(n));
         let host = match set.status(n) {
             Status::Refined => body.finer_host(n),
@@ -185,7 +186,7 @@ impl Search {
         }
     }
 
-    fn neighbours(&mut self, body: &Body, set: &ActiveSet, n: u32) {
+    fn neighbours(&mut self, body: &Body, set: &ActiveSet, n: Node) {
         if self.ring.contains(&n) || self.ring.len() == self.ring.capacity() {
             return;
         }
@@ -193,7 +194,7 @@ impl Search {
         body.neighbours(n).iter().for_each(|v| self.stand_in(body, set, *v));
     }
 
-    fn nearest_only(&self) -> InterfaceRow<u32> {
+    fn nearest_only(&self) -> InterfaceRow<Node> {
         let mut row = InterfaceRow { reach_squared: Real::INFINITY, ..InterfaceRow::empty() };
         if let Some((_, n)) = self.found.first() {
             row.push(*n, 1.0);
@@ -203,8 +204,8 @@ impl Search {
 
     /// Moving least squares on the nearest found nodes, every `stride`-th of them: `P_j = θ_j (1, d_j)·y`, `Σ θ_j (1, d_j)(1, d_j)ᵀ y = (1, 0)`,
     /// `d_j` the offset from the interface node and `θ_j = 1/(d_j² + ε²)²`. `None` when they are too few or flat.
-    fn fit(&mut self, body: &Body, stride: usize) -> Option<InterfaceRow<u32>> {
-        let nearer = |a: &(Real, u32), b: &(Real, u32)| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1));
+    fn fit(&mut self, body: &Body, stride: usize) -> Option<InterfaceRow<Node>> {
+        let nearer = |a: &(Real, Node), b: &(Real, Node)| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1));
         // Only the nearest are asked for then.
         if stride == 1 && self.found.len() > MOST_MASTERS {
             self.found.select_nth_unstable_by(MOST_MASTERS, nearer);
@@ -215,7 +216,7 @@ impl Search {
         if self.found.len() < 4 {
             return None;
         }
-        let mut nearest = [(0.0, 0); MOST_MASTERS];
+        let mut nearest = [(0.0, Node::NONE); MOST_MASTERS];
         let mut count = 0;
         for found in self.found.iter().step_by(if self.found.len() > MOST_MASTERS { stride } else { 1 }) {
             if count < MOST_MASTERS {
@@ -230,7 +231,7 @@ impl Search {
         // Distances over that of the fourth nearest: its order of magnitude drops out.
         let scale = 1.0 / used[3].0.sqrt().max(1e-12);
         let mut a = [[0.0; 4]; 4];
-        let moment = |n: u32| {
+        let moment = |n: Node| {
             let d = (body.rest(n) - self.origin) * scale;
             ([1.0, d.x, d.y, d.z], 1.0 / ((d.norm_squared() + EPSILON) * (d.norm_squared() + EPSILON)))
         };

@@ -5,6 +5,7 @@ use super::body::Body;
 use super::element_kernel::StrainLimit;
 use super::element_pool::{CLASSES, History};
 use super::step_class::{self, Ease};
+use crate::ids::{Element, Node};
 use crate::math::{Real, Vec3, is_finite};
 use crate::visited::Visited;
 use serde::{Deserialize, Serialize};
@@ -13,7 +14,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct State {
     /// Active nodes, numbered through all levels.
-    pub nodes: Vec<u32>,
+    pub nodes: Vec<Node>,
     /// Their world positions [m], (n_active).
     pub position: Vec<Vec3>,
     /// Their velocities [m/s], (n_active).
@@ -21,9 +22,9 @@ pub struct State {
     /// Forces on them that changes of resolution have left to fade [N], by class of step, (n_active, 3).
     pub ease: Vec<Ease<Vec3>>,
     /// Interface nodes; where they are follows from the active ones.
-    pub interface: Vec<u32>,
+    pub interface: Vec<Node>,
     /// Elements in use by step class.
-    pub classes: Vec<Vec<u32>>,
+    pub classes: Vec<Vec<Element>>,
     /// What each of them remembers, class by class; empty for what they would at rest where the nodes are.
     pub history: Vec<History>,
     /// Up to which strain each of them may keep its step; empty to have it found.
@@ -43,26 +44,26 @@ impl State {
     }
 
     /// At rest in the rest shape, with these active nodes; `None` unless they cover the body once.
-    pub fn at_rest_on(body: &Body, nodes: Vec<u32>) -> Option<Self> {
+    pub fn at_rest_on(body: &Body, nodes: Vec<Node>) -> Option<Self> {
         ActiveSet::from_nodes(body, &nodes)?;
         let positions = nodes.iter().map(|n| body.rest(*n)).collect();
         Some(Self::resting(body, nodes, positions))
     }
 
-    fn resting(body: &Body, nodes: Vec<u32>, position: Vec<Vec3>) -> Self {
+    fn resting(body: &Body, nodes: Vec<Node>, position: Vec<Vec3>) -> Self {
         let mut active = vec![false; body.node_count()];
-        nodes.iter().for_each(|n| active[*n as usize] = true);
+        nodes.iter().for_each(|n| active[n.index()] = true);
         let mut classes = vec![Vec::new(); CLASSES];
         let mut interface = Vec::new();
         let mut listed = Visited::new(body.node_count());
-        for e in 0..body.element_count() as u32 {
+        for e in body.elements() {
             let corners = body.element(e);
-            if !corners.iter().any(|n| active[*n as usize]) {
+            if !corners.iter().any(|n| active[n.index()]) {
                 continue;
             }
             classes[step_class::class_at_rest(body, e)].push(e);
             for n in corners {
-                if !active[n as usize] && listed.visit(n as usize) {
+                if !active[n.index()] && listed.visit(n.index()) {
                     interface.push(n);
                 }
             }

@@ -8,6 +8,7 @@ use super::body::Body;
 use super::element_kernel::StrainLimit;
 use super::element_pool::CLASSES;
 use super::material::{COLLAPSE_ONSET, COLLAPSE_STIFFNESS, Material};
+use crate::ids::Element;
 use crate::math::Real;
 
 /// Length of a tick [s].
@@ -120,24 +121,24 @@ pub fn class_in(body: &Body, stable: Real) -> usize {
 
 /// `ω²` [1/s²] of element `e` at rest, its Maxwell branches at their stiffest: `2/ω` is its longest stable step, with the
 /// safety factor.
-pub fn omega_squared(body: &Body, e: u32) -> Real {
+pub fn omega_squared(body: &Body, e: Element) -> Real {
     let altitude = smallest_altitude(body, e);
     let wave_speed_squared = body.stiffness_factor(e) * body.material_of(e).pressure_modulus() / body.density(e);
     4.0 * wave_speed_squared / (SAFETY * SAFETY * altitude * altitude) * instantaneous(body, e)
 }
 
 /// Class of the longest stable step of element `e` at rest.
-pub fn class_at_rest(body: &Body, e: u32) -> usize {
+pub fn class_at_rest(body: &Body, e: Element) -> usize {
     class_in(body, stable_step(omega_squared(body, e), Strained::REST, body.damping_time(), 0.0))
 }
 
-fn smallest_altitude(body: &Body, e: u32) -> Real {
-    let r = body.level_of_element(e);
-    body.level(r).mesh.smallest_altitude((e - body.elements_of(r).start) as usize)
+fn smallest_altitude(body: &Body, e: Element) -> Real {
+    let (r, place) = body.place_of_element(e);
+    body.level(r).mesh.smallest_altitude(place)
 }
 
 /// Stiffness at once over that after relaxation, with the strain-difference term.
-fn instantaneous(body: &Body, e: u32) -> Real {
+fn instantaneous(body: &Body, e: Element) -> Real {
     if body.maxwell().is_empty() {
         return 1.0;
     }

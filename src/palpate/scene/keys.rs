@@ -9,6 +9,7 @@ use palpate_core::adaptation::{Adaptivity, finest_steppable};
 use palpate_core::contact::safety::ForceLimits;
 use palpate_core::contact::tool::{Following, MOST_TOOLS};
 use palpate_core::geometry::locate::{Host, Locator};
+use palpate_core::ids::Element;
 use palpate_core::math::{Bounds, Real, Vec3};
 use palpate_core::model::element_pool::CLASSES;
 use palpate_core::model::organ::MOST_ORGANS;
@@ -258,12 +259,12 @@ impl Scene {
         body.surface().bounds().grown(self.safety.workspace_margin)
     }
 
-    /// Where each probe lies on each level that reaches there, coarsest first; elements are numbered through.
-    pub fn probes(&self, body: &Body) -> Vec<Vec<Host>> {
+    /// Where each probe lies on each level that reaches there, coarsest first.
+    pub fn probes(&self, body: &Body) -> Vec<Vec<Host<Element>>> {
         let on = |r: usize, p: &ProbeKeys| {
             let host = Locator::new(&body.level(r).mesh, body.level(r).spacing).host(Vec3::from(p.position));
             let reaches = body.level(r).is_whole() || host.extrapolation() > -0.5;
-            reaches.then(|| Host { element: host.element + body.elements_of(r).start, ..host })
+            body.host_on(r, host).filter(|_| reaches)
         };
         self.probe.iter().map(|p| (0..body.levels().len()).filter_map(|r| on(r, p)).collect()).collect()
     }

@@ -1,7 +1,7 @@
 //! The step classes of the elements in use: each steps as long as its strain and the springs at its nodes allow.
 
 use super::ActiveMesh;
-use crate::ids::Slot;
+use crate::ids::{Element, Slot};
 use crate::math::Real;
 use crate::model::body::Body;
 use crate::model::element_pool::CLASSES;
@@ -20,11 +20,11 @@ impl ActiveMesh {
 
     /// Moves element `e` to the class of its longest stable step; lengthening asks for some margin, so that elements do
     /// not flutter.
-    pub fn reclass(&mut self, body: &Body, e: u32) {
+    pub fn reclass(&mut self, body: &Body, e: Element) {
         let (Some(class), Some((strain, det))) = (self.pool.class_of(e), self.pool.strain_and_det(e)) else { return };
-        let springs = self.springs_at(body.element(e).map(|n| self.slot[n as usize]));
+        let springs = self.springs_at(body.element(e).map(|n| self.slot[n.index()]));
         let strained = Strained::of(body.material_of(e), &strain, det);
-        let step = step_class::stable_step(self.omega_squared[e as usize], strained, body.damping_time(), springs);
+        let step = step_class::stable_step(self.omega_squared[e.index()], strained, body.damping_time(), springs);
         let mut wanted = step_class::class_in(body, step);
         if wanted < class {
             wanted = step_class::class_in(body, step / LENGTHENING_MARGIN).min(class);
@@ -39,9 +39,9 @@ impl ActiveMesh {
     }
 
     /// Tells the kernel up to which strain element `e` may stay in `class`.
-    pub(super) fn limit_strain(&mut self, body: &Body, e: u32, class: usize) {
-        let springs = self.springs_at(body.element(e).map(|n| self.slot[n as usize]));
-        let omega_squared = self.omega_squared[e as usize];
+    pub(super) fn limit_strain(&mut self, body: &Body, e: Element, class: usize) {
+        let springs = self.springs_at(body.element(e).map(|n| self.slot[n.index()]));
+        let omega_squared = self.omega_squared[e.index()];
         let material = body.material_of(e);
         let limit = step_class::strain_limit(class, material, omega_squared, body.damping_time(), springs);
         self.pool.set_strain_limit(e, limit);

@@ -3,7 +3,7 @@
 use super::{ActiveMesh, Work, vec3};
 use crate::geometry::locate::Host;
 use crate::geometry::tet_mesh::barycentric;
-use crate::ids::Slot;
+use crate::ids::{Element, Node, Slot};
 use crate::math::{Real, Vec3};
 use crate::model::active_set::Status;
 use crate::model::body::Body;
@@ -13,7 +13,7 @@ use crate::model::element_kernel::Padded;
 #[derive(Clone, Copy, Debug)]
 pub struct Attachment {
     /// Its element.
-    pub element: u32,
+    pub element: Element,
     /// Slots of the element's nodes.
     pub slots: [Slot; 4],
     /// Barycentric weights.
@@ -175,7 +175,7 @@ impl ActiveMesh {
         let (mut most, mut host) = (0, None);
         for r in (0..body.levels().len()).rev() {
             let Some(candidate) = body.embedding(r, v) else { continue };
-            let active = self.active_vertices[candidate.element as usize];
+            let active = self.active_vertices[candidate.element.index()];
             if active > most {
                 (most, host) = (active, Some(candidate));
             }
@@ -188,7 +188,7 @@ impl ActiveMesh {
         let nodes = body.element(host.element);
         self.attachment[v as usize] = Attachment {
             element: host.element,
-            slots: nodes.map(|n| self.slot[n as usize]),
+            slots: nodes.map(|n| self.slot[n.index()]),
             weights: host.weights,
             spacing: body.spacing_at(nodes[0]),
         };
@@ -197,18 +197,18 @@ impl ActiveMesh {
 
     /// Where levels meet, none of the elements that contain a vertex may be in use: then one around an active node that
     /// stands for their nodes is extrapolated.
-    fn near_element(&self, body: &Body, v: u32) -> Host {
+    fn near_element(&self, body: &Body, v: u32) -> Host<Element> {
         let p = body.surface().vertices[v as usize];
-        let mut n = body.element(body.level(0).embedding[v as usize].element)[0];
+        let mut n = body.coarsest_carrier(v);
         while self.set.status(n) == Status::Refined {
-            let distance = |c: &u32| (body.rest(*c) - p).norm_squared();
+            let distance = |c: &Node| (body.rest(*c) - p).norm_squared();
             n = body.children(n).iter().copied().min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap_or(n);
         }
-        let least = |e: u32| {
+        let least = |e: Element| {
             let weights = barycentric(&body.corners(e), p);
             (weights.iter().copied().fold(Real::INFINITY, Real::min), weights)
         };
-        let mut best = (Real::NEG_INFINITY, 0, [0.25; 4]);
+        let mut best = (Real::NEG_INFINITY, Element(0), [0.25; 4]);
         for &e in body.elements_around(n) {
             let (inside, weights) = least(e);
             if inside > best.0 {

@@ -8,7 +8,7 @@
 use super::foresight::sides;
 use super::skin;
 use super::{ActiveMesh, Upkeep, constants, padded, vec3};
-use crate::ids::Slot;
+use crate::ids::{Element, Node, Slot};
 use crate::math::{Real, Vec3};
 use crate::model::active_set::Change;
 use crate::model::body::Body;
@@ -93,12 +93,12 @@ impl ActiveMesh {
     }
 
     /// Class of what is held of element `e`, its nodes' slots and the forces on them [N]; `None` unless it is in use.
-    fn weigh_element(&self, body: &Body, e: u32) -> Option<(usize, [Slot; 4], [Vec3; 4])> {
+    fn weigh_element(&self, body: &Body, e: Element) -> Option<(usize, [Slot; 4], [Vec3; 4])> {
         let class = self.pool.class_of(e)?;
         let history = self.pool.history(e)?;
-        let slots = body.element(e).map(|n| self.slot[n as usize]);
+        let slots = body.element(e).map(|n| self.slot[n.index()]);
         let x = slots.map(|slot| vec3(&self.motion.position[slot.index()]));
-        let constants = constants(body, e, self.active_vertices[e as usize]);
+        let constants = constants(body, e, self.active_vertices[e.index()]);
         let f = constants.deformation(&x);
         let forces = constants.forces(&f, &constants.stress(&f, body.maxwell().iter().map(|b| b.modulus), &history));
         Some((class.min(EASE_CLASSES - 1), slots, forces))
@@ -122,7 +122,7 @@ impl ActiveMesh {
     pub(super) fn collect_eases(&mut self, body: &Body, changes: &[Change]) {
         self.work.handed.clear();
         for change in changes {
-            let slots = sides(body, change).0.iter().map(|n| self.slot[*n as usize].index());
+            let slots = sides(body, change).0.iter().map(|n| self.slot[n.index()].index());
             let sum = |class: usize| slots.clone().map(|s| vec3(&self.motion.ease[s][class])).sum();
             self.work.handed.push(std::array::from_fn(sum));
         }
@@ -131,18 +131,18 @@ impl ActiveMesh {
     /// Hands it to them, in parts as their masses.
     pub(super) fn hand_eases_over(&mut self, body: &Body, changes: &[Change]) {
         for (change, handed) in changes.iter().zip(&self.work.handed) {
-            let slots = || sides(body, change).1.iter().map(|n| self.slot[*n as usize].index());
+            let slots = || sides(body, change).1.iter().map(|n| self.slot[n.index()].index());
             let mass: Real = slots().map(|s| self.motion.mass[s]).sum();
-            for s in sides(body, change).1.iter().map(|n| self.slot[*n as usize].index()) {
+            for s in sides(body, change).1.iter().map(|n| self.slot[n.index()].index()) {
                 self.motion.ease[s] = handed.map(|held| padded(held * (self.motion.mass[s] / mass)));
             }
         }
     }
 
     /// Element `e` is to go over to steps of `class`: what is held of its forces goes along, so that it acts with them.
-    pub(super) fn hand_ease_on(&mut self, body: &Body, e: u32, class: usize) {
-        let ease = |mesh: &Self, n: u32, class: usize| mesh.motion.ease[mesh.slot[n as usize].index()][class];
-        let eased = |n: &u32| (0..EASE_CLASSES).any(|class| ease(self, *n, class) != [0.0; 4]);
+    pub(super) fn hand_ease_on(&mut self, body: &Body, e: Element, class: usize) {
+        let ease = |mesh: &Self, n: Node, class: usize| mesh.motion.ease[mesh.slot[n.index()].index()][class];
+        let eased = |n: &Node| (0..EASE_CLASSES).any(|class| ease(self, *n, class) != [0.0; 4]);
         if !body.element(e).iter().any(eased) {
             return;
         }

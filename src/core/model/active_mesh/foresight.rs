@@ -1,7 +1,7 @@
 //! What changes of resolution will take, counted before they are made.
 
 use super::{ActiveMesh, Upkeep};
-use crate::ids::Slot;
+use crate::ids::{Element, Node, Slot};
 use crate::math::Bounds;
 use crate::model::active_set::Change;
 use crate::model::body::Body;
@@ -19,26 +19,26 @@ impl ActiveMesh {
         for n in on() {
             for &e in body.elements_around(n) {
                 if self.is_first(e) {
-                    coming += u32::from(self.active_vertices[e as usize] == 0);
+                    coming += u32::from(self.active_vertices[e.index()] == 0);
                 }
                 upkeep.rows += self.note_nodes(body, e);
             }
         }
         // They come with it, but not to hang on others.
-        upkeep.rows -= on().filter(|n| self.slot[*n as usize] == Slot::NONE).count() as u32;
+        upkeep.rows -= on().filter(|n| self.slot[n.index()] == Slot::NONE).count() as u32;
         for n in off() {
             upkeep.rows += 1;
             for &e in body.elements_around(n) {
                 self.is_first(e);
                 self.note_nodes(body, e);
-                let left = self.active_vertices[e as usize].wrapping_sub(1);
-                self.active_vertices[e as usize] = left;
+                let left = self.active_vertices[e.index()].wrapping_sub(1);
+                self.active_vertices[e.index()] = left;
                 going += u32::from(left == 0);
             }
         }
         for n in off() {
             for &e in body.elements_around(n) {
-                self.active_vertices[e as usize] = self.active_vertices[e as usize].wrapping_add(1);
+                self.active_vertices[e.index()] = self.active_vertices[e.index()].wrapping_add(1);
             }
         }
         self.bound(body, changes);
@@ -56,15 +56,15 @@ impl ActiveMesh {
         }
         upkeep.elements = coming + going;
         if eased {
-            let used = self.work.concerned.iter().filter(|e| self.active_vertices[**e as usize] > 0).count() as u32;
+            let used = self.work.concerned.iter().filter(|e| self.active_vertices[e.index()] > 0).count() as u32;
             upkeep.eased = used + (used + coming - going);
         }
         upkeep
     }
 
     /// Puts `e` on the list of those concerned unless it is there.
-    fn is_first(&mut self, e: u32) -> bool {
-        let first = self.work.noted_elements.visit(e as usize);
+    fn is_first(&mut self, e: Element) -> bool {
+        let first = self.work.noted_elements.visit(e.index());
         if first {
             self.work.concerned.push(e);
         }
@@ -72,11 +72,11 @@ impl ActiveMesh {
     }
 
     /// Notes the nodes of `e`: their weight changes. How many of them are new here, and have no slot.
-    fn note_nodes(&mut self, body: &Body, e: u32) -> u32 {
+    fn note_nodes(&mut self, body: &Body, e: Element) -> u32 {
         let mut new = 0;
         for n in body.element(e) {
-            let first = self.work.noted_nodes.visit(n as usize);
-            new += u32::from(first && self.slot[n as usize] == Slot::NONE);
+            let first = self.work.noted_nodes.visit(n.index());
+            new += u32::from(first && self.slot[n.index()] == Slot::NONE);
         }
         new
     }
@@ -97,7 +97,7 @@ impl ActiveMesh {
             }
             let row = &self.row[slot.index()];
             if row.is_hosted() {
-                let mut lost = sides(body, change).0.iter().map(|n| self.slot[*n as usize]);
+                let mut lost = sides(body, change).0.iter().map(|n| self.slot[n.index()]);
                 return lost.any(|lost| row.entries().any(|(master, _)| master == lost));
             }
             concerned(body, change).any(|n| (body.rest(n) - u).norm_squared() <= reach)
@@ -107,13 +107,13 @@ impl ActiveMesh {
 }
 
 /// Nodes that are active before or after a change, and not both.
-fn concerned<'a>(body: &'a Body, change: &'a Change) -> impl Iterator<Item = u32> + 'a {
+fn concerned<'a>(body: &'a Body, change: &'a Change) -> impl Iterator<Item = Node> + 'a {
     let (off, on) = sides(body, change);
     off.iter().chain(on).copied()
 }
 
 /// Nodes that cease to be active by a change, and those that become so.
-pub(super) fn sides<'a>(body: &'a Body, change: &'a Change) -> (&'a [u32], &'a [u32]) {
+pub(super) fn sides<'a>(body: &'a Body, change: &'a Change) -> (&'a [Node], &'a [Node]) {
     match change {
         Change::Split(n) => (std::slice::from_ref(n), body.children(*n)),
         Change::Merge(n) => (body.children(*n), std::slice::from_ref(n)),

@@ -1,7 +1,7 @@
 //! Masses of the nodes: of their own elements, of what hangs on them, and so that each organ keeps its mass and its centre.
 
 use super::ActiveMesh;
-use crate::ids::Slot;
+use crate::ids::{Element, Slot};
 use crate::math::{Mat3, Real, Vec3};
 use crate::model::body::Body;
 use crate::model::organ::MOST_ORGANS;
@@ -12,12 +12,12 @@ pub(super) const MASS_UNITS: Real = (1u64 << 50) as Real;
 
 impl ActiveMesh {
     /// Adds `more` active vertices' worth of the mass of element `e` to its nodes.
-    pub(super) fn weigh(&mut self, body: &Body, e: u32, more: i64) {
+    pub(super) fn weigh(&mut self, body: &Body, e: Element, more: i64) {
         let mass = body.density(e) * body.volume(e);
         let nodes = body.element(e);
         let unit = (mass / 16.0 / self.mass_unit[body.organ_of(nodes[0])] + 0.5) as i64;
         for n in nodes {
-            self.own_mass[self.slot[n as usize].index()] += more * unit;
+            self.own_mass[self.slot[n.index()].index()] += more * unit;
         }
     }
 

@@ -37,8 +37,7 @@ use super::state::State;
 use super::step_class::Ease;
 use super::sweeps::{self, Registers};
 use crate::geometry::tet_mesh::gradients;
-use crate::ids::NONE;
-use crate::ids::Slot;
+use crate::ids::{Element, Node, Slot};
 use crate::math::{Bounds, Real, Vec3};
 use crate::visited::Visited;
 
@@ -73,7 +72,7 @@ pub struct ActiveMesh {
     /// `ω²` at rest [1/s²] of the elements in use, the Maxwell branches' share included.
     omega_squared: Vec<Real>,
     /// Node of each slot, where that is at rest [m], and its organ.
-    node: Vec<u32>,
+    node: Vec<Node>,
     rest: Vec<Vec3>,
     organ: Vec<u8>,
     /// In units, by slot: mass of the slot's own elements; what hangs on it; and what of its own it has handed on.
@@ -119,12 +118,12 @@ pub struct ActiveMesh {
 #[derive(Debug)]
 struct Work {
     search: Search,
-    on: Vec<(u32, Vec3, Vec3)>,
-    off: Vec<u32>,
-    elements: Vec<u32>,
-    nodes: Vec<u32>,
-    entering: Vec<u32>,
-    leaving: Vec<u32>,
+    on: Vec<(Node, Vec3, Vec3)>,
+    off: Vec<Node>,
+    elements: Vec<Element>,
+    nodes: Vec<Node>,
+    entering: Vec<Element>,
+    leaving: Vec<Element>,
     dirty: Vec<Slot>,
     /// What the change has looked at.
     noted_nodes: Visited,
@@ -137,7 +136,7 @@ struct Work {
     shifted: Vec<u32>,
     noted_vertices: Visited,
     rehung: Vec<u32>,
-    concerned: Vec<u32>,
+    concerned: Vec<Element>,
     handed: Vec<Ease<Vec3>>,
     /// Of each change, at rest [m].
     boxes: Vec<Bounds>,
@@ -162,7 +161,7 @@ impl ActiveMesh {
         let slots = (capacity + 64).min(body.node_count());
         let vertices = body.surface().vertices.len();
         let Bounds { low, high } = body.surface().bounds();
-        let nowhere = Attachment { element: NONE, slots: [Slot::NONE; 4], weights: [0.0; 4], spacing: 0.0 };
+        let nowhere = Attachment { element: Element::NONE, slots: [Slot::NONE; 4], weights: [0.0; 4], spacing: 0.0 };
         let list = || Vec::with_capacity(slots);
         let mut mesh = Self {
             set: ActiveSet::uniform(body, 0),
@@ -178,7 +177,7 @@ impl ActiveMesh {
             slot: vec![Slot::NONE; body.node_count()],
             active_vertices: vec![0; body.element_count()],
             omega_squared: vec![0.0; body.element_count()],
-            node: vec![NONE; slots],
+            node: vec![Node::NONE; slots],
             rest: vec![Vec3::zeros(); slots],
             organ: vec![0; slots],
             own_mass: vec![0; slots],
@@ -198,11 +197,11 @@ impl ActiveMesh {
             lever: 1.0,
             eases: false,
             free_organs: std::array::from_fn(|organ| {
-                let fixed = |n: u32| body.organ_of(n) == organ && body.is_fixed(n);
+                let fixed = |n: Node| body.organ_of(n) == organ && body.is_fixed(n);
                 // Every level carries every display vertex, or the next coarser one does.
-                let carries = |v: u32| body.element(body.level(0).embedding[v as usize].element)[0];
-                let supported = body.holds().iter().any(|hold| body.organ_of(carries(hold.vertex)) == organ);
-                organ < body.organs().len() && !supported && !(0..body.node_count() as u32).any(fixed)
+                let supported =
+                    body.holds().iter().any(|hold| body.organ_of(body.coarsest_carrier(hold.vertex)) == organ);
+                organ < body.organs().len() && !supported && !body.nodes().any(fixed)
             }),
             revision: [0; CLASSES],
             mass_unit: body.organs().iter().map(|organ| organ.mass / MASS_UNITS).collect(),
@@ -271,13 +270,13 @@ impl ActiveMesh {
     }
 
     /// Node in `slot`.
-    pub fn node(&self, slot: Slot) -> u32 {
+    pub fn node(&self, slot: Slot) -> Node {
         self.node[slot.index()]
     }
 
     /// Slot of node `n`, if it has one.
-    pub fn slot(&self, n: u32) -> Option<Slot> {
-        Some(self.slot[n as usize]).filter(|s| *s != Slot::NONE)
+    pub fn slot(&self, n: Node) -> Option<Slot> {
+        Some(self.slot[n.index()]).filter(|s| *s != Slot::NONE)
     }
 
     /// True when `slot` holds an active node.
@@ -296,8 +295,8 @@ impl ActiveMesh {
     }
 
     /// Active vertices of element `e`, 0 when it is not in use.
-    pub fn active_vertices(&self, e: u32) -> u8 {
-        self.active_vertices[e as usize]
+    pub fn active_vertices(&self, e: Element) -> u8 {
+        self.active_vertices[e.index()]
     }
 
     /// Changes whenever the elements of `class`, or what they hang on, change.
@@ -340,7 +339,7 @@ impl ActiveMesh {
     }
 
     /// World position of node `n` [m], if it has a slot.
-    pub fn position_of(&self, n: u32) -> Option<Vec3> {
+    pub fn position_of(&self, n: Node) -> Option<Vec3> {
         self.slot(n).map(|s| vec3(&self.motion.position[s.index()]))
     }
 
@@ -362,7 +361,7 @@ impl ActiveMesh {
 
     /// Gives the active nodes other positions and velocities: `change(node, position, velocity)`. For tests, studies
     /// and for settling a body before it is served.
-    pub fn change_motion(&mut self, mut change: impl FnMut(u32, &mut Vec3, &mut Vec3)) {
+    pub fn change_motion(&mut self, mut change: impl FnMut(Node, &mut Vec3, &mut Vec3)) {
         for i in 0..self.active.len() {
             let s = self.active[i].index();
             let (mut x, mut v) = (vec3(&self.motion.position[s]), vec3(&self.motion.velocity[s]));
@@ -374,12 +373,12 @@ impl ActiveMesh {
     }
 
     /// An unused slot, for node `n`; its motion and masses start from nothing.
-    fn take_slot(&mut self, body: &Body, n: u32) -> Slot {
+    fn take_slot(&mut self, body: &Body, n: Node) -> Slot {
         // Whoever plans a change asks for room first, and restoring counts.
         debug_assert!(!self.free.is_empty());
         let slot = self.free.pop().unwrap_or_default();
         let s = slot.index();
-        self.slot[n as usize] = slot;
+        self.slot[n.index()] = slot;
         self.node[s] = n;
         self.rest[s] = body.rest(n);
         self.organ[s] = body.organ_of(n) as u8;
@@ -423,7 +422,7 @@ impl ActiveMesh {
     /// elements holds for the coupled system.
     fn make_row(&mut self, body: &Body, slot: Slot) {
         let row = self.work.search.row(body, &self.set, self.node[slot.index()]);
-        let row = row.renumbered(|n| self.slot[n as usize]);
+        let row = row.renumbered(|n| self.slot[n.index()]);
         self.set_row(slot, row);
         self.handed_mass[slot.index()] = self.own_mass[slot.index()];
         self.hand_mass(slot, 1);
@@ -444,7 +443,7 @@ impl ActiveMesh {
 }
 
 /// Rest gradients and weighted stiffness of element `e` with `active` active vertices.
-fn constants(body: &Body, e: u32, active: u8) -> ElementConstants {
+fn constants(body: &Body, e: Element, active: u8) -> ElementConstants {
     let [_, g1, g2, g3] = gradients(&body.corners(e));
     let factor = body.stiffness_factor(e);
     let weight = factor * body.volume(e) * Real::from(active) / 4.0;

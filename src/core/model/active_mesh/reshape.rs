@@ -2,8 +2,7 @@
 
 use super::{ActiveMesh, constants, padded, vec3};
 use crate::geometry::locate::Host;
-use crate::ids::NONE;
-use crate::ids::Slot;
+use crate::ids::{Element, Node, Slot};
 use crate::math::{Mat3, Real, Vec3, components};
 use crate::model::active_set::Change;
 use crate::model::body::Body;
@@ -25,12 +24,12 @@ pub struct Upkeep {
 
 impl ActiveMesh {
     /// Elements that a split of `n` would add.
-    pub fn added_by_split(&mut self, body: &Body, n: u32) -> u32 {
+    pub fn added_by_split(&mut self, body: &Body, n: Node) -> u32 {
         self.next_turn();
         let mut added = 0;
         for &c in body.children(n) {
             for &e in body.elements_around(c) {
-                if self.active_vertices[e as usize] == 0 && self.work.noted_elements.visit(e as usize) {
+                if self.active_vertices[e.index()] == 0 && self.work.noted_elements.visit(e.index()) {
                     added += 1;
                 }
             }
@@ -115,7 +114,7 @@ impl ActiveMesh {
                     let (x, _) = self.interpolate(body, n, body.finer_host(n));
                     let (mut mass, mut momentum) = (0.0, Vec3::zeros());
                     for &c in body.children(n) {
-                        let slot = self.slot[c as usize].index();
+                        let slot = self.slot[c.index()].index();
                         mass += self.motion.mass[slot];
                         momentum += vec3(&self.motion.velocity[slot]) * self.motion.mass[slot];
                         self.work.off.push(c);
@@ -128,7 +127,7 @@ impl ActiveMesh {
     }
 
     /// Position and velocity of node `n`, which is not active: in its host where all of that is there, else by its row.
-    fn interpolate(&mut self, body: &Body, n: u32, host: Option<Host>) -> (Vec3, Vec3) {
+    fn interpolate(&mut self, body: &Body, n: Node, host: Option<Host<Element>>) -> (Vec3, Vec3) {
         if body.is_fixed(n) {
             return (body.rest(n), Vec3::zeros());
         }
@@ -136,17 +135,17 @@ impl ActiveMesh {
         let mut v = Vec3::zeros();
         let nodes = host.map(|h| (body.element(h.element), h.weights));
         if let Some((nodes, weights)) =
-            nodes.filter(|(nodes, _)| nodes.iter().all(|n| self.slot[*n as usize] != Slot::NONE))
+            nodes.filter(|(nodes, _)| nodes.iter().all(|n| self.slot[n.index()] != Slot::NONE))
         {
             for (node, w) in nodes.iter().zip(weights) {
-                let slot = self.slot[*node as usize];
+                let slot = self.slot[node.index()];
                 x += vec3(&self.motion.position[slot.index()]) * w;
                 v += self.velocity_of(slot) * w;
             }
         } else {
             let row = self.work.search.row(body, &self.set, n);
             for (node, w) in row.entries() {
-                let slot = self.slot[node as usize];
+                let slot = self.slot[node.index()];
                 x += vec3(&self.motion.position[slot.index()]) * w;
                 v += vec3(&self.motion.velocity[slot.index()]) * w;
             }
@@ -165,7 +164,7 @@ impl ActiveMesh {
     fn swap_nodes(&mut self, body: &Body) {
         let off = std::mem::take(&mut self.work.off);
         for &n in &off {
-            let slot = self.slot[n as usize];
+            let slot = self.slot[n.index()];
             self.delist(slot, true);
             self.set_row(slot, InterfaceRow::empty());
             self.motion.velocity[slot.index()] = [0.0; 4];
@@ -173,7 +172,7 @@ impl ActiveMesh {
         }
         let on = std::mem::take(&mut self.work.on);
         for &(n, x, v) in &on {
-            let slot = match self.slot[n as usize] {
+            let slot = match self.slot[n.index()] {
                 Slot::NONE => self.take_slot(body, n),
                 slot => {
                     self.drop_row(slot);
@@ -195,7 +194,7 @@ impl ActiveMesh {
         self.work.elements.clear();
         for n in self.work.on.iter().map(|o| o.0).chain(self.work.off.iter().copied()) {
             for &e in body.elements_around(n) {
-                if self.work.noted_elements.visit(e as usize) {
+                if self.work.noted_elements.visit(e.index()) {
                     self.work.elements.push(e);
                 }
             }
@@ -207,15 +206,15 @@ impl ActiveMesh {
             let e = self.work.elements[i];
             let nodes = body.element(e);
             let now = nodes.iter().filter(|n| self.set.is_active(**n)).count() as u8;
-            let was = std::mem::replace(&mut self.active_vertices[e as usize], now);
+            let was = std::mem::replace(&mut self.active_vertices[e.index()], now);
             if now == was {
                 continue;
             }
             for n in nodes {
-                if self.work.noted_nodes.visit(n as usize) {
+                if self.work.noted_nodes.visit(n.index()) {
                     self.work.nodes.push(n);
                 }
-                if self.slot[n as usize] == Slot::NONE {
+                if self.slot[n.index()] == Slot::NONE {
                     let slot = self.take_slot(body, n);
                     self.enlist(slot, false);
                 }
@@ -241,7 +240,7 @@ impl ActiveMesh {
             let slot = self.interface[i];
             if self.hangs_otherwise(body, slot, changes) {
                 dirty.push(slot);
-            } else if self.work.noted_nodes.contains(self.node[slot.index()] as usize) {
+            } else if self.work.noted_nodes.contains(self.node[slot.index()].index()) {
                 self.hand_mass(slot, -1);
                 self.handed_mass[slot.index()] = self.own_mass[slot.index()];
                 self.hand_mass(slot, 1);
@@ -271,22 +270,22 @@ impl ActiveMesh {
     }
 
     /// True when an element in use has the node `n`.
-    fn is_needed(&self, body: &Body, n: u32) -> bool {
-        body.elements_around(n).iter().any(|e| self.active_vertices[*e as usize] > 0)
+    fn is_needed(&self, body: &Body, n: Node) -> bool {
+        body.elements_around(n).iter().any(|e| self.active_vertices[e.index()] > 0)
     }
 
     /// Puts in the elements that are needed now, strained as they lie there, and takes out the others.
     fn swap_elements(&mut self, body: &Body) {
         for i in 0..self.work.entering.len() {
             let e = self.work.entering[i];
-            let slots = body.element(e).map(|n| self.slot[n as usize]);
-            let constants = constants(body, e, self.active_vertices[e as usize]);
+            let slots = body.element(e).map(|n| self.slot[n.index()]);
+            let constants = constants(body, e, self.active_vertices[e.index()]);
             let (strain, det) = self.strain(&constants, slots);
             let history = History { strain, det, branch: self.inherited_branches(body, e) };
-            self.omega_squared[e as usize] = step_class::omega_squared(body, e);
+            self.omega_squared[e.index()] = step_class::omega_squared(body, e);
             let strained = Strained::of(body.material_of(e), &strain, det);
             let step = step_class::stable_step(
-                self.omega_squared[e as usize],
+                self.omega_squared[e.index()],
                 strained,
                 body.damping_time(),
                 self.springs_at(slots),
@@ -310,7 +309,7 @@ impl ActiveMesh {
 
     /// What the Maxwell branches of element `e` hold: the mean over the elements that contain its vertices on the
     /// neighbouring levels. The branches' strain is carried, not what is left of it, so that the stress goes on.
-    fn inherited_branches(&self, body: &Body, e: u32) -> [[Real; 6]; 2] {
+    fn inherited_branches(&self, body: &Body, e: Element) -> [[Real; 6]; 2] {
         let mut sum = [[0.0; 6]; 2];
         if body.maxwell().is_empty() {
             return sum;
@@ -333,12 +332,12 @@ impl ActiveMesh {
     fn release_unused(&mut self, body: &Body) {
         for i in 0..self.work.nodes.len() {
             let n = self.work.nodes[i];
-            let slot = self.slot[n as usize];
+            let slot = self.slot[n.index()];
             if slot != Slot::NONE && !self.set.is_active(n) && !self.is_needed(body, n) {
                 self.drop_row(slot);
                 self.delist(slot, false);
-                self.slot[n as usize] = Slot::NONE;
-                self.node[slot.index()] = NONE;
+                self.slot[n.index()] = Slot::NONE;
+                self.node[slot.index()] = Node::NONE;
                 self.free.push(slot);
             }
         }

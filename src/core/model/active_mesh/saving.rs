@@ -2,8 +2,7 @@
 
 use super::easing::NO_EASE;
 use super::{ActiveMesh, constants, padded, vec3};
-use crate::ids::NONE;
-use crate::ids::Slot;
+use crate::ids::{Element, Node, Slot};
 use crate::math::Vec3;
 use crate::model::active_set::ActiveSet;
 use crate::model::body::Body;
@@ -22,7 +21,7 @@ impl ActiveMesh {
         self.pool.clear();
         self.slot.fill(Slot::NONE);
         self.active_vertices.fill(0);
-        self.node.fill(NONE);
+        self.node.fill(Node::NONE);
         self.own_mass.fill(0);
         self.gathered_mass.fill(0);
         self.handed_mass.fill(0);
@@ -51,12 +50,12 @@ impl ActiveMesh {
             for &e in ids {
                 let nodes = body.element(e);
                 let k = nodes.iter().filter(|n| self.set.is_active(**n)).count() as u8;
-                self.active_vertices[e as usize] = k;
+                self.active_vertices[e.index()] = k;
                 let constants = constants(body, e, k);
                 let history = state.history.get(next).unwrap_or(&History::REST);
-                self.pool.insert(e, class, nodes.map(|n| self.slot[n as usize]), &constants, history);
+                self.pool.insert(e, class, nodes.map(|n| self.slot[n.index()]), &constants, history);
                 self.weigh(body, e, i64::from(k));
-                self.omega_squared[e as usize] = step_class::omega_squared(body, e);
+                self.omega_squared[e.index()] = step_class::omega_squared(body, e);
                 next += 1;
             }
         }
@@ -68,8 +67,8 @@ impl ActiveMesh {
         self.place_interface();
         if state.history.is_empty() {
             for &e in state.classes.iter().flatten() {
-                let constants = constants(body, e, self.active_vertices[e as usize]);
-                let (strain, det) = self.strain(&constants, body.element(e).map(|n| self.slot[n as usize]));
+                let constants = constants(body, e, self.active_vertices[e.index()]);
+                let (strain, det) = self.strain(&constants, body.element(e).map(|n| self.slot[n.index()]));
                 self.pool.set_history(e, &History { strain, det, ..History::REST });
             }
         }
@@ -111,18 +110,19 @@ impl ActiveMesh {
         if elements > self.pool.capacity() || nodes + state.interface.len() > self.node.len() {
             return Err(format!("{elements} elements: this session has room for {}", self.pool.capacity()));
         }
-        let in_use = |e: u32| body.element(e).iter().any(|n| set.is_active(*n));
+        let in_use = |e: Element| body.element(e).iter().any(|n| set.is_active(*n));
         let count = body.element_count();
         let mut seen = Visited::new(count);
         for &e in state.classes.iter().flatten() {
-            if e as usize >= count || !seen.visit(e as usize) || !in_use(e) {
+            if e.index() >= count || !seen.visit(e.index()) || !in_use(e) {
                 return Err(format!("element {e} of the state is not one that its active nodes need, once"));
             }
         }
-        let needed = (0..count as u32).filter(|e| in_use(*e)).count();
-        let mut interface: Vec<u32> = state.interface.clone();
+        let needed = body.elements().filter(|e| in_use(*e)).count();
+        let mut interface: Vec<Node> = state.interface.clone();
         interface.sort_unstable();
-        let mut expected: Vec<u32> = (0..count as u32)
+        let mut expected: Vec<Node> = body
+            .elements()
             .filter(|e| in_use(*e))
             .flat_map(|e| body.element(e))
             .filter(|n| !set.is_active(*n))
@@ -173,7 +173,7 @@ impl ActiveMesh {
         hash.update(&(self.active.len() as u32).to_le_bytes());
         for &slot in &self.active {
             let s = slot.index();
-            hash.update(&self.node[s].to_le_bytes());
+            hash.update(&self.node[s].0.to_le_bytes());
             hash.update(bytemuck::cast_slice(&self.motion.position[s][..3]));
             hash.update(bytemuck::cast_slice(&self.motion.velocity[s][..3]));
             let ease = &self.motion.ease[s];
@@ -184,7 +184,7 @@ impl ActiveMesh {
             }
         }
         hash.update(&(self.interface.len() as u32).to_le_bytes());
-        self.interface.iter().for_each(|s| hash.update(&self.node[s.index()].to_le_bytes()));
+        self.interface.iter().for_each(|s| hash.update(&self.node[s.index()].0.to_le_bytes()));
         (0..CLASSES).for_each(|class| self.pool.hash_into(class, hash));
         for (v, fade) in self.fade.iter().enumerate().filter(|(_, fade)| **fade != [0.0; 4]) {
             hash.update(&(v as u32).to_le_bytes());

@@ -6,7 +6,7 @@
 //! when they come to be carried by other elements, not in every step.
 
 use super::ActiveMesh;
-use crate::ids::Slot;
+use crate::ids::{Element, Slot};
 use crate::math::Real;
 use crate::model::body::Body;
 use crate::model::csr::Csr;
@@ -32,16 +32,16 @@ struct Support {
 #[derive(Debug)]
 pub(super) struct Supports {
     /// Elements that carry springs, ascending, and their places in `room`: sums do not depend on which came first.
-    order: Vec<(u32, u32)>,
+    order: Vec<(Element, u32)>,
     room: Vec<Support>,
     /// Places in `room` that are not in use.
     free: Vec<u32>,
     /// Springs whose displayed point has a geomorph offset, ascending, and the places in `room` they are folded into.
     offset: Vec<(u32, u32)>,
     /// Springs by display vertex.
-    springs: Csr,
+    springs: Csr<u32>,
     /// Elements that carry other springs than before.
-    changed: Vec<u32>,
+    changed: Vec<Element>,
     /// Springs of one element.
     carried: Vec<u32>,
 }
@@ -50,7 +50,7 @@ impl Supports {
     /// Room for the springs of `body`.
     pub(super) fn new(body: &Body) -> Self {
         let springs = body.holds().len();
-        let by_vertex = body.holds().iter().zip(0..).map(|(hold, h)| (hold.vertex, h));
+        let by_vertex = body.holds().iter().zip(0..).map(|(hold, h)| (hold.vertex as usize, h));
         Self {
             order: Vec::with_capacity(springs),
             room: Vec::with_capacity(springs),
@@ -67,20 +67,20 @@ impl Supports {
     }
 
     /// Where the support of `element`, which has one, is in `room`.
-    fn place_of(order: &[(u32, u32)], element: u32) -> u32 {
+    fn place_of(order: &[(Element, u32)], element: Element) -> u32 {
         order.binary_search_by_key(&element, |(e, _)| *e).map_or(0, |at| order[at].1)
     }
 
     /// Display vertex `v` hangs on `now` and hung on `before`.
-    pub(super) fn rehang(&mut self, v: u32, before: u32, now: u32) {
-        if !self.springs.of(v).is_empty() {
+    pub(super) fn rehang(&mut self, v: u32, before: Element, now: Element) {
+        if !self.springs.of(v as usize).is_empty() {
             self.changed.extend([before, now]);
         }
     }
 
     /// Display vertex `v` has a geomorph offset now.
     pub(super) fn displace(&mut self, v: u32) {
-        self.offset.extend(self.springs.of(v).iter().map(|h| (*h, 0)));
+        self.offset.extend(self.springs.of(v as usize).iter().map(|h| (*h, 0)));
     }
 }
 
@@ -119,7 +119,7 @@ impl ActiveMesh {
         for &e in changed.iter() {
             carried.clear();
             let hangs = body.hosted(e).iter().chain(astray.iter()).filter(|v| attachment[**v as usize].element == e);
-            carried.extend(hangs.flat_map(|v| springs.of(*v)));
+            carried.extend(hangs.flat_map(|v| springs.of(*v as usize)));
             carried.sort_unstable();
             carried.dedup();
             let Some(first) = carried.first() else { continue };

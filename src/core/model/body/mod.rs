@@ -14,7 +14,7 @@ use super::organ::{self, Organ, OrganLevel, OrganParts};
 use crate::geometry::locate::Host;
 use crate::geometry::{Moments, Surface};
 use crate::hierarchy::Level;
-use crate::ids::NONE;
+use crate::ids::{Element, NONE, Node};
 use crate::math::{Real, Vec3};
 use crate::visited::Visited;
 use check::check;
@@ -38,12 +38,12 @@ pub struct Body {
     organs: Vec<Organ>,
     organ_of_node: Vec<u8>,
     rest: Vec<Vec3>,
-    elements: Vec<[u32; 4]>,
+    elements: Vec<[Node; 4]>,
     volume: Vec<Real>,
-    around: Csr,
-    neighbours: Csr,
-    children: Csr,
-    hosted: Csr,
+    around: Csr<Element>,
+    neighbours: Csr<Node>,
+    children: Csr<Node>,
+    hosted: Csr<u32>,
     fixed: Vec<bool>,
     rim: Vec<bool>,
     uneven: Vec<bool>,
@@ -51,7 +51,7 @@ pub struct Body {
     mass: Real,
     centre: Vec3,
     vertex_area: Vec<Real>,
-    adjacency: Csr,
+    adjacency: Csr<u32>,
     bytes: Vec<u8>,
     checksum: u64,
 }
@@ -101,47 +101,48 @@ impl Body {
         let first_element = sums(&|l| l.mesh.elements.len());
         let levels = || parts.levels.iter().enumerate();
         let nodes = first_node[parts.levels.len()] as usize;
-        let elements: Vec<[u32; 4]> = levels()
+        let elements: Vec<[Node; 4]> = levels()
             .flat_map(|(r, l)| l.mesh.elements.iter().map(move |e| (r, e)))
-            .map(|(r, e)| e.map(|n| n + first_node[r]))
+            .map(|(r, e)| e.map(|n| Node(first_node[r] + n)))
             .collect();
         let (mut fixed, mut rim) = (vec![false; nodes], vec![false; nodes]);
         let mut parents = Vec::with_capacity(nodes);
         for (r, level) in levels() {
             level.fixed.iter().for_each(|n| fixed[(first_node[r] + n) as usize] = true);
             level.rim.iter().for_each(|n| rim[(first_node[r] + n) as usize] = true);
-            let own = (first_node[r]..).zip(&level.parent).map(|(n, p)| (first_node[r.max(1) - 1] + p, n));
+            let coarser = first_node[r.max(1) - 1];
+            let own = (first_node[r]..).zip(&level.parent).map(|(n, p)| ((coarser + p) as usize, Node(n)));
             // A node on the rim is nobody's child: it never stands for anything.
-            parents.extend(own.filter(|(_, n)| !rim[*n as usize]));
+            parents.extend(own.filter(|(_, n)| !rim[n.index()]));
         }
-        let hosts: Vec<(u32, u32)> = levels()
+        let hosts: Vec<(usize, u32)> = levels()
             .flat_map(|(r, l)| l.embedding.iter().enumerate().map(move |(v, h)| (r, v as u32, h.element)))
             .filter(|(_, _, e)| *e != NONE)
-            .map(|(r, v, e)| (first_element[r] + e, v))
+            .map(|(r, v, e)| ((first_element[r] + e) as usize, v))
             .collect();
-        let corners = elements.iter().enumerate().flat_map(|(e, nodes)| nodes.map(|n| (n, e as u32)));
+        let corners = elements.iter().enumerate().flat_map(|(e, nodes)| nodes.map(|n| (n.index(), Element::at(e))));
         let around = Csr::new(nodes, corners);
         // Each node once, in the order in which the elements around bring them.
         let mut seen = Visited::new(nodes);
         let mut pairs = Vec::with_capacity(16 * nodes);
-        for n in 0..nodes as u32 {
+        for n in 0..nodes {
             seen.clear();
-            for m in around.of(n).iter().flat_map(|e| elements[*e as usize]) {
-                if seen.visit(m as usize) {
+            for m in around.of(n).iter().flat_map(|e| elements[e.index()]) {
+                if seen.visit(m.index()) {
                     pairs.push((n, m));
                 }
             }
         }
         let neighbours = Csr::new(nodes, pairs.iter().copied());
-        let shear = |e: &u32| {
-            let level = first_element.partition_point(|first| first <= e) - 1;
-            material_in(&parts.materials, &parts.material_of[level], (e - first_element[level]) as usize).mu
+        let shear = |e: &Element| {
+            let level = first_element.partition_point(|first| *first <= e.0) - 1;
+            material_in(&parts.materials, &parts.material_of[level], (e.0 - first_element[level]) as usize).mu
         };
-        let is_uneven = |n: u32| {
+        let is_uneven = |n: usize| {
             let moduli = || around.of(n).iter().map(shear);
             moduli().fold(0.0, Real::max) > CONTRAST * moduli().fold(Real::INFINITY, Real::min)
         };
-        let uneven = (0..nodes as u32).map(|n| parts.materials.len() > 1 && is_uneven(n)).collect();
+        let uneven = (0..nodes).map(|n| parts.materials.len() > 1 && is_uneven(n)).collect();
         let triangles = parts.surface.triangles.iter().enumerate();
         let one =
             OrganParts::whole(&parts.name, parts.surface.vertices.len(), parts.surface.triangles.len(), &parts.levels);
@@ -168,7 +169,7 @@ impl Body {
             vertex_area: parts.surface.vertex_areas(),
             adjacency: Csr::new(
                 parts.surface.vertices.len(),
-                triangles.flat_map(|(t, triangle)| triangle.map(|v| (v, t as u32))),
+                triangles.flat_map(|(t, triangle)| triangle.map(|v| (v as usize, t as u32))),
             ),
             volume: levels()
                 .flat_map(|(_, l)| (0..l.mesh.elements.len()).map(|e| l.fraction[e] * l.mesh.volume(e)))
@@ -260,85 +261,113 @@ impl Body {
         self.elements.len()
     }
 
-    /// Numbers of the nodes of level `r`.
-    pub fn nodes_of(&self, r: usize) -> std::ops::Range<u32> {
-        self.first_node[r]..self.first_node[r + 1]
+    /// The nodes of all levels, coarsest level first.
+    pub fn nodes(&self) -> impl ExactSizeIterator<Item = Node> + Clone + use<> {
+        (0..self.rest.len() as u32).map(Node)
     }
 
-    /// Numbers of the elements of level `r`.
-    pub fn elements_of(&self, r: usize) -> std::ops::Range<u32> {
-        self.first_element[r]..self.first_element[r + 1]
+    /// The elements of all levels, coarsest level first.
+    pub fn elements(&self) -> impl ExactSizeIterator<Item = Element> + Clone + use<> {
+        (0..self.elements.len() as u32).map(Element)
+    }
+
+    /// The nodes of level `r`.
+    pub fn nodes_of(&self, r: usize) -> impl ExactSizeIterator<Item = Node> + Clone + use<> {
+        (self.first_node[r]..self.first_node[r + 1]).map(Node)
+    }
+
+    /// The elements of level `r`.
+    pub fn elements_of(&self, r: usize) -> impl ExactSizeIterator<Item = Element> + Clone + use<> {
+        (self.first_element[r]..self.first_element[r + 1]).map(Element)
     }
 
     /// Level of node `n`.
-    pub fn level_of(&self, n: u32) -> usize {
-        usize::from(self.level_of_node[n as usize])
+    pub fn level_of(&self, n: Node) -> usize {
+        usize::from(self.level_of_node[n.index()])
     }
 
     /// Level of element `e`.
-    pub fn level_of_element(&self, e: u32) -> usize {
-        self.level_of(self.elements[e as usize][0])
+    pub fn level_of_element(&self, e: Element) -> usize {
+        self.level_of(self.elements[e.index()][0])
+    }
+
+    /// Level of element `e`, and its place among those of that level.
+    pub fn place_of_element(&self, e: Element) -> (usize, usize) {
+        let r = self.level_of_element(e);
+        (r, (e.0 - self.first_element[r]) as usize)
+    }
+
+    /// Level of node `n`, and its place among those of that level.
+    fn place_of(&self, n: Node) -> (usize, usize) {
+        let r = self.level_of(n);
+        (r, (n.0 - self.first_node[r]) as usize)
     }
 
     /// Rest position of node `n` [m].
-    pub fn rest(&self, n: u32) -> Vec3 {
-        self.rest[n as usize]
+    pub fn rest(&self, n: Node) -> Vec3 {
+        self.rest[n.index()]
     }
 
     /// The four nodes of element `e`.
-    pub fn element(&self, e: u32) -> [u32; 4] {
-        self.elements[e as usize]
+    pub fn element(&self, e: Element) -> [Node; 4] {
+        self.elements[e.index()]
     }
 
     /// Rest positions of the nodes of element `e` [m].
-    pub fn corners(&self, e: u32) -> [Vec3; 4] {
+    pub fn corners(&self, e: Element) -> [Vec3; 4] {
         self.element(e).map(|n| self.rest(n))
     }
 
     /// Elements around node `n`.
-    pub fn elements_around(&self, n: u32) -> &[u32] {
-        self.around.of(n)
+    pub fn elements_around(&self, n: Node) -> &[Element] {
+        self.around.of(n.index())
     }
 
     /// Nodes of the next finer level that stand for node `n` together; none where that does not reach.
-    pub fn children(&self, n: u32) -> &[u32] {
-        self.children.of(n)
+    pub fn children(&self, n: Node) -> &[Node] {
+        self.children.of(n.index())
     }
 
-    /// Node of the next coarser level that stands for `n` and its siblings; [`NONE`] on level 0.
-    pub fn parent(&self, n: u32) -> u32 {
-        match self.level_of(n) {
-            0 => NONE,
-            r => self.first_node[r - 1] + self.level(r).parent[(n - self.first_node[r]) as usize],
+    /// Node of the next coarser level that stands for `n` and its siblings; [`Node::NONE`] on level 0.
+    pub fn parent(&self, n: Node) -> Node {
+        match self.place_of(n) {
+            (0, _) => Node::NONE,
+            (r, place) => Node(self.first_node[r - 1] + self.level(r).parent[place]),
         }
     }
 
-    /// Where node `n` lies in the next coarser level; `element` is numbered through. `None` on level 0.
-    pub fn coarser_host(&self, n: u32) -> Option<Host> {
-        let r = self.level_of(n).checked_sub(1)?;
-        self.host_on(r, self.level(r + 1).coarser_host[(n - self.first_node[r + 1]) as usize])
+    /// Where node `n` lies in the next coarser level; `None` on level 0.
+    pub fn coarser_host(&self, n: Node) -> Option<Host<Element>> {
+        let (r, place) = self.place_of(n);
+        self.host_on(r.checked_sub(1)?, self.level(r).coarser_host[place])
     }
 
-    /// Where node `n` lies in the next finer level; `element` is numbered through. `None` on the finest, and where the
-    /// next finer one does not reach.
-    pub fn finer_host(&self, n: u32) -> Option<Host> {
-        let r = self.level_of(n);
-        let host = self.level(r).finer_host.get((n - self.first_node[r]) as usize)?;
+    /// Where node `n` lies in the next finer level. `None` on the finest, and where the next finer one does not reach.
+    pub fn finer_host(&self, n: Node) -> Option<Host<Element>> {
+        let (r, place) = self.place_of(n);
+        let host = self.level(r).finer_host.get(place)?;
         self.host_on(r + 1, *host)
     }
 
-    /// Where display vertex `v` lies on level `r`; `element` is numbered through. `None` where the level does not reach.
-    pub fn embedding(&self, r: usize, v: u32) -> Option<Host> {
+    /// Where display vertex `v` lies on level `r`. `None` where the level does not reach.
+    pub fn embedding(&self, r: usize, v: u32) -> Option<Host<Element>> {
         self.host_on(r, self.level(r).embedding[v as usize])
     }
 
-    fn host_on(&self, r: usize, host: Host) -> Option<Host> {
-        (host.element != NONE).then(|| Host { element: host.element + self.first_element[r], ..host })
+    /// A node that carries display vertex `v` on level 0, which reaches everywhere.
+    pub fn coarsest_carrier(&self, v: u32) -> Node {
+        self.elements[self.level(0).embedding[v as usize].element as usize][0]
+    }
+
+    /// The host of level `r` as one of the body. `None` where the level does not reach.
+    pub fn host_on(&self, r: usize, host: Host) -> Option<Host<Element>> {
+        let Host { element, weights } = host;
+        (element != NONE).then(|| Host { element: Element(self.first_element[r] + element), weights })
     }
 
     /// Display vertices that lie in element `e` on its level.
-    pub fn hosted(&self, e: u32) -> &[u32] {
-        self.hosted.of(e)
+    pub fn hosted(&self, e: Element) -> &[u32] {
+        self.hosted.of(e.index())
     }
 
     /// Level `r`.
@@ -352,9 +381,9 @@ impl Body {
     }
 
     /// Material of element `e`.
-    pub fn material_of(&self, e: u32) -> &Material {
-        let r = self.level_of_element(e);
-        material_in(&self.parts.materials, &self.parts.material_of[r], (e - self.first_element[r]) as usize)
+    pub fn material_of(&self, e: Element) -> &Material {
+        let (r, place) = self.place_of_element(e);
+        material_in(&self.parts.materials, &self.parts.material_of[r], place)
     }
 
     /// Material under display vertex `v`, on the finest level that reaches there.
@@ -364,26 +393,26 @@ impl Body {
     }
 
     /// Volume of element `e` inside the body [m³].
-    pub fn volume(&self, e: u32) -> Real {
-        self.volume[e as usize]
+    pub fn volume(&self, e: Element) -> Real {
+        self.volume[e.index()]
     }
 
     /// Factor on the stiffness of element `e`, from calibration.
-    pub fn stiffness_factor(&self, e: u32) -> Real {
-        let r = self.level_of_element(e);
-        self.parts.levels[r].stiffness_factor[(e - self.first_element[r]) as usize]
+    pub fn stiffness_factor(&self, e: Element) -> Real {
+        let (r, place) = self.place_of_element(e);
+        self.parts.levels[r].stiffness_factor[place]
     }
 
     /// Factor on the moduli of element `e`'s Maxwell branches over μ, from calibration.
-    pub fn branch_factor(&self, e: u32) -> Real {
-        let r = self.level_of_element(e);
-        self.parts.levels[r].branch_factor[(e - self.first_element[r]) as usize]
+    pub fn branch_factor(&self, e: Element) -> Real {
+        let (r, place) = self.place_of_element(e);
+        self.parts.levels[r].branch_factor[place]
     }
 
     /// Density of element `e` [kg/m³].
-    pub fn density(&self, e: u32) -> Real {
-        let r = self.level_of_element(e);
-        self.parts.levels[r].density[(e - self.first_element[r]) as usize]
+    pub fn density(&self, e: Element) -> Real {
+        let (r, place) = self.place_of_element(e);
+        self.parts.levels[r].density[place]
     }
 
     /// Mass [kg], centre [m] and second moments [kg m²] that every whole level is weighed to: the shape's, and what
@@ -393,36 +422,36 @@ impl Body {
     }
 
     /// How far node `k` gives way along the surface's normal for a newton on node `l` along it, about [m/N].
-    pub fn compliance_between(&self, k: u32, l: u32) -> Real {
+    pub fn compliance_between(&self, k: Node, l: Node) -> Real {
         self.compliance.between(k, l, (self.rest(k) - self.rest(l)).norm())
     }
 
     /// True for nodes that are never active, on the rim of a level that covers only a region.
-    pub fn is_on_rim(&self, n: u32) -> bool {
-        self.rim[n as usize]
+    pub fn is_on_rim(&self, n: Node) -> bool {
+        self.rim[n.index()]
     }
 
     /// The nodes of the elements around node `n`, itself among them.
-    pub fn neighbours(&self, n: u32) -> &[u32] {
-        self.neighbours.of(n)
+    pub fn neighbours(&self, n: Node) -> &[Node] {
+        self.neighbours.of(n.index())
     }
 
     /// True for nodes around which one element is much stiffer than another.
-    pub fn is_uneven(&self, n: u32) -> bool {
-        self.uneven[n as usize]
+    pub fn is_uneven(&self, n: Node) -> bool {
+        self.uneven[n.index()]
     }
 
     /// The nodes that cover the body together at level `r`, ascending: those of the level, and where it does not reach,
     /// those of the next coarser one.
-    pub fn covering(&self, r: usize) -> Vec<u32> {
-        let childless = |n: &u32| self.children(*n).is_empty();
-        let coarser = if self.level(r).is_whole() { 0..0 } else { self.nodes_of(r - 1) };
-        coarser.filter(childless).chain(self.nodes_of(r).filter(|n| !self.is_on_rim(*n))).collect()
+    pub fn covering(&self, r: usize) -> Vec<Node> {
+        let childless = |n: &Node| self.children(*n).is_empty();
+        let coarser = (!self.level(r).is_whole()).then(|| self.nodes_of(r - 1).filter(childless));
+        coarser.into_iter().flatten().chain(self.nodes_of(r).filter(|n| !self.is_on_rim(*n))).collect()
     }
 
     /// True for nodes that do not move at all.
-    pub fn is_fixed(&self, n: u32) -> bool {
-        self.fixed[n as usize]
+    pub fn is_fixed(&self, n: Node) -> bool {
+        self.fixed[n.index()]
     }
 
     /// Springs that hold regions in space.
@@ -437,7 +466,7 @@ impl Body {
 
     /// Display triangles around display vertex `v`.
     pub fn triangles_around(&self, v: usize) -> &[u32] {
-        self.adjacency.of(v as u32)
+        self.adjacency.of(v)
     }
 
     /// Mass [kg], the same for every set of active nodes.
@@ -451,22 +480,22 @@ impl Body {
     }
 
     /// Organ of node `n`.
-    pub fn organ_of(&self, n: u32) -> usize {
-        usize::from(self.organ_of_node[n as usize])
+    pub fn organ_of(&self, n: Node) -> usize {
+        usize::from(self.organ_of_node[n.index()])
     }
 
     /// What the level of node `n` has of its organ.
-    fn organ_level(&self, n: u32) -> &OrganLevel {
+    fn organ_level(&self, n: Node) -> &OrganLevel {
         &self.organs[self.organ_of(n)].levels[self.level_of(n)]
     }
 
     /// Typical distance of nodes around node `n` on its level [m].
-    pub fn spacing_at(&self, n: u32) -> Real {
+    pub fn spacing_at(&self, n: Node) -> Real {
         self.organ_level(n).spacing
     }
 
     /// Least mass of node `n` when it is active [kg].
-    pub fn least_mass(&self, n: u32) -> Real {
+    pub fn least_mass(&self, n: Node) -> Real {
         self.organ_level(n).least_mass
     }
 

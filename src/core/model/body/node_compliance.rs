@@ -5,6 +5,7 @@
 
 use super::Body;
 use crate::geometry::tet_mesh::{gradients, volume};
+use crate::ids::{Element, Node};
 use crate::math::{Mat3, Real, Vec3};
 use crate::model::csr::Csr;
 use crate::model::material::Material;
@@ -17,7 +18,7 @@ pub(super) struct NodeCompliance {
     /// Around each node (n_nodes).
     around: Vec<Surroundings>,
     /// Nodes of larger number that share an element with each node, both of elements that display the surface.
-    neighbours: Csr,
+    neighbours: Csr<Node>,
     /// To a force on the node, for each of its neighbours, in their order.
     shared: Vec<Real>,
 }
@@ -41,7 +42,7 @@ impl NodeCompliance {
         let (around, materials) = surroundings(body);
         let of_node = |n: usize| {
             let (outward, near, material) = (normals[n], &around[n], &materials[n]);
-            let held = if body.is_fixed(n as u32) { None } else { blocks[n].try_inverse() };
+            let held = if body.is_fixed(Node::at(n)) { None } else { blocks[n].try_inverse() };
             // Nodes that carry no part of the displayed surface move alike in all directions, on average.
             let along = |m: Mat3| if outward == Vec3::zeros() { m.trace() / 3.0 } else { outward.dot(&(m * outward)) };
             let nu = material.poisson_ratio();
@@ -51,7 +52,7 @@ impl NodeCompliance {
         let own = (0..body.node_count()).map(of_node).collect();
 
         let carries = carriers(body);
-        let nodes_of = |e: u32, [i, j]: [usize; 2]| (body.element(e)[i], body.element(e)[j]);
+        let nodes_of = |e: Element, [i, j]: [usize; 2]| (body.element(e)[i], body.element(e)[j]);
         let mut edges = Vec::new();
         each_edge(body, &carries, |e, edge| edges.push(nodes_of(e, edge)));
         edges.sort_unstable();
@@ -64,8 +65,8 @@ impl NodeCompliance {
                 stiffness[i] += stiffness_between(body.material_of(e), &g, &h) * weight;
             }
         });
-        let of_edge = |(edge, between): (&(u32, u32), &Mat3)| {
-            let (k, l) = (edge.0 as usize, edge.1 as usize);
+        let of_edge = |(edge, between): (&(Node, Node), &Mat3)| {
+            let (k, l) = (edge.0.index(), edge.1.index());
             let give = if body.is_fixed(edge.0) || body.is_fixed(edge.1) {
                 None
             } else {
@@ -76,21 +77,26 @@ impl NodeCompliance {
             held_share(&materials[k]) * along + around[k].mean(&around[l]).near(apart)
         };
         let shared = edges.iter().zip(&stiffness).map(of_edge).collect();
-        Self { own, around, neighbours: Csr::new(body.node_count(), edges.iter().copied()), shared }
+        Self {
+            own,
+            around,
+            neighbours: Csr::new(body.node_count(), edges.iter().map(|(k, l)| (k.index(), *l))),
+            shared,
+        }
     }
 
     /// Of node `k` to a force on node `l`, or the other way round; `apart` from each other at rest [m].
-    pub(super) fn between(&self, k: u32, l: u32, apart: Real) -> Real {
+    pub(super) fn between(&self, k: Node, l: Node, apart: Real) -> Real {
         if k == l {
-            return self.own[k as usize];
+            return self.own[k.index()];
         }
         let (k, l) = (k.min(l), k.max(l));
-        if let Ok(i) = self.neighbours.of(k).binary_search(&l) {
-            return self.shared[self.neighbours.start_of(k) + i];
+        if let Ok(i) = self.neighbours.of(k.index()).binary_search(&l) {
+            return self.shared[self.neighbours.start_of(k.index()) + i];
         }
-        let around = self.around[k as usize].mean(&self.around[l as usize]);
+        let around = self.around[k.index()].mean(&self.around[l.index()]);
         // Nodes of different levels may be at one place.
-        let most = 0.5 * (self.own[k as usize] + self.own[l as usize]);
+        let most = 0.5 * (self.own[k.index()] + self.own[l.index()]);
         most.min(if apart < NEAR * around.width { around.near(apart) } else { around.half_space / apart })
     }
 }
@@ -114,12 +120,12 @@ impl Surroundings {
 fn surroundings(body: &Body) -> (Vec<Surroundings>, Vec<Material>) {
     // λ, μ and width times the volume, and the volume.
     let mut sums = vec![[0.0; 4]; body.node_count()];
-    for e in 0..body.element_count() as u32 {
+    for e in body.elements() {
         let (material, part) = (body.material_of(e), body.volume(e));
         let width = body.stiffness_factor(e) * element_width(body.corners(e));
         for n in body.element(e) {
             let more = [part * material.lambda, part * material.mu, part * width, part];
-            sums[n as usize].iter_mut().zip(more).for_each(|(sum, more)| *sum += more);
+            sums[n.index()].iter_mut().zip(more).for_each(|(sum, more)| *sum += more);
         }
     }
     let of_node = |[lambda, mu, width, volume]: [Real; 4]| {
@@ -141,7 +147,7 @@ fn carriers(body: &Body) -> Vec<bool> {
     let mut carries = vec![false; body.node_count()];
     for r in 0..body.levels().len() {
         for host in (0..body.surface().vertices.len() as u32).filter_map(|v| body.embedding(r, v)) {
-            body.element(host.element).iter().for_each(|n| carries[*n as usize] = true);
+            body.element(host.element).iter().for_each(|n| carries[n.index()] = true);
         }
     }
     carries
@@ -149,11 +155,11 @@ fn carriers(body: &Body) -> Vec<bool> {
 
 /// Calls `f` for each element's edges between nodes that carry the surface, as the element and two of its corners, that of
 /// the smaller number first.
-fn each_edge(body: &Body, carries: &[bool], mut f: impl FnMut(u32, [usize; 2])) {
-    for e in 0..body.element_count() as u32 {
+fn each_edge(body: &Body, carries: &[bool], mut f: impl FnMut(Element, [usize; 2])) {
+    for e in body.elements() {
         let nodes = body.element(e);
-        for i in (0..4).filter(|i| carries[nodes[*i] as usize]) {
-            (0..4).filter(|j| nodes[i] < nodes[*j] && carries[nodes[*j] as usize]).for_each(|j| f(e, [i, j]));
+        for i in (0..4).filter(|i| carries[nodes[*i].index()]) {
+            (0..4).filter(|j| nodes[i] < nodes[*j] && carries[nodes[*j].index()]).for_each(|j| f(e, [i, j]));
         }
     }
 }
@@ -179,7 +185,7 @@ fn normals(body: &Body) -> Vec<Vec3> {
         for (v, outward) in of_vertex.iter().enumerate() {
             let Some(host) = body.embedding(r, v as u32) else { continue };
             for (n, w) in body.element(host.element).iter().zip(host.weights) {
-                normals[*n as usize] += outward * w.max(0.0);
+                normals[n.index()] += outward * w.max(0.0);
             }
         }
     }
@@ -189,10 +195,10 @@ fn normals(body: &Body) -> Vec<Vec3> {
 /// Each node's own block of the stiffness of its level at rest [N/m].
 fn blocks(body: &Body) -> Vec<Mat3> {
     let mut blocks = vec![Mat3::zeros(); body.node_count()];
-    for e in 0..body.element_count() as u32 {
+    for e in body.elements() {
         let (material, weight) = (body.material_of(e), body.volume(e) * body.stiffness_factor(e));
         for (n, g) in body.element(e).iter().zip(gradients(&body.corners(e))) {
-            blocks[*n as usize] += stiffness_between(material, &g, &g) * weight;
+            blocks[n.index()] += stiffness_between(material, &g, &g) * weight;
         }
     }
     blocks

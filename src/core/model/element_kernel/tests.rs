@@ -3,7 +3,7 @@
 use super::super::element_pool::{ElementConstants, ElementPool, History};
 use super::super::material::Material;
 use super::*;
-use crate::ids::Slot;
+use crate::ids::{Element, Slot};
 use crate::math::{Mat3, Vec3, components, symmetric};
 
 /// Numbers in ±1 that look random.
@@ -61,7 +61,7 @@ impl Soup {
         let count = self.elements.len();
         let mut pool = ElementPool::new(count, count, self.rest.len(), branches);
         for (id, (nodes, constants)) in self.elements.iter().enumerate() {
-            assert!(pool.insert(id as u32, 5, nodes.map(Slot), constants, &History::REST));
+            assert!(pool.insert(Element::at(id), 5, nodes.map(Slot), constants, &History::REST));
         }
         pool
     }
@@ -115,7 +115,7 @@ fn bits(x: &[Real]) -> Vec<u64> {
     x.iter().map(|x| x.to_bits()).collect()
 }
 
-fn history_bits(pool: &ElementPool, id: u32) -> Vec<u64> {
+fn history_bits(pool: &ElementPool, id: Element) -> Vec<u64> {
     let h = pool.history(id).expect("there");
     bits(&[&h.strain[..], &[h.det], h.branch.as_flattened()].concat())
 }
@@ -143,16 +143,16 @@ fn all_forms_give_the_same_bits() {
                     assert_eq!(*e, extremes, "{path:?}");
                     crushed |= extremes.det_f < COLLAPSE_ONSET;
                 }
-                for id in 0..count as u32 {
+                for id in (0..count).map(Element::at) {
                     let expected = history_bits(&pools[0].1, id);
                     assert!(pools.iter().all(|(_, pool)| history_bits(pool, id) == expected));
                 }
                 if count > 0 {
                     // Leaves other unused lanes behind, and other elements in the last block.
-                    let id = noise.below(count) as u32;
+                    let id = Element::at(noise.below(count));
                     for (_, pool) in &mut pools {
                         let history = pool.remove(id).expect("there");
-                        let (nodes, constants) = &soup.elements[id as usize];
+                        let (nodes, constants) = &soup.elements[id.index()];
                         assert!(pool.insert(id, 5, nodes.map(Slot), constants, &history));
                     }
                 }
@@ -262,7 +262,7 @@ fn a_branch_relaxes_under_a_held_shear() {
         let stress = 2.0 * 2e-4 * (0.5 * shear + 1.5 * share * model);
         assert!((f[2].x / (-stress * 100.0) - 1.0).abs() < 1e-6);
         let exact = 0.5 * shear * (-(step as Real) * h / time).exp();
-        assert!((pool.history(0).expect("there").branch[0][5] / exact - 1.0).abs() < 1e-5);
+        assert!((pool.history(Element(0)).expect("there").branch[0][5] / exact - 1.0).abs() < 1e-5);
     }
 }
 
@@ -313,7 +313,7 @@ fn a_memory_fades_without_becoming_subnormal() {
     for _ in 0..4000 {
         force(&mut pool, &RATES, &x);
     }
-    for id in 0..9 {
+    for id in (0..9).map(Element) {
         let history = pool.history(id).expect("there");
         let faded = |d: &Real| d.abs() < 1e-30 && !d.is_subnormal();
         assert!(history.branch.as_flattened().iter().all(faded));
@@ -339,9 +339,9 @@ fn extremes_are_those_of_the_elements_and_who_is_over_its_limit_is_named() {
             let deviator = (strain - Mat3::identity() * (strain.trace() / 3.0)).norm();
             let over = 2.0 * deviator - (limit.deviator - limit.slope * 2.0 * strain.trace());
             if det < COLLAPSE_ONSET || over > 1e-9 {
-                strained.push(e as u32);
+                strained.push(Element::at(e));
             } else if over < -1e-9 {
-                calm.push(e as u32);
+                calm.push(Element::at(e));
             }
             expected = expected.join(&own);
         }
@@ -350,12 +350,12 @@ fn extremes_are_those_of_the_elements_and_who_is_over_its_limit_is_named() {
         assert!(near(extremes.det_f, expected.det_f));
         for path in Path::available() {
             let mut pool = soup.pool(1);
-            (0..soup.elements.len() as u32).for_each(|e| pool.set_strain_limit(e, limit));
+            (0..soup.elements.len()).map(Element::at).for_each(|e| pool.set_strain_limit(e, limit));
             forces(&mut pool, path, &RATES, &x);
-            let over: Vec<u32> = pool.over_limit(5).collect();
+            let over: Vec<Element> = pool.over_limit(5).collect();
             assert!(strained.iter().all(|e| over.contains(e)), "{strained:?} in {over:?}");
             // One over its limit brings along those of its block, and no others.
-            let block = |e: &u32| strained.iter().any(|s| s / LANES as u32 == e / LANES as u32);
+            let block = |e: &Element| strained.iter().any(|s| s.index() / LANES == e.index() / LANES);
             assert!(calm.iter().all(|e| block(e) || !over.contains(e)), "{over:?} for {strained:?}");
         }
     }
