@@ -101,7 +101,7 @@ fn explicit_limit(body: &Body, mesh: &mut ActiveMesh) -> Real {
             mesh.add_forces(KernelPath::best(), class, &Rates::ELASTIC);
         }
         for hold in body.holds() {
-            let pull = (body.surface().vertices[hold.vertex as usize] - mesh.vertex(hold.vertex)) * hold.stiffness;
+            let pull = (body.surface().vertices[hold.vertex.index()] - mesh.vertex(hold.vertex)) * hold.stiffness;
             let attachment = *mesh.attachment(hold.vertex);
             for (slot, w) in attachment.slots.iter().zip(attachment.weights) {
                 (0..3).for_each(|c| mesh.motion.force[slot.index()][c] += pull[c] * w);

@@ -5,7 +5,7 @@ use palpate::scene::LoadedScene;
 use palpate_body::prepare::body_file::{BodyFile, Provenance};
 use palpate_body::prepare::merge::merge;
 use palpate_core::contact::tool::{Coupling, PoseSample, ToolEvent};
-use palpate_core::ids::Slot;
+use palpate_core::ids::{Slot, Vertex};
 use palpate_core::math::{Pose, Real, Vec3, is_finite};
 use palpate_core::model::active_set::Change;
 use palpate_core::model::element_kernel::Path as KernelPath;
@@ -136,11 +136,11 @@ fn a_merged_body_has_what_its_organs_have() {
         assert!((organ.mass / own.mass() - 1.0).abs() < 1e-14);
         assert!((organ.centre_of_mass - pose.to_world(own.centre_of_mass())).norm() < 1e-12);
         for (v, vertex) in organ.vertices.clone().zip(&own.surface().vertices) {
-            assert!((body.surface().vertices[v as usize] - pose.to_world(*vertex)).norm() < 1e-15);
-            assert_eq!(body.material_at(v), own.material());
+            assert!((body.surface().vertices[v] - pose.to_world(*vertex)).norm() < 1e-15);
+            assert_eq!(body.material_at(Vertex::at(v)), own.material());
         }
-        let triangles = &body.surface().triangles[organ.triangles.start as usize..organ.triangles.end as usize];
-        assert!(triangles.iter().flatten().all(|v| organ.vertices.contains(v)));
+        let triangles = &body.surface().triangles[organ.triangles.clone()];
+        assert!(triangles.iter().flatten().all(|v| organ.vertices.contains(&(*v as usize))));
     }
     // Every element has the volume, the stiffness and the ties of the one it was.
     for r in 0..3 {
@@ -183,7 +183,7 @@ fn beside_a_press(overrides: &[&str]) -> (Real, Real) {
         one.advance(&Inputs::default());
         let [there, here] = [(&body, &both, 1), (&second, &one, 0)].map(|(body, simulation, organ)| {
             let own = body.organs()[organ].vertices.clone();
-            own.map(|v| simulation.mesh().vertex(v)).collect::<Vec<Vec3>>()
+            own.map(|v| simulation.mesh().vertex(Vertex::at(v))).collect::<Vec<Vec3>>()
         });
         for ((a, b), rest) in there.iter().zip(&here).zip(&second.surface().vertices) {
             (moved, away) = (moved.max((a - rest).norm()), away.max((a - b).norm()));
@@ -323,7 +323,7 @@ fn every_organ_swings_damped_as_the_scene_asks_though_one_is_slower() {
         for _ in 0..1500 {
             swing.advance(&Inputs::default());
             for (organ, signal) in body.organs().iter().zip(&mut signals) {
-                let shift = |v: u32| swing.mesh().vertex(v).x - body.surface().vertices[v as usize].x;
+                let shift = |v: usize| swing.mesh().vertex(Vertex::at(v)).x - body.surface().vertices[v].x;
                 signal.push(organ.vertices.clone().map(shift).sum::<Real>());
             }
         }
@@ -460,7 +460,7 @@ fn session_and_surface_say_whose_what_is() {
     );
     assert!((told[1].youngs_modulus - 3e4).abs() < 1.0 && (told[0].youngs_modulus - 1e4).abs() < 1.0);
     for ([vertices, triangles], organ) in surface.ranges().zip(body.organs()) {
-        assert_eq!(vertices, organ.vertices.start as usize..organ.vertices.end as usize);
+        assert_eq!(vertices, organ.vertices);
         assert!(surface.triangles[triangles].iter().flatten().all(|v| vertices.contains(&(*v as usize))));
     }
     // A body of one says so, too.

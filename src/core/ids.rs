@@ -54,6 +54,16 @@ id! {
 }
 
 id! {
+    /// A vertex of a body's display surface. A surface by itself has plain numbers.
+    Vertex
+}
+
+id! {
+    /// A triangle of a body's display surface. A surface by itself has plain numbers.
+    Triangle
+}
+
+id! {
     /// A tool of a session: its place in [`Settings::tools`](crate::simulation::Settings::tools).
     ToolId
 }

@@ -3,7 +3,7 @@
 use super::shared::shared;
 use super::*;
 use palpate_body::geometry::mesh_io::{LengthUnit, read_surface};
-use palpate_core::ids::Slot;
+use palpate_core::ids::{Slot, Vertex};
 
 /// Levels with fewer nodes are too coarse to be asked.
 const LEAST_NODES: usize = 100;
@@ -53,7 +53,7 @@ fn answer(body: &Arc<Body>, level: usize, gravity: Vec3) -> Answer {
     let mesh = sag.mesh();
     let along = gravity.normalize();
     let vertices = &body.surface().vertices;
-    let moved = |(v, area): (usize, &Real)| (mesh.vertex(v as u32) - vertices[v]).dot(&along) * area;
+    let moved = |(v, area): (usize, &Real)| (mesh.vertex(Vertex::at(v)) - vertices[v]).dot(&along) * area;
     let area: Real = body.vertex_area().iter().sum();
     let surface = body.vertex_area().iter().enumerate().map(moved).sum::<Real>() / area;
     let square = |s: &Slot| (mesh.position(*s) - body.rest(mesh.node(*s))).norm_squared() * mesh.motion.mass[s.index()];

@@ -35,7 +35,7 @@ impl<'a> Linear<'a> {
             self.mesh.add_forces(Path::best(), class, &Rates::ELASTIC);
         }
         for hold in self.body.holds() {
-            let stretch = self.body.surface().vertices[hold.vertex as usize] - self.mesh.vertex(hold.vertex);
+            let stretch = self.body.surface().vertices[hold.vertex.index()] - self.mesh.vertex(hold.vertex);
             let attachment = *self.mesh.attachment(hold.vertex);
             for (slot, w) in attachment.slots.iter().zip(attachment.weights) {
                 for c in 0..3 {

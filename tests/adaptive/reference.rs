@@ -4,6 +4,7 @@
 
 use super::*;
 use palpate_core::geometry::primitives::box_mesh;
+use palpate_core::ids::Vertex;
 use palpate_core::math::Bounds;
 
 /// How far calibrated levels may differ in sag and decrement, as a part.
@@ -67,7 +68,7 @@ fn sags_as_the_continuum(name: &str, sag: &Simulation, allowed: Real) {
     let vertices = &sag.body().surface().vertices;
     for (place, expected) in SAG {
         let vertex = vertices.iter().position(|v| (v - Vec3::from(place)).norm() < 1e-9).unwrap();
-        let moved = (sag.mesh().vertex(vertex as u32) - vertices[vertex]).z;
+        let moved = (sag.mesh().vertex(Vertex::at(vertex)) - vertices[vertex]).z;
         let part = moved / expected - 1.0;
         println!(
             "R2, {name}, {:?} active, {place:?}: {:.4} mm ({:+.2} %)",

@@ -2,6 +2,7 @@
 //! everywhere.
 
 use super::*;
+use palpate_core::ids::Vertex;
 
 /// Ticks until the ball is all the way down, until it is gone, and after that.
 const DOWN: u64 = 500;
@@ -25,9 +26,8 @@ fn let_go(body: &Arc<Body>, adaptivity: Option<Adaptivity>, depth: Real) -> Swin
     let level = if adaptivity.is_some() { 0 } else { body.finest() };
     let mut run = simulation(body, &settings(adaptivity), uniform(body, level));
     let middle = Vec3::new(SIDE, SIDE / 2.0, SIDE / 2.0);
-    let to_middle = |v: &u32| (body.surface().vertices[*v as usize] - middle).norm();
-    let vertices = 0..body.surface().vertices.len() as u32;
-    let tip = vertices.min_by(|a, b| to_middle(a).total_cmp(&to_middle(b))).unwrap();
+    let to_middle = |v: &Vertex| (body.surface().vertices[v.index()] - middle).norm();
+    let tip = body.vertices().min_by(|a, b| to_middle(a).total_cmp(&to_middle(b))).unwrap();
     let mut swing = Swing { mean: vec![], tip: vec![], nodes: [0.0; 3], changes: [0; 2], mixed: 0 };
     for i in 0..GONE + SWING {
         let down = -0.001 + (depth + 0.001) * ease(i as Real, 0.0, DOWN as Real);
@@ -50,7 +50,7 @@ fn let_go(body: &Arc<Body>, adaptivity: Option<Adaptivity>, depth: Real) -> Swin
         swing.changes[1] += outputs.adapted.merges;
         swing.mixed += u32::from(outputs.active.iter().filter(|n| **n > 0).count() > 1);
         swing.mean.push(mean_displacement(body, run.mesh()).z);
-        swing.tip.push((run.mesh().vertex(tip) - body.surface().vertices[tip as usize]).z);
+        swing.tip.push((run.mesh().vertex(tip) - body.surface().vertices[tip.index()]).z);
     }
     swing
 }

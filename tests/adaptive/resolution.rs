@@ -2,7 +2,7 @@
 
 use super::*;
 use palpate_body::geometry::primitives::toy_surface;
-use palpate_core::ids::Slot;
+use palpate_core::ids::{Slot, Vertex};
 use palpate_core::model::active_mesh::{Momenta, Upkeep};
 use palpate_core::model::element_kernel::Path;
 use palpate_core::stepping::step::{self, World};
@@ -132,7 +132,7 @@ fn check_mesh(body: &Body, mesh: &ActiveMesh, worst: &mut Worst) {
     worst.mass = worst.mass.max((mass / body.mass() - 1.0).abs());
     worst.centre = worst.centre.max((moment / mass - body.centre_of_mass()).norm() / size(body));
 
-    for v in 0..body.surface().vertices.len() as u32 {
+    for v in body.vertices() {
         let a = mesh.attachment(v);
         assert!(mesh.pool().contains(a.element), "display vertex {v} hangs on element {}, not in use", a.element);
         assert_eq!(Some(a.slots), mesh.pool().nodes_of(a.element), "display vertex {v}");
@@ -153,7 +153,7 @@ fn derived(body: &Body, mesh: &ActiveMesh) -> Vec<(u32, Vec<u64>)> {
         let x = mesh.motion.position[slot.index()].map(Real::to_bits);
         all.push((mesh.node(slot).0, row.chain(x).collect()));
     }
-    for v in 0..body.surface().vertices.len() as u32 {
+    for v in body.vertices() {
         let a = mesh.attachment(v);
         let place = mesh.vertex(v);
         let bits = a.weights.into_iter().chain([a.spacing, place.x, place.y, place.z]).map(Real::to_bits);
@@ -211,16 +211,15 @@ fn change(body: &Body, mesh: &mut ActiveMesh, changes: &[Change], random: &mut R
     stir(body, mesh, random);
     let (before, speed): (Momenta, Real) = (mesh.momenta(), fastest(mesh));
     let (linear, angular) = scale(mesh);
-    let vertices = || 0..body.surface().vertices.len() as u32;
-    let shown: Vec<Vec3> = vertices().map(|v| mesh.vertex(v)).collect();
+    let shown: Vec<Vec3> = body.vertices().map(|v| mesh.vertex(v)).collect();
     let parts = |u: Upkeep| [u.elements, u.rows];
     let foreseen = parts(mesh.foresee(body, changes, false));
     let took = parts(mesh.apply(body, changes));
     (0..2).for_each(|i| worst.taken[i] = worst.taken[i].max(Real::from(took[i]) / Real::from(foreseen[i].max(1))));
     assert!((0..2).all(|i| took[i] <= foreseen[i]), "{took:?} elements and rows, {foreseen:?} foreseen");
     let after = mesh.momenta();
-    worst.shown = vertices().map(|v| (mesh.vertex(v) - shown[v as usize]).norm()).fold(worst.shown, Real::max);
-    let faded = vertices().filter(|v| mesh.fade[*v as usize] != [0.0; 4]);
+    worst.shown = body.vertices().map(|v| (mesh.vertex(v) - shown[v.index()]).norm()).fold(worst.shown, Real::max);
+    let faded = body.vertices().filter(|v| mesh.fade[v.index()] != [0.0; 4]);
     assert!(faded.eq({
         let mut fading = mesh.fading().to_vec();
         fading.sort_unstable();
@@ -261,12 +260,11 @@ fn walk(body: &Body, seeds: std::ops::Range<u64>, batches: usize) {
             if batch % 5 == 4 {
                 check_history(body, &mesh);
                 let fresh = ActiveMesh::new(body, &saved(body, &mesh), body.element_count()).unwrap();
-                let element = |mesh: &ActiveMesh, v: u32| mesh.attachment(v).element;
-                let hung =
-                    (0..body.surface().vertices.len() as u32).filter(|v| element(&mesh, *v) != element(&fresh, *v));
+                let element = |mesh: &ActiveMesh, v: Vertex| mesh.attachment(v).element;
+                let hung = body.vertices().filter(|v| element(&mesh, *v) != element(&fresh, *v));
                 assert_eq!(
-                    hung.collect::<Vec<u32>>(),
-                    Vec::<u32>::new(),
+                    hung.collect::<Vec<Vertex>>(),
+                    Vec::<Vertex>::new(),
                     "display vertices that hang elsewhere than in a fresh mesh"
                 );
             }

@@ -3,6 +3,7 @@
 use super::{PrepareError, Region};
 use palpate_core::geometry::Surface;
 use palpate_core::hierarchy::Level;
+use palpate_core::ids::Vertex;
 use palpate_core::math::{Bounds, Real, Vec3};
 use palpate_core::model::body::{Hold, vertices_in};
 use palpate_core::model::material::Material;
@@ -62,20 +63,20 @@ pub(super) fn hold_regions(
 
 /// Of `vertices` one for each cube of edge `apart` [m], the one nearest to the middle of those in it, with the area [m²] of
 /// all of them: springs closer than elements hold no better, and every one of them costs time in every step.
-fn spread_out(vertices: &[u32], surface: &Surface, areas: &[Real], apart: Real) -> Vec<(u32, Real)> {
-    let mut cubes: BTreeMap<[i64; 3], Vec<u32>> = BTreeMap::new();
+fn spread_out(vertices: &[Vertex], surface: &Surface, areas: &[Real], apart: Real) -> Vec<(Vertex, Real)> {
+    let mut cubes: BTreeMap<[i64; 3], Vec<Vertex>> = BTreeMap::new();
     for &v in vertices {
-        let place = surface.vertices[v as usize] / apart;
+        let place = surface.vertices[v.index()] / apart;
         cubes.entry([place.x, place.y, place.z].map(|x| x.floor() as i64)).or_default().push(v);
     }
     let spread = cubes.values().map(|together| {
-        let area: Real = together.iter().map(|v| areas[*v as usize]).sum();
-        let middle: Vec3 = together.iter().map(|v| surface.vertices[*v as usize] * (areas[*v as usize] / area)).sum();
-        let away = |v: &u32| (surface.vertices[*v as usize] - middle).norm_squared();
+        let area: Real = together.iter().map(|v| areas[v.index()]).sum();
+        let middle: Vec3 = together.iter().map(|v| surface.vertices[v.index()] * (areas[v.index()] / area)).sum();
+        let away = |v: &Vertex| (surface.vertices[v.index()] - middle).norm_squared();
         let nearest = together.iter().copied().min_by(|a, b| away(a).total_cmp(&away(b)));
         (nearest.unwrap_or_default(), area)
     });
-    let mut spread: Vec<(u32, Real)> = spread.collect();
+    let mut spread: Vec<(Vertex, Real)> = spread.collect();
     spread.sort_unstable_by_key(|s| s.0);
     spread
 }

@@ -141,7 +141,7 @@ fn append(whole: &mut BodyParts, next: BodyParts) -> Result<(), MergeError> {
     append_surface(&mut whole.surface, next.surface);
     whole.shape = Moments::combined(&[(whole.shape, 1.0), (next.shape, 1.0)]);
     let holds = next.holds.into_iter().map(|mut hold| {
-        hold.vertex += first_vertex;
+        hold.vertex.0 += first_vertex;
         hold
     });
     whole.holds.extend(holds);

@@ -318,7 +318,7 @@ fn calibrated(
     progress("calibrating levels", steps - 1, steps);
     parts.holds = held.springs;
     parts.levels.iter_mut().zip(held.fixed).for_each(|(level, fixed)| level.fixed = fixed);
-    let springs: Vec<(u32, Real)> = parts.holds.iter().map(|h| (h.vertex, h.stiffness)).collect();
+    let springs: Vec<(u32, Real)> = parts.holds.iter().map(|h| (h.vertex.0, h.stiffness)).collect();
     let material = |level: usize, element: usize| *material_in(&parts.materials, &parts.material_of[level], element);
     // A level of a region alone can bear no load that moves the body: the finest whole one, as soft as it was made to
     // agree with that, is what the others are to agree with.

@@ -22,7 +22,7 @@ use std::sync::Arc;
 
 #[path = "../../../tests/common/shared.rs"]
 mod shared;
-use palpate_core::ids::{Node, Slot};
+use palpate_core::ids::{Node, Slot, Vertex};
 use shared::shared;
 
 fn vector(value: &Value) -> Vec3 {
@@ -227,20 +227,20 @@ fn covered(case: &Value, mesh: &TetMesh, surface: &Surface, spacing: Real) -> Ve
             }
         }
     }
-    let mut sets: [Vec<u32>; 2] = Default::default();
+    let mut sets: [Vec<Vertex>; 2] = Default::default();
     for ((areas, set), shift) in areas.iter().zip(&mut sets).zip([pressed, Vec3::zeros()]) {
         for (v, area) in areas.iter().enumerate().filter(|(_, area)| **area > 0.0) {
             let per_area = 10.0 * case["E"].as_f64().unwrap() / spacing;
-            parts.holds.push(Hold { vertex: v as u32, stiffness: per_area * area });
+            parts.holds.push(Hold { vertex: Vertex::at(v), stiffness: per_area * area });
             parts.surface.vertices[v] += shift;
-            set.push(v as u32);
+            set.push(Vertex::at(v));
         }
     }
     let body = Arc::new(Body::new(parts).unwrap());
     let is_free = |n: Node| !body.is_fixed(n);
 
     // From near the answer, so that nothing is crushed on the way.
-    let middle = sets[0].iter().map(|v| body.surface().vertices[*v as usize]).sum::<Vec3>() / sets[0].len() as Real;
+    let middle = sets[0].iter().map(|v| body.surface().vertices[v.index()]).sum::<Vec3>() / sets[0].len() as Real;
     let mut simulation = at_rest(&body, gravity);
     simulation.mesh_mut().change_motion(|n, x, _| {
         if is_free(n) {
@@ -255,7 +255,7 @@ fn covered(case: &Value, mesh: &TetMesh, surface: &Surface, spacing: Real) -> Ve
         let host = body.embedding(0, hold.vertex).unwrap();
         let free: Real =
             body.element(host.element).iter().zip(host.weights).filter(|(n, _)| is_free(**n)).map(|(_, w)| w).sum();
-        (body.surface().vertices[hold.vertex as usize] - mesh.vertex(hold.vertex)) * (hold.stiffness * free)
+        (body.surface().vertices[hold.vertex.index()] - mesh.vertex(hold.vertex)) * (hold.stiffness * free)
     };
     let mut found: Vec<Vec3> =
         sets.iter().map(|set| body.holds().iter().filter(|h| set.contains(&h.vertex)).map(pull).sum()).collect();

@@ -8,6 +8,7 @@ use super::outside::is_inside;
 use super::posed::Posed;
 use super::shape::MOST_PARTS;
 use super::touchable::{FASTEST_SURFACE, Touchable, area_vector, points_of_a_part, weights_in_triangle};
+use crate::ids::{Triangle, Vertex};
 use crate::math::{Bounds, Real, Vec3};
 use crate::model::constraint::PointMemory;
 use crate::model::step_class::TICK;
@@ -32,7 +33,7 @@ pub(super) struct Candidate {
     /// What is remembered of it: index into the memory.
     pub(super) known: Option<u32>,
     /// Display vertices and weights; one entry counts for a vertex.
-    pub(super) stencil: [(u32, Real); 3],
+    pub(super) stencil: [(Vertex, Real); 3],
     /// Surface area that the point stands for [m²].
     pub(super) area: Real,
     /// Part of its own area that a triangle's point has not left to the corners.
@@ -67,10 +68,10 @@ impl Candidate {
 
     /// The place of its triangle with other `weights` [m].
     pub(super) fn at(&self, on: &Touchable, weights: [Real; 3]) -> Vec3 {
-        self.stencil.iter().zip(weights).map(|(s, w)| on.vertices[s.0 as usize] * w).sum()
+        self.stencil.iter().zip(weights).map(|(s, w)| on.vertices[s.0.index()] * w).sum()
     }
 
-    pub(super) fn stencil(&self) -> &[(u32, Real)] {
+    pub(super) fn stencil(&self) -> &[(Vertex, Real)] {
         stencil_of(&self.stencil)
     }
 
@@ -104,7 +105,7 @@ impl Candidate {
     }
 }
 
-fn stencil_of(stencil: &[(u32, Real); 3]) -> &[(u32, Real)] {
+fn stencil_of(stencil: &[(Vertex, Real); 3]) -> &[(Vertex, Real)] {
     if stencil[0].1 == 1.0 { &stencil[..1] } else { &stencil[..] }
 }
 
@@ -157,9 +158,9 @@ pub(super) fn sunk_depth(body: &Body, mesh: &ActiveMesh, parts: &[Posed], memory
     let depth = |m: &PointMemory| {
         let (part, point) = ((m.point / per_part) as usize, m.point % per_part);
         let place = match point.checked_sub(vertices) {
-            None => mesh.vertex(point),
+            None => mesh.vertex(Vertex(point)),
             Some(t) => {
-                let corners = body.surface().triangles[t as usize].map(|v| mesh.vertex(v));
+                let corners = body.triangle(Triangle(t)).map(|v| mesh.vertex(v));
                 place_in(&corners, m.weights)
             }
         };
@@ -254,13 +255,13 @@ impl Touch<'_> {
 }
 
 /// True when `p` is behind all triangles that meet in the place of the `stencil`: inside the body, if it is near.
-fn is_behind(on: &Touchable, p: Vec3, stencil: &[(u32, Real)]) -> bool {
+fn is_behind(on: &Touchable, p: Vec3, stencil: &[(Vertex, Real)]) -> bool {
     let mut meeting = stencil.iter().filter(|(_, w)| *w > ON_EDGE).map(|s| s.0);
     let Some(first) = meeting.next() else { return false };
-    on.body.triangles_around(first as usize).iter().all(|t| {
-        let triangle = &on.body.surface().triangles[*t as usize];
+    on.body.triangles_around(first).iter().all(|t| {
+        let triangle = on.body.triangle(*t);
         let meets = meeting.clone().all(|v| triangle.contains(&v));
-        !meets || area_vector(on, *t).dot(&(p - on.vertices[first as usize])) < 0.0
+        !meets || area_vector(on, *t).dot(&(p - on.vertices[first.index()])) < 0.0
     })
 }
 
@@ -321,10 +322,10 @@ fn faces_away(on: &Touchable, c: &Candidate, from: Vec3) -> bool {
     let mut meeting = c.stencil().iter().filter(|(_, w)| *w > ON_EDGE).map(|s| s.0);
     let Some(first) = meeting.next() else { return false };
     let mut most = 0.0 as Real;
-    for &t in on.body.triangles_around(first as usize) {
+    for &t in on.body.triangles_around(first) {
         let outward = area_vector(on, t);
         let size = outward.norm();
-        if size > 0.0 && meeting.clone().all(|v| on.body.surface().triangles[t as usize].contains(&v)) {
+        if size > 0.0 && meeting.clone().all(|v| on.body.triangle(t).contains(&v)) {
             let facing = outward.dot(&(from - c.place)) / size;
             most = if facing.abs() > most.abs() { facing } else { most };
         }
@@ -393,7 +394,7 @@ struct Spot {
     /// Out of the body there, of any length.
     outward: Vec3,
     /// As [`Candidate::stencil`].
-    stencil: [(u32, Real); 3],
+    stencil: [(Vertex, Real); 3],
 }
 
 /// The part of a tool that is nearest to a place.
@@ -424,10 +425,10 @@ fn put(out: &mut Vec<Candidate>, candidate: Candidate) {
     }
 }
 
-pub(super) fn near_vertices(on: &Touchable, touch: &Touch, near: &[u32], out: &mut Vec<Candidate>) {
+pub(super) fn near_vertices(on: &Touchable, touch: &Touch, near: &[Vertex], out: &mut Vec<Candidate>) {
     let windows = touch.windows(0.0);
     for &v in near {
-        let place = on.vertices[v as usize];
+        let place = on.vertices[v.index()];
         if !windows[..touch.parts.len()].iter().any(|w| w.contains(&place)) {
             continue;
         }
@@ -435,10 +436,10 @@ pub(super) fn near_vertices(on: &Touchable, touch: &Touch, near: &[u32], out: &m
             [at] => Nearest { part: 0, core: at.nearest(place) },
             parts => nearest_part(parts, place),
         };
-        let outward: Vec3 = on.body.triangles_around(v as usize).iter().map(|t| area_vector(on, *t)).sum();
-        let spot = Spot { place, outward, stencil: [(v, 1.0), (0, 0.0), (0, 0.0)] };
-        if let Some(side) = touch.side(on, nearest, &spot, v) {
-            let area = on.body.vertex_area()[v as usize];
+        let outward: Vec3 = on.body.triangles_around(v).iter().map(|t| area_vector(on, *t)).sum();
+        let spot = Spot { place, outward, stencil: [(v, 1.0), (Vertex(0), 0.0), (Vertex(0), 0.0)] };
+        if let Some(side) = touch.side(on, nearest, &spot, v.0) {
+            let area = on.body.vertex_area()[v.index()];
             put(out, Candidate::new(nearest.part, side, &spot, area));
         }
     }
@@ -449,27 +450,27 @@ pub(super) fn near_vertices(on: &Touchable, touch: &Touch, near: &[u32], out: &m
 pub(super) fn near_triangles(
     on: &Touchable,
     touch: &Touch,
-    near: &[u32],
+    near: &[Vertex],
     seen: &mut Visited,
     out: &mut Vec<Candidate>,
 ) {
     let windows = touch.windows(0.0);
     let first = on.vertices.len() as u32;
-    let around = near.iter().flat_map(|v| on.body.triangles_around(*v as usize));
+    let around = near.iter().flat_map(|v| on.body.triangles_around(*v));
     for &t in around {
-        if !seen.visit(t as usize) {
+        if !seen.visit(t.index()) {
             continue;
         }
-        let triangle = &on.body.surface().triangles[t as usize];
-        let corners = triangle.map(|v| on.vertices[v as usize]);
+        let triangle = on.body.triangle(t);
+        let corners = triangle.map(|v| on.vertices[v.index()]);
         let found = out.len();
         for (part, at) in touch.parts.iter().enumerate() {
             if windows[part].is_apart(&corners) {
                 continue;
             }
             let outward = area_vector(on, t);
-            let known = remembered(touch.memory, first + t + part as u32 * touch.per_part);
-            let below = touch.below(part, &corners, outward, first + t).and_then(|(side, place)| {
+            let known = remembered(touch.memory, first + t.0 + part as u32 * touch.per_part);
+            let below = touch.below(part, &corners, outward, first + t.0).and_then(|(side, place)| {
                 let weights = weights_in_triangle(&corners, place)?;
                 let area = OWN_SHARE * 0.5 * outward.norm();
                 let stencil = std::array::from_fn(|i| (triangle[i], weights[i]));
@@ -495,7 +496,7 @@ pub(super) fn near_triangles(
             }
             let stencil = std::array::from_fn(|i| (triangle[i], weights[i]));
             let spot = Spot { place, outward, stencil };
-            let side = touch.side(on, Nearest { part, core }, &spot, first + t);
+            let side = touch.side(on, Nearest { part, core }, &spot, first + t.0);
             let area = OWN_SHARE * 0.5 * outward.norm();
             let side =
                 side.filter(|s| matches!(s.sheet, Sheet::Front | Sheet::Sunk | Sheet::Turned) || below.is_none());

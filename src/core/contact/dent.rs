@@ -10,7 +10,7 @@ use super::candidate::{Candidate, Sheet};
 use super::posed::Posed;
 use super::tool::MOST_POINTS;
 use super::touchable::{MARGIN, Touchable, points_of_a_part};
-use crate::ids::Node;
+use crate::ids::{Node, Vertex};
 use crate::math::{Real, Vec3};
 use crate::model::active_mesh::skin;
 use crate::model::constraint::{Constraint, Firming, PointMemory};
@@ -66,7 +66,7 @@ impl Load {
         // A point beside this one that is no longer kept leaves it its area all at once.
         let taken = known.map_or(candidate.taken, |m| m.taken + followed * (candidate.taken - m.taken));
         Self {
-            place: stencil.iter().map(|(v, w)| on.body.surface().vertices[*v as usize] * *w).sum(),
+            place: stencil.iter().map(|(v, w)| on.body.surface().vertices[v.index()] * *w).sum(),
             normal: candidate.normal,
             row,
             fade,
@@ -77,7 +77,7 @@ impl Load {
             nu: material.poisson_ratio(),
             multiplier: known.map_or(0.0, |m| m.multiplier),
             dent: known.map_or(0.0, |m| m.dent),
-            coarsened: stencil.iter().any(|(v, _)| on.mesh.fade[*v as usize][3] < 0.0),
+            coarsened: stencil.iter().any(|(v, _)| on.mesh.fade[v.index()][3] < 0.0),
             scale: 1.0,
             softened: 0.0,
             mesh_softened: 0.0,
@@ -301,7 +301,7 @@ impl Dents {
     fn find_carriers(&mut self, on: &Touchable, candidates: &[Candidate]) {
         // Nodes of the element that a vertex hangs on, also where these hang on others: when they come to be active, what is
         // shown stays as it is.
-        let of_vertex = |(v, w): &(u32, Real)| {
+        let of_vertex = |(v, w): &(Vertex, Real)| {
             let (at, w) = (on.mesh.attachment(*v), *w);
             at.slots.into_iter().zip(at.weights).map(move |(slot, b)| (on.mesh.node(slot), w * b))
         };
@@ -344,8 +344,8 @@ impl Dents {
 
 /// How much farther a load on display vertex `v` is felt than the level shows that it hangs on now: each vertex hangs on a level
 /// of its own, and a change of it fades over.
-fn wider(on: &Touchable, v: u32) -> Real {
-    1.0 + on.mesh.fade[v as usize][3] / on.mesh.attachment(v).spacing
+fn wider(on: &Touchable, v: Vertex) -> Real {
+    1.0 + on.mesh.fade[v.index()][3] / on.mesh.attachment(v).spacing
 }
 
 /// Vertices have all the area when `candidates` come, ascending by point; a triangle's point takes its own from the corners,
@@ -360,12 +360,12 @@ pub(super) fn share_areas(on: &Touchable, parts: &[Posed], candidates: &mut Vec<
             continue;
         }
         let near = GIVEN_ON * parts[c.part as usize].part.half_thickness();
-        let nearest = c.stencil.iter().map(|(v, _)| (on.vertices[*v as usize] - c.place).norm()).fold(near, Real::min);
+        let nearest = c.stencil.iter().map(|(v, _)| (on.vertices[v.index()] - c.place).norm()).fold(near, Real::min);
         let x = nearest / near;
         candidates[i].share = x * x * (3.0 - 2.0 * x);
         candidates[i].area = candidates[i].share * c.area;
         for (v, _) in c.stencil {
-            let corner = v + c.part * per_part;
+            let corner = v.0 + c.part * per_part;
             if let Ok(k) = candidates.binary_search_by_key(&corner, |c| c.point) {
                 candidates[k].area = (candidates[k].area - candidates[i].area / 3.0).max(0.0);
             }

@@ -13,7 +13,7 @@ use super::tool::{MOST_POINTS, Tool, ToolState};
 pub use super::touchable::points_of_a_part;
 use super::touchable::{FASTEST_SURFACE, MARGIN, Touchable};
 use super::wrench::middle_pose;
-use crate::ids::ToolId;
+use crate::ids::{ToolId, Triangle, Vertex};
 use crate::math::{Real, Vec3};
 use crate::model::constraint::{Constraint, Firming, PointMemory, Pushed};
 use crate::model::step_class::TICK;
@@ -43,7 +43,7 @@ pub struct Workspace {
     vertices: Vec<Vec3>,
     memory: Vec<PointMemory>,
     /// Display vertices around the tool.
-    near: Vec<u32>,
+    near: Vec<Vertex>,
     /// Display triangles that have been looked at.
     seen: Visited,
     /// Whether dents below the mesh's size are restored.
@@ -162,7 +162,7 @@ pub fn detect(
     let windows = touch.windows(MOST_STRETCH * work.longest_edge);
     let window = windows[..parts].iter().fold(windows[0], |a, b| a.joined(b));
     for &v in work.nearby[id.index()].place(body, mesh, window, &mut work.vertices) {
-        if windows[..parts].iter().any(|w| w.contains(&work.vertices[v as usize])) {
+        if windows[..parts].iter().any(|w| w.contains(&work.vertices[v.index()])) {
             work.near.push(v);
         }
     }
@@ -374,8 +374,8 @@ fn recall(on: &Touchable, candidates: &mut [Candidate], memory: &[PointMemory], 
             continue;
         }
         let meets = |point: u32| match (point % per_part).checked_sub(vertices) {
-            None => c.stencil().iter().any(|s| s.0 == point % per_part),
-            Some(t) => c.stencil().iter().any(|s| on.body.surface().triangles[t as usize].contains(&s.0)),
+            None => c.stencil().iter().any(|s| s.0.0 == point % per_part),
+            Some(t) => c.stencil().iter().any(|s| on.body.triangle(Triangle(t)).contains(&s.0)),
         };
         let left = |k: &usize| {
             let (point, taken) = (memory[*k].point, Some(*k as u32));

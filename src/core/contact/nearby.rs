@@ -1,6 +1,6 @@
 //! The part of the displayed surface that a tool may touch: the rest need not be moved every tick.
 
-use crate::ids::Node;
+use crate::ids::{Node, Vertex};
 use crate::math::{Bounds, Real, Vec3};
 use crate::model::active_mesh::MOST_ASIDE;
 use crate::model::element_kernel::Padded;
@@ -13,7 +13,7 @@ use crate::visited::Visited;
 #[derive(Debug)]
 pub(super) struct Nearby {
     /// All vertices in a box when it was last looked for them, and all that share a triangle with those; ascending.
-    vertices: Vec<u32>,
+    vertices: Vec<Vertex>,
     /// That box [m].
     reach: Bounds,
     /// Where the nodes were then [m], (n_slots).
@@ -58,11 +58,11 @@ impl Nearby {
 
     /// Moves to their `places` [m] at least all vertices that are in the `window` now, and the corners of all triangles that meet
     /// there; returns a list of vertices in which the first of these are, ascending.
-    pub(super) fn place(&mut self, body: &Body, mesh: &ActiveMesh, window: Bounds, places: &mut [Vec3]) -> &[u32] {
+    pub(super) fn place(&mut self, body: &Body, mesh: &ActiveMesh, window: Bounds, places: &mut [Vec3]) -> &[Vertex] {
         if !self.holds(mesh, window) {
             self.look(body, mesh, window);
         }
-        self.vertices.iter().for_each(|v| places[*v as usize] = mesh.vertex(*v));
+        self.vertices.iter().for_each(|v| places[v.index()] = mesh.vertex(*v));
         &self.vertices
     }
 
@@ -118,13 +118,13 @@ impl Nearby {
     }
 
     /// Takes vertex `v` along, and all that it shares a triangle with, if it is within reach or no more than `far` [m] beyond.
-    fn mark(&mut self, body: &Body, mesh: &ActiveMesh, v: u32, far: Real) {
+    fn mark(&mut self, body: &Body, mesh: &ActiveMesh, v: Vertex, far: Real) {
         // What fades goes no farther than that.
-        let far = far + Vec3::from_row_slice(&mesh.fade[v as usize][..3]).norm();
+        let far = far + Vec3::from_row_slice(&mesh.fade[v.index()][..3]).norm();
         if self.reach.grown(far).contains(&mesh.vertex(v)) {
-            for t in body.triangles_around(v as usize) {
-                for &v in &body.surface().triangles[*t as usize] {
-                    if self.marked.visit(v as usize) {
+            for &t in body.triangles_around(v) {
+                for v in body.triangle(t) {
+                    if self.marked.visit(v.index()) {
                         self.vertices.push(v);
                     }
                 }

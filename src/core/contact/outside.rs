@@ -3,6 +3,7 @@
 use super::posed::{Posed, posed};
 use super::shape::Shape;
 use super::touchable::weights_in_triangle;
+use crate::ids::Vertex;
 use crate::math::{Pose, Real, Vec3};
 use crate::model::Body;
 
@@ -28,14 +29,14 @@ fn is_part_outside(body: &Body, vertices: &[Vec3], at: &Posed) -> bool {
             })
         },
     );
-    !grazes && !is_inside(body, |v| vertices[v as usize], at.frame.at(Vec3::zeros()))
+    !grazes && !is_inside(body, |v| vertices[v.index()], at.frame.at(Vec3::zeros()))
 }
 
 /// A triangle of the surface near a tool.
 #[derive(Clone, Copy, Debug)]
 pub struct NearTriangle {
     /// Its display vertices.
-    pub triangle: [u32; 3],
+    pub triangle: [Vertex; 3],
     /// Where they are [m].
     pub corners: [Vec3; 3],
     /// Its place that is nearest to the core, or deepest in it [m].
@@ -54,24 +55,24 @@ pub fn near_triangles<'a>(
     push: impl Fn(&[Vec3; 3]) -> Vec3 + 'a,
 ) -> impl Iterator<Item = NearTriangle> + 'a {
     let window = at.window(reach);
-    body.surface().triangles.iter().filter_map(move |triangle| {
-        let corners = triangle.map(|v| vertices[v as usize]);
+    body.triangles().filter_map(move |triangle| {
+        let corners = triangle.map(|v| vertices[v.index()]);
         if window.is_apart(&corners) {
             return None;
         }
         let (place, core) = at.nearest_in_triangle(&corners, push(&corners));
-        Some(NearTriangle { triangle: *triangle, corners, place, core })
+        Some(NearTriangle { triangle, corners, place, core })
     })
 }
 
 /// True when `p` lies inside the `body` with its display vertices at `place` [m]: three rays vote by the parity of their
 /// crossings, so that none decides alone.
-pub(super) fn is_inside(body: &Body, place: impl Fn(u32) -> Vec3, p: Vec3) -> bool {
+pub(super) fn is_inside(body: &Body, place: impl Fn(Vertex) -> Vec3, p: Vec3) -> bool {
     let mut crossings = [0u32; 3];
-    for triangle in &body.surface().triangles {
+    for triangle in body.triangles() {
         let corners = triangle.map(&place);
         for (axis, count) in crossings.iter_mut().enumerate() {
-            *count += u32::from(crosses(triangle, &corners, p, axis));
+            *count += u32::from(crosses(&triangle, &corners, p, axis));
         }
     }
     crossings.iter().filter(|c| *c % 2 == 1).count() >= 2
@@ -81,7 +82,7 @@ pub(super) fn is_inside(body: &Body, place: impl Fn(u32) -> Vec3, p: Vec3) -> bo
 ///
 /// The ray leans a little, so that it does not run along the edges of boxes and other regular shapes. A ray through an
 /// edge meets exactly one of its two triangles: both ask on which side it passes with the edge's ends in the same order.
-fn crosses(triangle: &[u32; 3], corners: &[Vec3; 3], p: Vec3, axis: usize) -> bool {
+fn crosses(triangle: &[Vertex; 3], corners: &[Vec3; 3], p: Vec3, axis: usize) -> bool {
     let (i, j) = ((axis + 1) % 3, (axis + 2) % 3);
     let flat = |k: usize| {
         let d = corners[k] - p;

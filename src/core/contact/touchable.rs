@@ -1,5 +1,6 @@
 //! The displayed surface near a tool, as contact looks at it.
 
+use crate::ids::Triangle;
 use crate::math::{Real, Vec3};
 use crate::model::{ActiveMesh, Body};
 
@@ -22,8 +23,8 @@ pub(super) struct Touchable<'a> {
 }
 
 /// Outward area vector of display triangle `t`, twice its area long [m²].
-pub(super) fn area_vector(on: &Touchable, t: u32) -> Vec3 {
-    let [a, b, c] = on.body.surface().triangles[t as usize].map(|v| on.vertices[v as usize]);
+pub(super) fn area_vector(on: &Touchable, t: Triangle) -> Vec3 {
+    let [a, b, c] = on.body.triangle(t).map(|v| on.vertices[v.index()]);
     (b - a).cross(&(c - a))
 }
 

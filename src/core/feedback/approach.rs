@@ -6,6 +6,7 @@ use crate::contact::outside::{NearTriangle, near_triangles};
 use crate::contact::posed::{Posed, posed};
 use crate::contact::shape::Shape;
 use crate::contact::tool::ToolState;
+use crate::ids::Vertex;
 use crate::math::{Real, Vec3};
 use crate::model::{Body, Material};
 
@@ -42,9 +43,9 @@ pub(super) fn ahead(body: &Body, vertices: &[Vec3], shape: &Shape, tool: &ToolSt
 
 /// Gap [m] between a part of a tool and the surface, unit direction towards it, about the part's radius [m], and a display
 /// vertex there.
-fn nearest(body: &Body, vertices: &[Vec3], at: &Posed) -> Option<(Real, Vec3, Real, u32)> {
+fn nearest(body: &Body, vertices: &[Vec3], at: &Posed) -> Option<(Real, Vec3, Real, Vertex)> {
     let radius = at.part.radius();
-    let mut best: Option<(Real, Vec3, u32)> = None;
+    let mut best: Option<(Real, Vec3, Vertex)> = None;
     let inward = |corners: &[Vec3; 3]| -(corners[1] - corners[0]).cross(&(corners[2] - corners[0]));
     for NearTriangle { triangle, place, core, .. } in near_triangles(body, vertices, at, radius + REACH, inward) {
         let away = place - at.frame.at(core.unwrap_or_else(|| at.nearest(place)));

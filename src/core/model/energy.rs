@@ -58,7 +58,7 @@ pub fn energy(body: &Body, mesh: &ActiveMesh, gravity: Vec3) -> Energy {
         }
     }
     for hold in body.holds() {
-        let stretch = mesh.vertex(hold.vertex) - body.surface().vertices[hold.vertex as usize];
+        let stretch = mesh.vertex(hold.vertex) - body.surface().vertices[hold.vertex.index()];
         sum.elastic += 0.5 * hold.stiffness * stretch.norm_squared();
     }
     sum

@@ -45,9 +45,9 @@ pub struct Organ {
     /// A name for people.
     pub name: String,
     /// Its display vertices.
-    pub vertices: Range<u32>,
+    pub vertices: Range<usize>,
     /// Its display triangles.
-    pub triangles: Range<u32>,
+    pub triangles: Range<usize>,
     /// Its material, but for regions: a number in the body's list.
     pub material: u16,
     /// Mass [kg], the same for every set of active nodes.
@@ -81,12 +81,12 @@ impl OrganParts {
 pub(super) fn organs(parts: &[OrganParts], finest: usize, levels: &[Level]) -> Vec<Organ> {
     let (mut vertex, mut triangle, mut node) = (0, 0, 0);
     let mut next = |organ: &OrganParts| {
-        let range = |from: &mut u32, count: u32| {
-            *from += count;
-            *from - count..*from
+        let range = |from: &mut usize, count: u32| {
+            *from += count as usize;
+            *from - count as usize..*from
         };
         let nodes = range(&mut node, organ.levels[finest].nodes);
-        let weighed = nodes.map(|n| (levels[finest].mesh.nodes[n as usize], levels[finest].node_mass[n as usize]));
+        let weighed = nodes.map(|n| (levels[finest].mesh.nodes[n], levels[finest].node_mass[n]));
         let mass: Real = weighed.clone().map(|(_, m)| m).sum();
         let moment: Vec3 = weighed.map(|(u, m)| u * m).sum();
         Organ {

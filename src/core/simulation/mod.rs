@@ -23,7 +23,7 @@ use crate::contact::safety;
 use crate::contact::shape::{MOST_PARTS, Part as ShapePart};
 use crate::contact::tool::{MOST_POINTS, MOST_TOOLS, Phase, ToolState};
 use crate::contact::wrench::{self, Wrench};
-use crate::ids::ToolId;
+use crate::ids::{ToolId, Vertex};
 use crate::math::{Real, Vec3};
 use crate::model::active_mesh::Loads;
 use crate::model::constraint::PointMemory;
@@ -313,8 +313,8 @@ impl Simulation {
             let parts = of.shape.parts().len() as u32;
             let by_part = |point: u32| points.binary_search_by_key(&point, |p| p.point).is_ok();
             let touched = |point: u32| (0..parts).any(|part| by_part(point + part * per_part));
-            let concerned = |v: &u32| {
-                touched(*v) || self.body.triangles_around(*v as usize).iter().any(|t| touched(first_triangle + t))
+            let concerned = |v: &Vertex| {
+                touched(v.0) || self.body.triangles_around(*v).iter().any(|t| touched(first_triangle + t.0))
             };
             if !points.is_empty() && self.mesh.rehung().iter().any(concerned) {
                 tool.settle();

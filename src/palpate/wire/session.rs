@@ -47,12 +47,11 @@ pub fn describe(scene: &Scene, body: &Body) -> proto::Session {
 pub fn organs(body: &Body) -> Vec<proto::Organ> {
     let organ = |organ: &Organ| {
         let material = &body.parts().materials[usize::from(organ.material)];
-        let triangles = organ.triangles.start as usize..organ.triangles.end as usize;
         proto::Organ {
             name: organ.name.clone(),
             vertices: organ.vertices.len() as u32,
             triangles: organ.triangles.len() as u32,
-            volume: body.surface().volume_within(triangles),
+            volume: body.surface().volume_within(organ.triangles.clone()),
             mass_kg: organ.mass,
             density: material.density,
             youngs_modulus: material.youngs_modulus(),

@@ -3,7 +3,7 @@
 use super::{ActiveMesh, Work, vec3};
 use crate::geometry::locate::Host;
 use crate::geometry::tet_mesh::barycentric;
-use crate::ids::{Element, Node, Slot};
+use crate::ids::{Element, Node, Slot, Vertex};
 use crate::math::{Real, Vec3};
 use crate::model::active_set::Status;
 use crate::model::body::Body;
@@ -38,23 +38,23 @@ impl Attachment {
 
 impl ActiveMesh {
     /// Display vertices that the last change hung on another element.
-    pub fn rehung(&self) -> &[u32] {
+    pub fn rehung(&self) -> &[Vertex] {
         &self.work.rehung
     }
 
     /// Display vertices that it looked at: all others hang as before, on nodes that it left where they were.
-    pub fn shifted(&self) -> &[u32] {
+    pub fn shifted(&self) -> &[Vertex] {
         &self.work.shifted
     }
 
     /// Where display vertex `v` hangs.
-    pub fn attachment(&self, v: u32) -> &Attachment {
-        &self.attachment[v as usize]
+    pub fn attachment(&self, v: Vertex) -> &Attachment {
+        &self.attachment[v.index()]
     }
 
     /// Position of display vertex `v` [m], fade included.
-    pub fn vertex(&self, v: u32) -> Vec3 {
-        vec3(&self.place(&self.attachment[v as usize])) + vec3(&self.fade[v as usize])
+    pub fn vertex(&self, v: Vertex) -> Vec3 {
+        vec3(&self.place(&self.attachment[v.index()])) + vec3(&self.fade[v.index()])
     }
 
     fn place(&self, attachment: &Attachment) -> Padded {
@@ -70,7 +70,7 @@ impl ActiveMesh {
     /// Positions of all display vertices [m].
     pub fn skin(&self, vertices: &mut [Vec3]) {
         for (v, place) in vertices.iter_mut().enumerate() {
-            *place = self.vertex(v as u32);
+            *place = self.vertex(Vertex::at(v));
         }
     }
 
@@ -105,17 +105,17 @@ impl ActiveMesh {
         // Those on it are looked at again.
         self.astray.clear();
         for (i, &v) in shifted.iter().enumerate() {
-            let before = self.attachment[v as usize];
+            let before = self.attachment[v.index()];
             let place = vec3(&self.place_before(&before));
             if i < may_hang_elsewhere {
                 self.attach(body, v);
             }
-            let now = &self.attachment[v as usize];
+            let now = &self.attachment[v.index()];
             if now.element != before.element || now.slots != before.slots {
                 self.supports.rehang(v, before.element, now.element);
             }
             let jump = place - vec3(&self.place(now));
-            let fade = &mut self.fade[v as usize];
+            let fade = &mut self.fade[v.index()];
             let faded = *fade == [0.0; 4];
             fade[3] += before.spacing - now.spacing;
             if now.element != before.element {
@@ -139,8 +139,8 @@ impl ActiveMesh {
     fn find_shifted(&mut self, body: &Body) -> usize {
         self.work.shifted.clear();
         let Self { work: Work { shifted, noted_vertices, moved, elements, .. }, attachment, .. } = self;
-        let mut add = |shifted: &mut Vec<u32>, v: u32| {
-            if noted_vertices.visit(v as usize) {
+        let mut add = |shifted: &mut Vec<Vertex>, v: Vertex| {
+            if noted_vertices.visit(v.index()) {
                 shifted.push(v);
             }
         };
@@ -148,7 +148,7 @@ impl ActiveMesh {
         let may_hang_elsewhere = shifted.len();
         for slot in moved.iter() {
             for &e in body.elements_around(self.node[slot.index()]) {
-                let on_it = body.hosted(e).iter().filter(|v| attachment[**v as usize].element == e);
+                let on_it = body.hosted(e).iter().filter(|v| attachment[v.index()].element == e);
                 on_it.for_each(|v| add(shifted, *v));
             }
         }
@@ -156,7 +156,7 @@ impl ActiveMesh {
     }
 
     /// Display vertices that are not where the elements lie that they hang on.
-    pub fn astray(&self) -> &[u32] {
+    pub fn astray(&self) -> &[Vertex] {
         &self.astray
     }
 
@@ -166,12 +166,12 @@ impl ActiveMesh {
     }
 
     /// Display vertices whose [`ActiveMesh::fade`] is not zero.
-    pub fn fading(&self) -> &[u32] {
+    pub fn fading(&self) -> &[Vertex] {
         &self.fading
     }
 
     /// Finds where `v`, which is not on the list of those astray, hangs.
-    pub(super) fn attach(&mut self, body: &Body, v: u32) {
+    pub(super) fn attach(&mut self, body: &Body, v: Vertex) {
         let (mut most, mut host) = (0, None);
         for r in (0..body.levels().len()).rev() {
             let Some(candidate) = body.embedding(r, v) else { continue };
@@ -186,7 +186,7 @@ impl ActiveMesh {
             self.astray.push(v);
         }
         let nodes = body.element(host.element);
-        self.attachment[v as usize] = Attachment {
+        self.attachment[v.index()] = Attachment {
             element: host.element,
             slots: nodes.map(|n| self.slot[n.index()]),
             weights: host.weights,
@@ -197,8 +197,8 @@ impl ActiveMesh {
 
     /// Where levels meet, none of the elements that contain a vertex may be in use: then one around an active node that
     /// stands for their nodes is extrapolated.
-    fn near_element(&self, body: &Body, v: u32) -> Host<Element> {
-        let p = body.surface().vertices[v as usize];
+    fn near_element(&self, body: &Body, v: Vertex) -> Host<Element> {
+        let p = body.surface().vertices[v.index()];
         let mut n = body.coarsest_carrier(v);
         while self.set.status(n) == Status::Refined {
             let distance = |c: &Node| (body.rest(*c) - p).norm_squared();
@@ -223,7 +223,7 @@ impl ActiveMesh {
         let (least, most) = (SLOWEST_FADE * self.size, FASTEST_FADE * self.size);
         let Self { fading, fade, size, .. } = self;
         fading.retain(|v| {
-            let fade = &mut fade[*v as usize];
+            let fade = &mut fade[v.index()];
             let away = vec3(fade).norm();
             if away > 1e-9 {
                 let far = (away - FAR_FADE * *size).max(0.0);

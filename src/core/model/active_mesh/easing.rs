@@ -8,7 +8,7 @@
 use super::foresight::sides;
 use super::skin;
 use super::{ActiveMesh, Upkeep, constants, padded, vec3};
-use crate::ids::{Element, Node, Slot};
+use crate::ids::{Element, Node, Slot, Triangle, Vertex};
 use crate::math::{Real, Vec3};
 use crate::model::active_set::Change;
 use crate::model::body::Body;
@@ -111,8 +111,8 @@ impl ActiveMesh {
         for point in loads.points.iter().flatten().filter(|p| p.multiplier > 0.0) {
             let on_body = (point.normal * point.multiplier + point.tangential) * sign;
             let number = point.point % per_part;
-            let corners = number.checked_sub(vertices).map_or([number; 3], |t| body.surface().triangles[t as usize]);
-            let stencil: [(u32, Real); 3] = std::array::from_fn(|i| (corners[i], point.weights[i]));
+            let corners = number.checked_sub(vertices).map_or([Vertex(number); 3], |t| body.triangle(Triangle(t)));
+            let stencil: [(Vertex, Real); 3] = std::array::from_fn(|i| (corners[i], point.weights[i]));
             let row = skin::row(self, if number < vertices { &stencil[..1] } else { &stencil }).0;
             row.entries().iter().for_each(|(slot, b)| self.hold_on(*slot, class, on_body * *b));
         }

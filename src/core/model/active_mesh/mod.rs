@@ -37,7 +37,7 @@ use super::state::State;
 use super::step_class::Ease;
 use super::sweeps::{self, Registers};
 use crate::geometry::tet_mesh::gradients;
-use crate::ids::{Element, Node, Slot};
+use crate::ids::{Element, Node, Slot, Vertex};
 use crate::math::{Bounds, Real, Vec3};
 use crate::visited::Visited;
 
@@ -94,8 +94,8 @@ pub struct ActiveMesh {
     /// By display vertex: offset [m] of the displayed from the embedded place, and of the displayed from the level's
     /// spacing [m]; what a change of resolution leaves, faded to zero.
     pub fade: Vec<Padded>,
-    fading: Vec<u32>,
-    astray: Vec<u32>,
+    fading: Vec<Vertex>,
+    astray: Vec<Vertex>,
     lever: Real,
     /// Whether a node has a residual force.
     eases: bool,
@@ -133,9 +133,9 @@ struct Work {
     was: Vec<Padded>,
     moved_slots: Visited,
     /// Display vertices that may hang elsewhere, or on what has moved.
-    shifted: Vec<u32>,
+    shifted: Vec<Vertex>,
     noted_vertices: Visited,
-    rehung: Vec<u32>,
+    rehung: Vec<Vertex>,
     concerned: Vec<Element>,
     handed: Vec<Ease<Vec3>>,
     /// Of each change, at rest [m].

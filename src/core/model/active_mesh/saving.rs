@@ -74,11 +74,11 @@ impl ActiveMesh {
         }
         self.fade.copy_from_slice(&state.fade);
         self.fading.clear();
-        self.fading.extend((0..self.fade.len() as u32).filter(|v| self.fade[*v as usize] != [0.0; 4]));
+        self.fading.extend(body.vertices().filter(|v| self.fade[v.index()] != [0.0; 4]));
         self.astray.clear();
         self.lever = 1.0;
         self.eases = state.ease.iter().flatten().any(|e| *e != Vec3::zeros());
-        for v in 0..self.attachment.len() as u32 {
+        for v in body.vertices() {
             self.attach(body, v);
         }
         self.fold_all_supports(body);

@@ -6,7 +6,7 @@
 //! when they come to be carried by other elements, not in every step.
 
 use super::ActiveMesh;
-use crate::ids::{Element, Slot};
+use crate::ids::{Element, Slot, Vertex};
 use crate::math::Real;
 use crate::model::body::Body;
 use crate::model::csr::Csr;
@@ -50,7 +50,7 @@ impl Supports {
     /// Room for the springs of `body`.
     pub(super) fn new(body: &Body) -> Self {
         let springs = body.holds().len();
-        let by_vertex = body.holds().iter().zip(0..).map(|(hold, h)| (hold.vertex as usize, h));
+        let by_vertex = body.holds().iter().zip(0..).map(|(hold, h)| (hold.vertex.index(), h));
         Self {
             order: Vec::with_capacity(springs),
             room: Vec::with_capacity(springs),
@@ -72,15 +72,15 @@ impl Supports {
     }
 
     /// Display vertex `v` hangs on `now` and hung on `before`.
-    pub(super) fn rehang(&mut self, v: u32, before: Element, now: Element) {
-        if !self.springs.of(v as usize).is_empty() {
+    pub(super) fn rehang(&mut self, v: Vertex, before: Element, now: Element) {
+        if !self.springs.of(v.index()).is_empty() {
             self.changed.extend([before, now]);
         }
     }
 
     /// Display vertex `v` has a geomorph offset now.
-    pub(super) fn displace(&mut self, v: u32) {
-        self.offset.extend(self.springs.of(v as usize).iter().map(|h| (*h, 0)));
+    pub(super) fn displace(&mut self, v: Vertex) {
+        self.offset.extend(self.springs.of(v.index()).iter().map(|h| (*h, 0)));
     }
 }
 
@@ -93,12 +93,12 @@ impl ActiveMesh {
         supports.free.clear();
         supports.offset.clear();
         for v in body.holds().iter().map(|hold| hold.vertex) {
-            let element = attachment[v as usize].element;
+            let element = attachment[v.index()].element;
             if supports.changed.last() != Some(&element) {
                 supports.changed.push(element);
             }
         }
-        let faded = (0..).zip(body.holds()).filter(|(_, hold)| fade[hold.vertex as usize] != [0.0; 4]);
+        let faded = (0..).zip(body.holds()).filter(|(_, hold)| fade[hold.vertex.index()] != [0.0; 4]);
         supports.offset.extend(faded.map(|(h, _)| (h, 0)));
         self.fold_supports(body);
     }
@@ -118,18 +118,18 @@ impl ActiveMesh {
         });
         for &e in changed.iter() {
             carried.clear();
-            let hangs = body.hosted(e).iter().chain(astray.iter()).filter(|v| attachment[**v as usize].element == e);
-            carried.extend(hangs.flat_map(|v| springs.of(*v as usize)));
+            let hangs = body.hosted(e).iter().chain(astray.iter()).filter(|v| attachment[v.index()].element == e);
+            carried.extend(hangs.flat_map(|v| springs.of(v.index())));
             carried.sort_unstable();
             carried.dedup();
             let Some(first) = carried.first() else { continue };
-            let slots = attachment[body.holds()[*first as usize].vertex as usize].slots;
+            let slots = attachment[body.holds()[*first as usize].vertex.index()].slots;
             let (none, rest) = ([[0.0; 4]; 4], [[0.0; 4]; 4]);
             let mut support = Support { slots, stiffness: none, rest, pull: rest, bound: none };
             for &h in carried.iter() {
                 let hold = body.holds()[h as usize];
-                let weights = &attachment[hold.vertex as usize].weights;
-                let rest = body.surface().vertices[hold.vertex as usize];
+                let weights = &attachment[hold.vertex.index()].weights;
+                let rest = body.surface().vertices[hold.vertex.index()];
                 for (i, w) in weights.iter().enumerate() {
                     let k = hold.stiffness * w;
                     for (j, v) in weights.iter().enumerate() {
@@ -151,7 +151,7 @@ impl ActiveMesh {
         changed.clear();
         offset.sort_unstable();
         offset.dedup_by_key(|(h, _)| *h);
-        let element = |h: u32| attachment[body.holds()[h as usize].vertex as usize].element;
+        let element = |h: u32| attachment[body.holds()[h as usize].vertex.index()].element;
         offset.iter_mut().for_each(|(h, place)| *place = Supports::place_of(order, element(*h)));
         self.follow_offsets(body);
     }
@@ -189,7 +189,7 @@ impl ActiveMesh {
         }
         offset.retain(|&(h, place)| {
             let hold = body.holds()[h as usize];
-            let (away, weights) = (&fade[hold.vertex as usize], &attachment[hold.vertex as usize].weights);
+            let (away, weights) = (&fade[hold.vertex.index()], &attachment[hold.vertex.index()].weights);
             for (pull, w) in room[place as usize].pull.iter_mut().zip(weights) {
                 (0..3).for_each(|c| pull[c] -= hold.stiffness * w * away[c]);
             }

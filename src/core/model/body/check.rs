@@ -39,7 +39,7 @@ pub(super) fn check(parts: &BodyParts) -> Result<(), String> {
     if parts.surface.triangles.is_empty() || parts.surface.triangles.iter().flatten().any(|v| *v as usize >= vertices) {
         return Err("a display triangle names a vertex that does not exist".into());
     }
-    if parts.holds.iter().any(|h| h.vertex as usize >= vertices || !(h.stiffness >= 0.0 && h.stiffness.is_finite())) {
+    if parts.holds.iter().any(|h| h.vertex.index() >= vertices || !(h.stiffness >= 0.0 && h.stiffness.is_finite())) {
         return Err("a hold names a vertex that does not exist or has a bad stiffness".into());
     }
     if !(parts.shape.volume > 0.0 && parts.shape.centre.iter().chain(&parts.shape.second).all(|x| x.is_finite())) {

@@ -14,7 +14,7 @@ use super::organ::{self, Organ, OrganLevel, OrganParts};
 use crate::geometry::locate::Host;
 use crate::geometry::{Moments, Surface};
 use crate::hierarchy::Level;
-use crate::ids::{Element, NONE, Node};
+use crate::ids::{Element, NONE, Node, Triangle, Vertex};
 use crate::math::{Real, Vec3};
 use crate::visited::Visited;
 use check::check;
@@ -43,7 +43,7 @@ pub struct Body {
     around: Csr<Element>,
     neighbours: Csr<Node>,
     children: Csr<Node>,
-    hosted: Csr<u32>,
+    hosted: Csr<Vertex>,
     fixed: Vec<bool>,
     rim: Vec<bool>,
     uneven: Vec<bool>,
@@ -51,7 +51,7 @@ pub struct Body {
     mass: Real,
     centre: Vec3,
     vertex_area: Vec<Real>,
-    adjacency: Csr<u32>,
+    adjacency: Csr<Triangle>,
     bytes: Vec<u8>,
     checksum: u64,
 }
@@ -115,8 +115,8 @@ impl Body {
             // A node on the rim is nobody's child: it never stands for anything.
             parents.extend(own.filter(|(_, n)| !rim[n.index()]));
         }
-        let hosts: Vec<(usize, u32)> = levels()
-            .flat_map(|(r, l)| l.embedding.iter().enumerate().map(move |(v, h)| (r, v as u32, h.element)))
+        let hosts: Vec<(usize, Vertex)> = levels()
+            .flat_map(|(r, l)| l.embedding.iter().enumerate().map(move |(v, h)| (r, Vertex::at(v), h.element)))
             .filter(|(_, _, e)| *e != NONE)
             .map(|(r, v, e)| ((first_element[r] + e) as usize, v))
             .collect();
@@ -169,7 +169,7 @@ impl Body {
             vertex_area: parts.surface.vertex_areas(),
             adjacency: Csr::new(
                 parts.surface.vertices.len(),
-                triangles.flat_map(|(t, triangle)| triangle.map(|v| (v as usize, t as u32))),
+                triangles.flat_map(|(t, triangle)| triangle.map(|v| (v as usize, Triangle::at(t)))),
             ),
             volume: levels()
                 .flat_map(|(_, l)| (0..l.mesh.elements.len()).map(|e| l.fraction[e] * l.mesh.volume(e)))
@@ -281,6 +281,21 @@ impl Body {
         (self.first_element[r]..self.first_element[r + 1]).map(Element)
     }
 
+    /// The vertices of the display surface.
+    pub fn vertices(&self) -> impl ExactSizeIterator<Item = Vertex> + Clone + use<> {
+        (0..self.surface().vertices.len() as u32).map(Vertex)
+    }
+
+    /// The three vertices of display triangle `t`.
+    pub fn triangle(&self, t: Triangle) -> [Vertex; 3] {
+        self.surface().triangles[t.index()].map(Vertex)
+    }
+
+    /// The three vertices of each display triangle.
+    pub fn triangles(&self) -> impl ExactSizeIterator<Item = [Vertex; 3]> + Clone + '_ {
+        self.surface().triangles.iter().map(|corners| corners.map(Vertex))
+    }
+
     /// Level of node `n`.
     pub fn level_of(&self, n: Node) -> usize {
         usize::from(self.level_of_node[n.index()])
@@ -350,13 +365,13 @@ impl Body {
     }
 
     /// Where display vertex `v` lies on level `r`. `None` where the level does not reach.
-    pub fn embedding(&self, r: usize, v: u32) -> Option<Host<Element>> {
-        self.host_on(r, self.level(r).embedding[v as usize])
+    pub fn embedding(&self, r: usize, v: Vertex) -> Option<Host<Element>> {
+        self.host_on(r, self.level(r).embedding[v.index()])
     }
 
     /// A node that carries display vertex `v` on level 0, which reaches everywhere.
-    pub fn coarsest_carrier(&self, v: u32) -> Node {
-        self.elements[self.level(0).embedding[v as usize].element as usize][0]
+    pub fn coarsest_carrier(&self, v: Vertex) -> Node {
+        self.elements[self.level(0).embedding[v.index()].element as usize][0]
     }
 
     /// The host of level `r` as one of the body. `None` where the level does not reach.
@@ -366,7 +381,7 @@ impl Body {
     }
 
     /// Display vertices that lie in element `e` on its level.
-    pub fn hosted(&self, e: Element) -> &[u32] {
+    pub fn hosted(&self, e: Element) -> &[Vertex] {
         self.hosted.of(e.index())
     }
 
@@ -387,7 +402,7 @@ impl Body {
     }
 
     /// Material under display vertex `v`, on the finest level that reaches there.
-    pub fn material_at(&self, v: u32) -> &Material {
+    pub fn material_at(&self, v: Vertex) -> &Material {
         let host = (0..self.levels().len()).rev().find_map(|r| self.embedding(r, v));
         host.map_or(self.material(), |host| self.material_of(host.element))
     }
@@ -465,8 +480,8 @@ impl Body {
     }
 
     /// Display triangles around display vertex `v`.
-    pub fn triangles_around(&self, v: usize) -> &[u32] {
-        self.adjacency.of(v)
+    pub fn triangles_around(&self, v: Vertex) -> &[Triangle] {
+        self.adjacency.of(v.index())
     }
 
     /// Mass [kg], the same for every set of active nodes.

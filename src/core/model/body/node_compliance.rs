@@ -5,7 +5,7 @@
 
 use super::Body;
 use crate::geometry::tet_mesh::{gradients, volume};
-use crate::ids::{Element, Node};
+use crate::ids::{Element, Node, Vertex};
 use crate::math::{Mat3, Real, Vec3};
 use crate::model::csr::Csr;
 use crate::model::material::Material;
@@ -146,7 +146,7 @@ fn held_share(material: &Material) -> Real {
 fn carriers(body: &Body) -> Vec<bool> {
     let mut carries = vec![false; body.node_count()];
     for r in 0..body.levels().len() {
-        for host in (0..body.surface().vertices.len() as u32).filter_map(|v| body.embedding(r, v)) {
+        for host in body.vertices().filter_map(|v| body.embedding(r, v)) {
             body.element(host.element).iter().for_each(|n| carries[n.index()] = true);
         }
     }
@@ -183,7 +183,7 @@ fn normals(body: &Body) -> Vec<Vec3> {
     let mut normals = vec![Vec3::zeros(); body.node_count()];
     for r in 0..body.levels().len() {
         for (v, outward) in of_vertex.iter().enumerate() {
-            let Some(host) = body.embedding(r, v as u32) else { continue };
+            let Some(host) = body.embedding(r, Vertex::at(v)) else { continue };
             for (n, w) in body.element(host.element).iter().zip(host.weights) {
                 normals[n.index()] += outward * w.max(0.0);
             }

@@ -3,6 +3,7 @@
 use crate::geometry::{Moments, Surface, TetMesh};
 use crate::hierarchy::level::mean_edge;
 use crate::hierarchy::{Level, embedding};
+use crate::ids::Vertex;
 use crate::math::Real;
 use crate::math::Vec3;
 use crate::model::material::Material;
@@ -13,7 +14,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Hold {
     /// Display vertex.
-    pub vertex: u32,
+    pub vertex: Vertex,
     /// Stiffness [N/m]: the region's stiffness per area times the vertex's area.
     pub stiffness: Real,
 }
@@ -121,6 +122,6 @@ pub(super) fn finest_whole(levels: &[Level]) -> usize {
 }
 
 /// Display vertices within a region, for [`Hold`]s and probes: those that `inside` accepts.
-pub fn vertices_in(surface: &Surface, inside: impl Fn(&Vec3) -> bool) -> Vec<u32> {
-    (0..surface.vertices.len()).filter(|v| inside(&surface.vertices[*v])).map(|v| v as u32).collect()
+pub fn vertices_in(surface: &Surface, inside: impl Fn(&Vec3) -> bool) -> Vec<Vertex> {
+    (0..surface.vertices.len()).filter(|v| inside(&surface.vertices[*v])).map(Vertex::at).collect()
 }
