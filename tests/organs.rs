@@ -5,7 +5,7 @@ use palpate::scene::LoadedScene;
 use palpate_body::prepare::body_file::{BodyFile, Provenance};
 use palpate_body::prepare::merge::merge;
 use palpate_core::contact::tool::{Coupling, PoseSample, ToolEvent};
-use palpate_core::ids::{Slot, Vertex};
+use palpate_core::ids::{OrganId, Slot, Vertex};
 use palpate_core::math::{Pose, Real, Vec3, is_finite};
 use palpate_core::model::active_set::Change;
 use palpate_core::model::element_kernel::Path as KernelPath;
@@ -115,7 +115,7 @@ fn press(loaded: &LoadedScene, used: &[usize], tick: u64) -> Inputs {
 fn finest(body: &Body, mesh: &ActiveMesh) -> [usize; 2] {
     let active = |organ| {
         let nodes = body.nodes_of(body.finest());
-        nodes.filter(|n| body.organ_of(*n) == organ && mesh.set().is_active(*n)).count()
+        nodes.filter(|n| body.organ_of(*n).index() == organ && mesh.set().is_active(*n)).count()
     };
     [active(0), active(1)]
 }
@@ -149,7 +149,7 @@ fn a_merged_body_has_what_its_organs_have() {
         for (i, (own, pose)) in alone.iter().enumerate() {
             for n in own.nodes_of(r) {
                 let merged = nodes.next().unwrap();
-                assert_eq!(body.organ_of(merged), i);
+                assert_eq!(body.organ_of(merged), OrganId::at(i));
                 assert!((body.rest(merged) - pose.to_world(own.rest(n))).norm() < 1e-15);
                 assert_eq!((body.spacing_at(merged), body.is_fixed(merged)), (own.spacing_at(n), own.is_fixed(n)));
                 assert_eq!(body.children(merged).len(), own.children(n).len());
@@ -236,14 +236,14 @@ fn a_change_of_resolution_in_one_organ_leaves_the_other_as_it_was() {
         *v = Vec3::new(0.3 * wave, 0.2, x.x);
     });
     let motion = |mesh: &ActiveMesh, organ: usize| {
-        let own = mesh.active().iter().filter(|s| body.organ_of(mesh.node(**s)) == organ);
+        let own = mesh.active().iter().filter(|s| body.organ_of(mesh.node(**s)).index() == organ);
         let moves = |s: &Slot| (mesh.node(*s), mesh.motion.position[s.index()], mesh.motion.velocity[s.index()]);
         let mut all: Vec<_> = own.map(moves).collect();
         all.sort_by_key(|(n, ..)| *n);
         all
     };
     let momenta = |mesh: &ActiveMesh, organ: usize| {
-        let own = mesh.active().iter().filter(|s| body.organ_of(mesh.node(**s)) == organ).map(|s| s.index());
+        let own = mesh.active().iter().filter(|s| body.organ_of(mesh.node(**s)).index() == organ).map(|s| s.index());
         own.fold((0.0, Vec3::zeros(), Vec3::zeros()), |(mass, linear, angular), s| {
             let at = |p: &[Real; 4]| Vec3::new(p[0], p[1], p[2]);
             let m = mesh.motion.mass[s];
@@ -252,7 +252,7 @@ fn a_change_of_resolution_in_one_organ_leaves_the_other_as_it_was() {
         })
     };
     let before = (motion(&mesh, 1), momenta(&mesh, 0), momenta(&mesh, 1));
-    for n in body.nodes_of(0).filter(|n| body.organ_of(*n) == 0) {
+    for n in body.nodes_of(0).filter(|n| body.organ_of(*n) == OrganId(0)) {
         mesh.apply(&body, &[Change::Split(n)]);
         let (mass, linear, angular) = momenta(&mesh, 0);
         assert!((mass / body.organs()[0].mass - 1.0).abs() < 1e-12);

@@ -64,6 +64,11 @@ id! {
 }
 
 id! {
+    /// An organ of a body: its place in [`Body::organs`](crate::model::Body::organs).
+    OrganId
+}
+
+id! {
     /// A tool of a session: its place in [`Settings::tools`](crate::simulation::Settings::tools).
     ToolId
 }

@@ -15,7 +15,7 @@ impl ActiveMesh {
     pub(super) fn weigh(&mut self, body: &Body, e: Element, more: i64) {
         let mass = body.density(e) * body.volume(e);
         let nodes = body.element(e);
-        let unit = (mass / 16.0 / self.mass_unit[body.organ_of(nodes[0])] + 0.5) as i64;
+        let unit = (mass / 16.0 / self.mass_unit[body.organ_of(nodes[0]).index()] + 0.5) as i64;
         for n in nodes {
             self.own_mass[self.slot[n.index()].index()] += more * unit;
         }
@@ -35,11 +35,11 @@ impl ActiveMesh {
         let mut sums = [(0.0, Vec3::zeros(), Mat3::zeros()); MOST_ORGANS];
         for &slot in &self.active {
             let s = slot.index();
-            let organ = usize::from(self.organ[s]);
+            let organ = self.organ[s];
             let m = self.raw_mass(body, s);
             self.motion.mass[s] = m;
-            let d = self.rest[s] - body.organs()[organ].centre_of_mass;
-            let (sum, first, second) = &mut sums[organ];
+            let d = self.rest[s] - body.organ(organ).centre_of_mass;
+            let (sum, first, second) = &mut sums[organ.index()];
             *sum += m;
             *first += d * m;
             *second += d * d.transpose() * m;
@@ -53,9 +53,9 @@ impl ActiveMesh {
         }
         for &slot in &self.active {
             let s = slot.index();
-            let organ = usize::from(self.organ[s]);
-            let (q, b) = &affine[organ];
-            let mass = self.motion.mass[s] * (q + b.dot(&(self.rest[s] - body.organs()[organ].centre_of_mass)));
+            let organ = self.organ[s];
+            let (q, b) = &affine[organ.index()];
+            let mass = self.motion.mass[s] * (q + b.dot(&(self.rest[s] - body.organ(organ).centre_of_mass)));
             self.motion.mass[s] = mass;
             self.motion.inverse_mass[s] = if body.is_fixed(self.node[s]) { 0.0 } else { 1.0 / mass };
         }
@@ -63,7 +63,7 @@ impl ActiveMesh {
 
     /// Mass [kg] of the active node in slot `s` before the body's mass and centre are restored.
     pub(super) fn raw_mass(&self, body: &Body, s: usize) -> Real {
-        let unit = self.mass_unit[usize::from(self.organ[s])];
+        let unit = self.mass_unit[self.organ[s].index()];
         ((self.own_mass[s] + self.gathered_mass[s]) as Real * unit).max(body.least_mass(self.node[s]))
     }
 }

@@ -37,7 +37,7 @@ use super::state::State;
 use super::step_class::Ease;
 use super::sweeps::{self, Registers};
 use crate::geometry::tet_mesh::gradients;
-use crate::ids::{Element, Node, Slot, Vertex};
+use crate::ids::{Element, Node, OrganId, Slot, Vertex};
 use crate::math::{Bounds, Real, Vec3};
 use crate::visited::Visited;
 
@@ -74,7 +74,7 @@ pub struct ActiveMesh {
     /// Node of each slot, where that is at rest [m], and its organ.
     node: Vec<Node>,
     rest: Vec<Vec3>,
-    organ: Vec<u8>,
+    organ: Vec<OrganId>,
     /// In units, by slot: mass of the slot's own elements; what hangs on it; and what of its own it has handed on.
     own_mass: Vec<i64>,
     gathered_mass: Vec<i64>,
@@ -179,7 +179,7 @@ impl ActiveMesh {
             omega_squared: vec![0.0; body.element_count()],
             node: vec![Node::NONE; slots],
             rest: vec![Vec3::zeros(); slots],
-            organ: vec![0; slots],
+            organ: vec![OrganId::NONE; slots],
             own_mass: vec![0; slots],
             gathered_mass: vec![0; slots],
             handed_mass: vec![0; slots],
@@ -197,11 +197,11 @@ impl ActiveMesh {
             lever: 1.0,
             eases: false,
             free_organs: std::array::from_fn(|organ| {
-                let fixed = |n: Node| body.organ_of(n) == organ && body.is_fixed(n);
+                let of_it = |n: &Node| body.organ_of(*n).index() == organ;
+                let fixed = body.nodes().filter(of_it).any(|n| body.is_fixed(n));
                 // Every level carries every display vertex, or the next coarser one does.
-                let supported =
-                    body.holds().iter().any(|hold| body.organ_of(body.coarsest_carrier(hold.vertex)) == organ);
-                organ < body.organs().len() && !supported && !body.nodes().any(fixed)
+                let supported = body.holds().iter().any(|hold| of_it(&body.coarsest_carrier(hold.vertex)));
+                organ < body.organs().len() && !supported && !fixed
             }),
             revision: [0; CLASSES],
             mass_unit: body.organs().iter().map(|organ| organ.mass / MASS_UNITS).collect(),
@@ -381,7 +381,7 @@ impl ActiveMesh {
         self.slot[n.index()] = slot;
         self.node[s] = n;
         self.rest[s] = body.rest(n);
-        self.organ[s] = body.organ_of(n) as u8;
+        self.organ[s] = body.organ_of(n);
         self.own_mass[s] = 0;
         self.gathered_mass[s] = 0;
         self.handed_mass[s] = 0;

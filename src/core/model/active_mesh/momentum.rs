@@ -70,7 +70,7 @@ impl ActiveMesh {
         for &slot in &self.active {
             let s = slot.index();
             let (x, p) = (vec3(&self.motion.position[s]), of(s));
-            let sum = &mut sums[usize::from(self.organ[s])];
+            let sum = &mut sums[self.organ[s].index()];
             sum.linear += p;
             sum.angular += x.cross(&p);
         }
@@ -82,7 +82,7 @@ impl ActiveMesh {
         for &slot in &self.active {
             let s = slot.index();
             if self.motion.inverse_mass[s] > 0.0 {
-                let sum = &mut sums[usize::from(self.organ[s])];
+                let sum = &mut sums[self.organ[s].index()];
                 let (x, m) = (vec3(&self.motion.position[s]), self.motion.mass[s]);
                 sum.mass += m;
                 sum.first += x * m;
@@ -103,7 +103,7 @@ impl ActiveMesh {
         });
         for &slot in &self.active {
             let s = slot.index();
-            if let Some(correction) = &corrections[usize::from(self.organ[s])]
+            if let Some(correction) = &corrections[self.organ[s].index()]
                 && self.motion.inverse_mass[s] > 0.0
             {
                 let v = vec3(&self.motion.velocity[s]) + correction.at(vec3(&self.motion.position[s]));
@@ -127,7 +127,7 @@ impl ActiveMesh {
         });
         for &slot in &self.active {
             let s = slot.index();
-            if let Some(push) = &pushes[usize::from(self.organ[s])] {
+            if let Some(push) = &pushes[self.organ[s].index()] {
                 let ease = &mut self.motion.ease[s][class];
                 *ease = padded(vec3(ease) - push.at(vec3(&self.motion.position[s])) * self.motion.mass[s]);
             }

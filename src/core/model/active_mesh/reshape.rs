@@ -63,7 +63,7 @@ impl ActiveMesh {
         }
         self.collect_eases(body, changes);
         let mut changed = [false; MOST_ORGANS];
-        changes.iter().for_each(|(Change::Split(n) | Change::Merge(n))| changed[body.organ_of(*n)] = true);
+        changes.iter().for_each(|(Change::Split(n) | Change::Merge(n))| changed[body.organ_of(*n).index()] = true);
         let momenta = self.momenta_by_organ();
         self.next_turn();
         self.work.moved.clear();

@@ -14,7 +14,7 @@ use super::organ::{self, Organ, OrganLevel, OrganParts};
 use crate::geometry::locate::Host;
 use crate::geometry::{Moments, Surface};
 use crate::hierarchy::Level;
-use crate::ids::{Element, NONE, Node, Triangle, Vertex};
+use crate::ids::{Element, NONE, Node, OrganId, Triangle, Vertex};
 use crate::math::{Real, Vec3};
 use crate::visited::Visited;
 use check::check;
@@ -36,7 +36,7 @@ pub struct Body {
     first_element: Vec<u32>,
     level_of_node: Vec<u8>,
     organs: Vec<Organ>,
-    organ_of_node: Vec<u8>,
+    organ_of_node: Vec<OrganId>,
     rest: Vec<Vec3>,
     elements: Vec<[Node; 4]>,
     volume: Vec<Real>,
@@ -147,7 +147,8 @@ impl Body {
         let one =
             OrganParts::whole(&parts.name, parts.surface.vertices.len(), parts.surface.triangles.len(), &parts.levels);
         let organs = if parts.organs.is_empty() { std::slice::from_ref(&one) } else { &parts.organs[..] };
-        let of_level = |r: usize| (0..).zip(organs).map(move |(i, organ)| (i, organ.levels[r].nodes as usize));
+        let of_level =
+            |r: usize| (0..).map(OrganId).zip(organs).map(move |(i, organ)| (i, organ.levels[r].nodes as usize));
         let organ_of_node =
             levels().flat_map(|(r, _)| of_level(r)).flat_map(|(i, n)| std::iter::repeat_n(i, n)).collect();
         let finest = finest_whole(&parts.levels);
@@ -494,14 +495,19 @@ impl Body {
         &self.organs
     }
 
+    /// An organ.
+    pub fn organ(&self, organ: OrganId) -> &Organ {
+        &self.organs[organ.index()]
+    }
+
     /// Organ of node `n`.
-    pub fn organ_of(&self, n: Node) -> usize {
-        usize::from(self.organ_of_node[n.index()])
+    pub fn organ_of(&self, n: Node) -> OrganId {
+        self.organ_of_node[n.index()]
     }
 
     /// What the level of node `n` has of its organ.
     fn organ_level(&self, n: Node) -> &OrganLevel {
-        &self.organs[self.organ_of(n)].levels[self.level_of(n)]
+        &self.organ(self.organ_of(n)).levels[self.level_of(n)]
     }
 
     /// Typical distance of nodes around node `n` on its level [m].
