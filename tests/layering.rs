@@ -47,7 +47,9 @@ const BODY: Rules = &[
 
 const PRODUCT: Rules = &[
     ("guide", &[]),
-    ("picture", &[]),
+    ("output", &[]),
+    ("terminal", &[]),
+    ("picture", &["output"]),
     (
         "scene",
         &[
@@ -60,7 +62,7 @@ const PRODUCT: Rules = &[
             "body::prepare",
         ],
     ),
-    ("offline", &["core::geometry", "core::model", "core::contact", "core::simulation", "scene"]),
+    ("offline", &["core::geometry", "core::model", "core::contact", "core::simulation", "output", "scene"]),
     ("wire", &["core::model", "core::contact", "core::simulation", "core::feedback", "scene"]),
     ("recording", &["core::model", "core::contact", "core::simulation", "scene", "wire"]),
     ("realtime", &["core::model", "core::stepping", "core::adaptation", "core::contact", "core::simulation"]),
@@ -97,6 +99,7 @@ const STUDY: &[&str] = &[
     "palpate::offline",
     "palpate::wire",
     "palpate::realtime",
+    "palpate::terminal",
 ];
 
 /// How a crate is called in code, and here.

@@ -10,6 +10,7 @@ use anyhow::{Context, anyhow};
 use clap::Args;
 use palpate::scene::Scene;
 use palpate::server::Server;
+use palpate::{say, tell};
 use palpate_phantom::{Device, Live, Network, Pattern, Report};
 use palpate_proto as proto;
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyModifiers};
@@ -80,7 +81,7 @@ pub fn run(args: DemoArgs) -> anyhow::Result<ExitCode> {
     if window || !live {
         log_to_stderr();
     }
-    args.server.check_writable()?;
+    args.server.check_writable(&args.scene)?;
     let (loaded, body, start) = build(&args.scene)?;
     let device = match &args.device_file {
         Some(file) => Device::from_file(file)?,
@@ -89,9 +90,9 @@ pub fn run(args: DemoArgs) -> anyhow::Result<ExitCode> {
     let scene: Scene = loaded.scene.clone();
     runtime()?.block_on(async {
         let server = Server::start(loaded.scene, body, start, args.server.options()).await?;
-        eprintln!("{}; {}", args.server.describe(), server.measured().describe());
+        tell!("{}; {}", args.server.describe(), server.measured().describe());
         if let Some(warning) = server.warning() {
-            eprintln!("warning: {warning}");
+            tell!("warning: {warning}");
         }
         let (stop, newest) = (Arc::new(AtomicBool::new(false)), Arc::new(Mutex::new(None)));
         let phantom = start_phantom(&args, device.clone(), stop.clone(), newest.clone())?;
@@ -124,7 +125,7 @@ pub fn run(args: DemoArgs) -> anyhow::Result<ExitCode> {
                 if over() || !viewer.has_failed() {
                     return Ok(());
                 }
-                eprintln!("no window: watching in the terminal");
+                tell!("no window: watching in the terminal");
             }
             if live { watch_live(&mut view, &mut refresh, over) } else { watch_plain(&mut view, &mut refresh, over) }
         });
@@ -134,8 +135,8 @@ pub fn run(args: DemoArgs) -> anyhow::Result<ExitCode> {
             .map_err(|_| anyhow!("the virtual Phantom panicked"))?;
         let status = server.stop().await?;
         watched?;
-        println!("{}\n", summary(&status));
-        println!("{}", report.context("the virtual Phantom")?);
+        say!("{}\n", summary(&status))?;
+        say!("{}", report.context("the virtual Phantom")?)?;
         Ok(ExitCode::SUCCESS)
     })
 }
@@ -261,7 +262,7 @@ fn watch_plain(view: &mut View, refresh: &mut dyn FnMut(&mut View), over: impl F
         refresh(view);
         if last.elapsed() >= Duration::from_secs(1) {
             last = Instant::now();
-            eprintln!("{}", one_line(view));
+            tell!("{}", one_line(view));
         }
     }
     Ok(())

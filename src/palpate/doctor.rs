@@ -5,6 +5,7 @@ use clap::Args;
 use hdrhistogram::Histogram;
 use palpate::realtime::clock::{Clock, Monotonic};
 use palpate::realtime::scheduling::{self, Granted};
+use palpate::say;
 use palpate_body::prepare::forecast::forecast;
 use palpate_core::model::step_class::TICK_NS;
 use palpate_core::simulation::Part;
@@ -21,7 +22,7 @@ pub struct DoctorArgs {
 
 pub fn run(args: &DoctorArgs) -> anyhow::Result<ExitCode> {
     let (loaded, body, _) = crate::build(&args.scene)?;
-    println!("machine: {}", scheduling::machine());
+    say!("machine: {}", scheduling::machine())?;
     // On a thread of its own, which has the rights of the simulation thread and ends with them.
     let seconds = args.seconds.clamp(0.0, 600.0);
     let touched = body.clone();
@@ -31,30 +32,30 @@ pub fn run(args: &DoctorArgs) -> anyhow::Result<ExitCode> {
     })
     .join()
     .map_err(|_| anyhow::anyhow!("the trial panicked"))?;
-    println!("scheduling: {}", granted.describe());
+    say!("scheduling: {}", granted.describe())?;
     if let Some(warning) = granted.warning() {
-        println!("warning: {warning}");
+        say!("warning: {warning}")?;
     }
     if let Some(limit) = real_time_limit() {
-        println!("the kernel stops real-time threads above {:.0} % of a processor", 100.0 * limit);
+        say!("the kernel stops real-time threads above {:.0} % of a processor", 100.0 * limit)?;
     }
     let micros = |ns: u64| ns as f64 / 1e3;
-    println!(
+    say!(
         "wake-up: p50 {:.0} µs late, p99 {:.0}, p99.9 {:.0}, at most {:.0}, of {} ticks",
         micros(lateness.value_at_quantile(0.5)),
         micros(lateness.value_at_quantile(0.99)),
         micros(lateness.value_at_quantile(0.999)),
         micros(lateness.max()),
         lateness.len()
-    );
+    )?;
     let forecast = forecast.map_err(anyhow::Error::msg)?;
-    println!("\n{:<40}{:>12}  an", "cost of a part", "ns");
+    say!("\n{:<40}{:>12}  an", "cost of a part", "ns")?;
     for part in Part::ALL {
         let ns = f64::from(forecast.prices.0[part.index()]) / 1e3;
         let (name, of) = part.describe();
-        println!("{name:<40}{ns:>12.1}  {of}");
+        say!("{name:<40}{ns:>12.1}  {of}")?;
     }
-    println!(
+    say!(
         "\n{}: {:.0} µs of each tick as it starts, of {:.0} that are there; under a touch about {} elements, {} evaluations, \
          at 1 kHz",
         loaded.scene.name,
@@ -62,10 +63,10 @@ pub fn run(args: &DoctorArgs) -> anyhow::Result<ExitCode> {
         forecast.planned * 1e6,
         forecast.elements,
         forecast.evaluations
-    );
+    )?;
     let fits = forecast.floor <= forecast.planned;
     if !fits {
-        println!("this machine cannot serve it at 1 kHz: choose a coarser first level");
+        say!("this machine cannot serve it at 1 kHz: choose a coarser first level")?;
     }
     Ok(if fits { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }

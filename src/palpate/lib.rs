@@ -19,6 +19,8 @@
 //! | module | is | does not know |
 //! |---|---|---|
 //! | [`guide`] | pages of the manual, no code | all else |
+//! | [`output`] | files that come to be as a whole, or not at all | what is in them |
+//! | [`terminal`] | lines for people, whose readers may be gone | what they say |
 //! | `picture` | panels of a picture, and cuts through the levels of a body on them | scenes |
 //! | [`scene`] | scene text to checked parameters, a body and settings | networks |
 //! | [`offline`] | a simulation under a trajectory, as fast as it goes | networks; clocks, but to say how fast that was |
@@ -37,10 +39,12 @@
 
 pub mod guide;
 pub mod offline;
+pub mod output;
 #[cfg(feature = "pictures")]
 pub mod picture;
 pub mod realtime;
 pub mod recording;
 pub mod scene;
 pub mod server;
+pub mod terminal;
 pub mod wire;

@@ -13,6 +13,7 @@ use palpate::offline::{self, SampleWriter, Trajectory, TrajectoryWriter};
 use palpate::recording::{Recording, RecordingWriter, replay};
 use palpate::scene::LoadedScene;
 use palpate::server::{self, Server};
+use palpate::{say, tell};
 use palpate_core::model::element_kernel::Path as KernelPath;
 use palpate_core::simulation::{Inputs, Simulation, Snapshot, TICK};
 use palpate_proto::{self as proto, keys};
@@ -64,6 +65,15 @@ struct SceneArgs {
     set: Vec<String>,
 }
 
+impl SceneArgs {
+    /// The files that it reads; of a scene that cannot be read, itself.
+    fn inputs(&self) -> Vec<PathBuf> {
+        let loaded = LoadedScene::load(&self.scene, &self.set);
+        let files = loaded.map(|loaded| loaded.files()).unwrap_or_default();
+        [vec![self.scene.clone()], files].concat()
+    }
+}
+
 /// Where to serve.
 #[derive(Args)]
 struct ServerArgs {
@@ -103,8 +113,9 @@ impl ServerArgs {
     }
 
     /// Fails, with a remedy, where the recording cannot be written.
-    fn check_writable(&self) -> anyhow::Result<()> {
-        self.record.as_ref().map_or(Ok(()), |path| writable::file("--record", path))
+    fn check_writable(&self, scene: &SceneArgs) -> anyhow::Result<()> {
+        let Some(path) = &self.record else { return Ok(()) };
+        writable::file("--record", path, scene.inputs().iter().map(PathBuf::as_path))
     }
 
     fn options(&self) -> server::Options {
@@ -216,7 +227,7 @@ fn main() -> ExitCode {
                     text += &format!(": {cause}");
                 }
             }
-            eprintln!("palpate: {text}");
+            tell!("palpate: {text}");
             ExitCode::FAILURE
         }
     }
@@ -228,7 +239,7 @@ fn log_to_stderr() {
     let filter = tracing_subscriber::EnvFilter::try_from_default_env()
         .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new("palpate=info,zenoh=error"));
     let coloured = std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty());
-    let log = tracing_subscriber::fmt().with_env_filter(filter).with_ansi(coloured);
+    let log = tracing_subscriber::fmt().with_env_filter(filter).with_ansi(coloured).log_internal_errors(false);
     let _ = log.with_writer(std::io::stderr).try_init();
 }
 
@@ -248,7 +259,7 @@ fn build(scene: &SceneArgs) -> anyhow::Result<(LoadedScene, Arc<palpate_core::mo
         start.body.nodes.len(),
     ));
     if let Some(warning) = loaded.scene.warning(&body) {
-        eprintln!("{warning}");
+        tell!("{warning}");
     }
     Ok((loaded, body, start))
 }
@@ -259,7 +270,7 @@ fn runtime() -> anyhow::Result<tokio::runtime::Runtime> {
 
 fn serve(args: &ServeArgs) -> anyhow::Result<ExitCode> {
     log_to_stderr();
-    args.server.check_writable()?;
+    args.server.check_writable(&args.scene)?;
     let (loaded, body, start) = build(&args.scene)?;
     runtime()?.block_on(async {
         let server = Server::start(loaded.scene, body, start, args.server.options()).await?;
@@ -297,7 +308,7 @@ fn serve(args: &ServeArgs) -> anyhow::Result<ExitCode> {
             interrupted = tokio::signal::ctrl_c() => interrupted?,
         }
         let status = server.stop().await?;
-        println!("{}", demo::summary(&status));
+        say!("{}", demo::summary(&status))?;
         Ok(ExitCode::SUCCESS)
     })
 }
@@ -318,10 +329,16 @@ fn simulate(args: &SimulateArgs) -> anyhow::Result<ExitCode> {
         bail!("--seconds {}: give a time from 0.001 to 1e6", args.seconds);
     }
     writable::folder("--out", &args.out)?;
-    if let Some(path) = &args.record {
-        writable::file("--record", path)?;
-    }
     let scene = SceneArgs { scene: args.scene.clone(), set: args.set.clone() };
+    let mut inputs = scene.inputs();
+    inputs.extend(args.trajectory.clone());
+    let inputs = || inputs.iter().map(PathBuf::as_path);
+    for name in ["samples.csv", "summary.json"] {
+        writable::file("--out", &args.out.join(name), inputs())?;
+    }
+    if let Some(path) = &args.record {
+        writable::file("--record", path, inputs())?;
+    }
     let (loaded, body, start) = build(&scene)?;
     let trajectory = match &args.trajectory {
         Some(path) => {
@@ -360,14 +377,15 @@ fn simulate(args: &SimulateArgs) -> anyhow::Result<ExitCode> {
         samples.write(simulation, outputs)?;
         anyhow::Ok(())
     })?;
-    samples.finish()?;
+    samples.finish().with_context(|| args.out.join("samples.csv").display().to_string())?;
     if let Some(recording) = recording {
         recording.finish()?;
     }
     progress.finish("simulated");
     let text = serde_json::to_string_pretty(&summary)?;
-    std::fs::write(args.out.join("summary.json"), format!("{text}\n"))?;
-    println!("{text}");
+    let summary = args.out.join("summary.json");
+    palpate::output::write(&summary, format!("{text}\n").as_bytes()).with_context(|| summary.display().to_string())?;
+    say!("{text}")?;
     Ok(ExitCode::SUCCESS)
 }
 
@@ -382,7 +400,7 @@ fn record(args: &RecordArgs) -> anyhow::Result<ExitCode> {
     let ask = |request| connection.control(proto::ControlRequest { request: Some(request) });
     let started = ask(Request::StartRecording(proto::StartRecording { path: args.file.clone() }))?;
     let path = started.recording.map(|r| r.path).unwrap_or_default();
-    eprintln!("recording into {path} on the server's machine; Ctrl-C stops it");
+    tell!("recording into {path} on the server's machine; Ctrl-C stops it");
     runtime()?.block_on(async {
         match args.seconds {
             Some(seconds) => {
@@ -400,7 +418,7 @@ fn record(args: &RecordArgs) -> anyhow::Result<ExitCode> {
     if !done.fault.is_empty() {
         bail!("{}: {}", done.path, done.fault);
     }
-    println!("{}: {} ticks from {}, {:.1} MB", done.path, done.ticks, done.first_tick, done.bytes as f64 / 1e6);
+    say!("{}: {} ticks from {}, {:.1} MB", done.path, done.ticks, done.first_tick, done.bytes as f64 / 1e6)?;
     Ok(ExitCode::SUCCESS)
 }
 
@@ -414,11 +432,11 @@ fn replay_file(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
         }
     };
     if let Some(path) = &args.trajectory_out {
-        writable::file("--trajectory-out", path)?;
+        writable::file("--trajectory-out", path, [args.file.as_path()])?;
     }
     let recording = Recording::read(&args.file)?;
     if let Some(cut) = &recording.cut {
-        println!("cut after tick {}: {cut}", recording.inputs.last().map_or(0, |i| i.0));
+        say!("cut after tick {}: {cut}", recording.inputs.last().map_or(0, |i| i.0))?;
     }
     if let Some(path) = &args.trajectory_out {
         write_trajectory(path, &recording)?;
@@ -426,7 +444,7 @@ fn replay_file(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
     let mut identical = true;
     for path in paths {
         let report = replay(&recording, path).map_err(anyhow::Error::msg)?;
-        println!("{path:?}: {}", report.verdict());
+        say!("{path:?}: {}", report.verdict())?;
         identical &= report.difference.is_none();
     }
     Ok(if identical { ExitCode::SUCCESS } else { ExitCode::FAILURE })

@@ -1,5 +1,6 @@
 //! Simulations without a network: any scene, for any time, under a recorded tool trajectory, as fast as it goes.
 
+use crate::output::Output;
 use crate::scene::Scene;
 use palpate_core::contact::tool::{Coupling, MOST_TOOLS, PoseSample, ToolEvent};
 use palpate_core::geometry::locate::Host;
@@ -7,7 +8,6 @@ use palpate_core::ids::{Element, Node};
 use palpate_core::math::{Pose, Real, Vec3, normalized_quaternion};
 use palpate_core::model::energy::energy;
 use palpate_core::simulation::{Inputs, Outputs, Simulation, TICK};
-use std::fs::File;
 use std::io;
 use std::path::Path;
 
@@ -149,7 +149,7 @@ fn events_of(poses: Vec<(u64, usize, PoseSample)>) -> Vec<(u64, usize, ToolEvent
 }
 
 /// A trajectory file being written.
-pub struct TrajectoryWriter(csv::Writer<File>);
+pub struct TrajectoryWriter(csv::Writer<Output>);
 
 impl TrajectoryWriter {
     /// Creates the file with its header.
@@ -157,7 +157,7 @@ impl TrajectoryWriter {
     /// # Errors
     /// Those of the file system.
     pub fn create(path: &Path) -> io::Result<Self> {
-        let mut out = csv::Writer::from_path(path)?;
+        let mut out = csv::Writer::from_writer(Output::create(path)?);
         out.write_record(TRAJECTORY_HEADER.split(','))?;
         Ok(Self(out))
     }
@@ -177,12 +177,12 @@ impl TrajectoryWriter {
         Ok(out.write_record(None::<&[u8]>)?)
     }
 
-    /// Writes out what is buffered.
+    /// Puts the file in its place.
     ///
     /// # Errors
     /// Those of the file system.
-    pub fn finish(mut self) -> io::Result<()> {
-        self.0.flush()
+    pub fn finish(self) -> io::Result<()> {
+        self.0.into_inner().map_err(|e| e.into_error())?.finish()
     }
 }
 
@@ -221,7 +221,7 @@ pub struct Summary {
 
 /// Writes `samples.csv`: one row per `every` ticks.
 pub struct SampleWriter {
-    out: csv::Writer<File>,
+    out: csv::Writer<Output>,
     probes: Vec<Vec<Host<Element>>>,
     every: u64,
 }
@@ -247,7 +247,7 @@ impl SampleWriter {
         for probe in &scene.probe {
             header.extend(["x", "y", "z"].map(|axis| format!("{}_u{axis}_m", probe.name)));
         }
-        let mut out = csv::Writer::from_path(folder.join("samples.csv"))?;
+        let mut out = csv::Writer::from_writer(Output::create(&folder.join("samples.csv"))?);
         out.write_record(header)?;
         Ok(Self { out, probes: scene.probes(simulation.body()), every: every.max(1) })
     }
@@ -283,17 +283,17 @@ impl SampleWriter {
         Ok(out.write_record(None::<&[u8]>)?)
     }
 
-    /// Writes out what is buffered.
+    /// Puts the file in its place.
     ///
     /// # Errors
     /// Those of the file system.
-    pub fn finish(mut self) -> io::Result<()> {
-        self.out.flush()
+    pub fn finish(self) -> io::Result<()> {
+        self.out.into_inner().map_err(|e| e.into_error())?.finish()
     }
 }
 
 /// Adds `values` to the row that is being written.
-fn numbers<'a>(out: &mut csv::Writer<File>, values: impl IntoIterator<Item = &'a Real>) -> io::Result<()> {
+fn numbers<'a>(out: &mut csv::Writer<Output>, values: impl IntoIterator<Item = &'a Real>) -> io::Result<()> {
     for x in values {
         out.write_field(format!("{x:e}"))?;
     }

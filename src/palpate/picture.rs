@@ -3,6 +3,7 @@
 //! Drawn by `plotters` at three times the size and averaged down, which smooths every line; the font comes with the program,
 //! so that a bare machine without fonts draws the same picture.
 
+use crate::output::Output;
 use palpate_core::math::Real;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
@@ -109,9 +110,11 @@ fn picture(path: &Path, width: u32, height: u32, draw: impl FnOnce(&Area) -> Dra
             }
         }
     }
-    let mut encoder = png::Encoder::new(std::io::BufWriter::new(std::fs::File::create(path)?), width, height);
+    let mut file = Output::create(path)?;
+    let mut encoder = png::Encoder::new(&mut file, width, height);
     encoder.set_color(png::ColorType::Rgb);
-    encoder.write_header().and_then(|mut w| w.write_image_data(&small)).map_err(Error::other)
+    encoder.write_header().and_then(|mut w| w.write_image_data(&small)).map_err(Error::other)?;
+    file.finish()
 }
 
 /// Writes `name.png`: under `title` a panel of `extent` [pixel] for each of the `items`, `columns` in a row.

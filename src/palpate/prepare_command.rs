@@ -6,12 +6,13 @@ use anyhow::{Context, bail};
 use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use palpate::realtime::clock::{Clock, Monotonic};
+use palpate::say;
 use palpate::scene::LoadedScene;
 use palpate::scene::prepared::body_keys;
 use palpate_body::geometry::mesh_io::LengthUnit;
-use palpate_body::geometry::repair::Repairs;
+use palpate_body::prepare::bodies::one_body;
 use palpate_body::prepare::body_check::check;
-use palpate_body::prepare::body_file::{BodyFile, InputFile, Provenance};
+use palpate_body::prepare::body_file::{BodyFile, Provenance};
 use palpate_body::prepare::forecast::{LevelForecast, forecast};
 use palpate_body::prepare::input::{Fineness, Input, shape};
 use palpate_body::prepare::region::{Reach, keep_finest_within};
@@ -19,15 +20,16 @@ use palpate_body::prepare::report::{LevelReport, report};
 use palpate_body::prepare::thin_walls::{Thin, ThinPlaces, thin_places};
 use palpate_body::prepare::{self, Shape, prepare};
 use palpate_core::math::{Bounds, Vec3};
-use std::path::PathBuf;
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
 
 /// Arguments of `prepare`.
 #[derive(Args)]
 pub struct PrepareArgs {
-    /// A closed surface (OBJ, STL, PLY, glTF, VTK, Medit), or tetrahedral meshes (MSH, VTK, VTU, TetGen, Medit): several are
-    /// the levels of one body
+    /// A closed surface (OBJ, STL, PLY, OFF, glTF, VTK, VTP, Medit, MSH, INP), or tetrahedral meshes (MSH, VTK, VTU, TetGen,
+    /// Medit, INP): several are the levels of one body
     #[arg(required = true)]
     inputs: Vec<PathBuf>,
     /// File to write
@@ -64,6 +66,9 @@ pub struct PrepareArgs {
     /// Close holes of the surface that are at most this wide, as in 5mm
     #[arg(long, value_name = "WIDTH")]
     fill_holes: Option<Length>,
+    /// Of several bodies in a file take the largest, and leave out the others
+    #[arg(long)]
+    largest: bool,
     /// Take a surface that crosses itself as it is
     #[arg(long)]
     allow_crossings: bool,
@@ -115,25 +120,39 @@ pub fn run(args: &PrepareArgs) -> anyhow::Result<ExitCode> {
     if !(1e-6..=1e6).contains(&args.scale) || !(50..=20_000).contains(&args.display_vertices) {
         bail!("--scale is from 1e-6 to 1e6, --display-vertices from 50 to 20000");
     }
-    if let Some(out) = args.out.as_ref().filter(|_| !args.check) {
-        writable::file("-o", out)?;
-    }
+    let scene_files = crate::SceneArgs { scene: args.scene.clone(), set: args.set.clone() }.inputs();
+    let outputs = [("-o", args.out.as_ref().filter(|_| !args.check)), ("--picture", args.picture())];
+    let writable_beside = |inputs: &[PathBuf]| {
+        let all = || inputs.iter().chain(&args.inputs).chain(&scene_files).map(PathBuf::as_path);
+        outputs
+            .iter()
+            .filter_map(|(option, path)| Some((option, (*path)?)))
+            .try_for_each(|(o, p)| writable::file(o, p, all()))
+    };
+    writable_beside(&[])?;
     let mut progress = Progress::new();
-    let mut inputs = Vec::new();
+    let fineness = args.fineness()?;
+    let (mut files, mut solids, mut said) = (Vec::new(), Vec::new(), Vec::new());
     for (i, path) in args.inputs.iter().enumerate() {
         progress.show(&format!("reading {}", path.display()), i, args.inputs.len());
         let holes = args.fill_holes.as_ref().map_or(0.0, |width| width.metres);
         let input = Input::read(path, args.unit, args.scale, holes, args.labels.as_deref());
-        inputs.push(input.with_context(|| path.display().to_string())?);
+        let input = input.with_context(|| path.display().to_string())?;
+        // What it is made of may be more files than were named.
+        let folder = path.parent().unwrap_or(Path::new(""));
+        let beside: Vec<PathBuf> = input.files.iter().map(|file| folder.join(&file.name)).collect();
+        writable_beside(&beside)?;
+        let (name, lines) = (input.files[0].name.clone(), input.said());
+        let element = fineness.finest_element(&input.solid);
+        let one = one_body(input.solid, element, args.largest).with_context(|| path.display().to_string());
+        let (solid, dropped) = one?;
+        said.extend(lines.into_iter().chain(dropped).map(|line| format!("{name}: {line}")));
+        files.extend(input.files);
+        solids.push(solid);
     }
-    let repaired: Vec<String> = (inputs.iter().filter(|input| input.repairs != Repairs::default()))
-        .map(|input| format!("{}: repaired: {}", input.files[0].name, input.repairs))
-        .collect();
-    let (files, solids): (Vec<Vec<InputFile>>, Vec<_>) =
-        inputs.into_iter().map(|input| (input.files, input.solid)).unzip();
     progress.show("checking shapes", 1, 1);
     check(&solids, args.unit, args.scale, args.any_size, args.allow_crossings)?;
-    let shape = shape(solids, &args.fineness()?, args.display_vertices).map_err(anyhow::Error::msg)?;
+    let shape = shape(solids, &fineness, args.display_vertices).map_err(anyhow::Error::msg)?;
     let mut loaded = LoadedScene::load(&args.scene, &args.set)?;
     loaded.scene.name = args.inputs[0].file_stem().unwrap_or_default().to_string_lossy().chars().take(64).collect();
     loaded.scene.body = body_keys();
@@ -147,7 +166,7 @@ pub fn run(args: &PrepareArgs) -> anyhow::Result<ExitCode> {
     }
     let provenance = Provenance {
         palpate: env!("CARGO_PKG_VERSION").into(),
-        inputs: files.concat(),
+        inputs: files,
         options: args.options(),
         scene: loaded.scene.to_toml(),
     };
@@ -168,8 +187,10 @@ pub fn run(args: &PrepareArgs) -> anyhow::Result<ExitCode> {
         Shape::Meshes { .. } => vec![ThinPlaces::default(); body.levels().len()],
     };
     progress.finish("looked at the levels");
+    let mut text = String::new();
     let size = body.surface().bounds().size();
-    println!(
+    writeln!(
+        text,
         "{}: {:.4} × {:.4} × {:.4} m, {:.4} L, {:.4} kg, slowest mode {:.2} Hz, held at {} points",
         body.name(),
         size.x,
@@ -179,49 +200,62 @@ pub fn run(args: &PrepareArgs) -> anyhow::Result<ExitCode> {
         body.mass(),
         body.slowest_mode() / std::f64::consts::TAU,
         body.holds().len() + body.level(body.finest()).fixed.len()
-    );
-    repaired.iter().for_each(|line| println!("{line}"));
+    )?;
+    for line in said {
+        writeln!(text, "{line}")?;
+    }
     if !report.labels.is_empty() {
         let share = |(label, share): &(i64, f64)| format!("{label} ({:.1} %)", 100.0 * share);
         let shares: Vec<String> = report.labels.iter().map(share).collect();
-        println!("labels '{}': {} of the volume", body.parts().labels.name, shares.join(", "));
+        writeln!(text, "labels '{}': {} of the volume", body.parts().labels.name, shares.join(", "))?;
     }
-    print!("{report}");
+    write!(text, "{report}")?;
     for (r, (level, forecast)) in report.levels.iter().zip(&forecast.levels).enumerate() {
-        println!("level {r}: {}", in_words(level, forecast));
+        writeln!(text, "level {r}: {}", in_words(level, forecast))?;
         for (what, thin) in [("walls thinner than an element", thin[r].walls), ("gaps that it bridges", thin[r].gaps)] {
             if let Some(Thin { part, thickness, at }) = thin {
-                println!(
+                writeln!(
+                    text,
                     "level {r}: {what}: {:.3} % of the surface, the thinnest {:.2} mm at ({:.4}, {:.4}, {:.4}) m",
                     100.0 * part,
                     1e3 * thickness,
                     at.x,
                     at.y,
                     at.z
-                );
+                )?;
             }
         }
     }
-    println!(
+    writeln!(
+        text,
         "on this machine: {:.0} µs of each tick at rest; under a touch about {} elements in {:.0} µs",
         1e6 * forecast.floor,
         forecast.elements,
         1e6 * forecast.tick
-    );
+    )?;
     if forecast.floor > forecast.planned {
-        println!("warning: this machine cannot serve it at 1 kHz; choose a coarser first level");
+        writeln!(text, "warning: this machine cannot serve it at 1 kHz; choose a coarser first level")?;
     }
+    // Files first: who reads the report may be gone.
     #[cfg(feature = "pictures")]
     if let Some(file) = &args.picture {
         picture(file, body, &recipe.shape).with_context(|| file.display().to_string())?;
     }
-    if !report.levels[0].can_be_stepped() {
-        bail!("not even the coarsest level can be used: see the warnings");
-    }
-    if let Some(out) = args.out.as_ref().filter(|_| !args.check) {
+    let usable = report.levels[0].can_be_stepped();
+    if let Some(out) = args.out.as_ref().filter(|_| !args.check && usable) {
         let bytes = file.bytes();
-        std::fs::write(out, &bytes).with_context(|| out.display().to_string())?;
-        println!("{}: {:.1} MB; palpate demo --scene {}", out.display(), bytes.len() as f64 / 1e6, out.display());
+        palpate::output::write(out, &bytes).with_context(|| out.display().to_string())?;
+        writeln!(
+            text,
+            "{}: {:.1} MB; palpate demo --scene {}",
+            out.display(),
+            bytes.len() as f64 / 1e6,
+            out.display()
+        )?;
+    }
+    say!("{}", text.trim_end())?;
+    if !usable {
+        bail!("not even the coarsest level can be used: see the warnings");
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -269,6 +303,14 @@ fn in_words(level: &LevelReport, forecast: &LevelForecast) -> String {
 }
 
 impl PrepareArgs {
+    /// Where a picture goes, if anywhere.
+    fn picture(&self) -> Option<&PathBuf> {
+        #[cfg(feature = "pictures")]
+        return self.picture.as_ref();
+        #[cfg(not(feature = "pictures"))]
+        None
+    }
+
     fn fineness(&self) -> anyhow::Result<Fineness> {
         if self.levels.windows(2).any(|pair| pair[1].metres > 0.8 * pair[0].metres) || self.levels.len() > 8 {
             bail!("--levels: at most 8, coarse to fine, each at most 0.8 of the one before it");
@@ -307,6 +349,9 @@ impl PrepareArgs {
         }
         if let Some(name) = &self.labels {
             options += &format!(" --labels {name}");
+        }
+        if self.largest {
+            options += " --largest";
         }
         if let Some(width) = &self.fill_holes {
             options += &format!(" --fill-holes {}", width.text);

@@ -1,6 +1,7 @@
 //! Progress of long work: a bar on a terminal, a line per stage elsewhere.
 
 use indicatif::{ProgressBar, ProgressStyle};
+use palpate::tell;
 use std::io::IsTerminal;
 use std::time::Instant;
 
@@ -30,7 +31,7 @@ impl Progress {
             self.stage = what.to_owned();
             self.bar.set_message(self.stage.clone());
             if !self.terminal {
-                eprintln!("{:6.2} s  {what}", self.began.elapsed().as_secs_f64());
+                tell!("{:6.2} s  {what}", self.began.elapsed().as_secs_f64());
             }
         }
     }
@@ -38,6 +39,6 @@ impl Progress {
     /// Replaces the bar by `what` came of it.
     pub fn finish(self, what: &str) {
         self.bar.finish_and_clear();
-        eprintln!("{:6.2} s  {what}", self.began.elapsed().as_secs_f64());
+        tell!("{:6.2} s  {what}", self.began.elapsed().as_secs_f64());
     }
 }

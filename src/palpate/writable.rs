@@ -1,15 +1,28 @@
 //! Places that results go to, tried before the work that takes time.
 
 use anyhow::bail;
+use palpate::output;
 use std::fs::{self, OpenOptions};
 use std::io::ErrorKind;
 use std::path::Path;
 
-/// Fails, with a remedy, unless a file can be written at `path`, the value of the option `option`. Changes nothing: a file
-/// that exists keeps its content, and one that does not is gone again.
-pub fn file(option: &str, path: &Path) -> anyhow::Result<()> {
+/// Fails, with a remedy, unless a file can be written at `path`, the value of the option `option`, that is none of `inputs`.
+/// Changes nothing: a file that exists keeps its content, and one that does not is gone again.
+pub fn file<'a>(option: &str, path: &Path, inputs: impl IntoIterator<Item = &'a Path>) -> anyhow::Result<()> {
+    if let Some(input) = inputs.into_iter().find(|input| output::same_file(path, input)) {
+        bail!(
+            "{option} {}: this is the file that is read ({}), which would be lost. Remedy: give another name",
+            path.display(),
+            input.display()
+        );
+    }
+    let beside = |path: &Path| output::beside(path, 0o600).map(drop);
     let tried = match fs::metadata(path) {
-        Ok(found) if found.is_file() || found.is_dir() => OpenOptions::new().append(true).open(path).map(drop),
+        Ok(found) if found.is_dir() => OpenOptions::new().append(true).open(path).map(drop),
+        Ok(found) if found.is_file() => {
+            let place = fs::canonicalize(path);
+            OpenOptions::new().append(true).open(path).and_then(|_| beside(&place?))
+        }
         // A pipe or a device: opening it would be felt at its other end.
         Ok(_) => Ok(()),
         Err(_) => OpenOptions::new().write(true).create_new(true).open(path).and_then(|_| fs::remove_file(path)),

@@ -3,6 +3,7 @@
 use anyhow::{Context, bail};
 use clap::Parser;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
+use palpate::{say, tell};
 use palpate_body::geometry::mesh_io::{LengthUnit, read_surface};
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -40,7 +41,7 @@ fn main() -> ExitCode {
             text += &cause;
         }
     }
-    eprintln!("palpate-study: {text}");
+    tell!("palpate-study: {text}");
     ExitCode::FAILURE
 }
 
@@ -48,11 +49,11 @@ fn run(args: &Args) -> anyhow::Result<()> {
     let name = Some(args.name.as_str()).filter(|name| *name != "all");
     if name == Some("list") {
         for study in palpate_study::STUDIES {
-            println!("{:<12} {}", study.name, study.about);
+            say!("{:<12} {}", study.name, study.about)?;
         }
         return Ok(());
     }
-    let progress = |what: &str| eprintln!("{what}");
+    let progress = |what: &str| tell!("{what}");
     let text = match &args.surface {
         None => palpate_study::run(name, &args.out, &progress)?,
         Some(_) if name != Some("speed") => {
@@ -64,6 +65,6 @@ fn run(args: &Args) -> anyhow::Result<()> {
             palpate_study::touch::speed_on(&surface, &args.out, &progress)?
         }
     };
-    println!("{text}pictures and tables: {}", args.out.display());
+    say!("{text}pictures and tables: {}", args.out.display())?;
     Ok(())
 }

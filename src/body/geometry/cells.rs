@@ -1,7 +1,7 @@
 //! What a mesh file lists, before it is put together.
 
-use super::labels::Labels;
-use super::mesh_error::MeshError;
+use super::labels::{Labels, is_called_label};
+use super::mesh_error::{MeshError, shown};
 use palpate_core::math::{Real, Vec3};
 
 /// Most triangles read; only polygons can make so many from so few bytes.
@@ -9,6 +9,9 @@ const MAX_TRIANGLES: usize = 8_000_000;
 
 /// Most corners of a polygon whose ears are looked for: that takes their cube.
 const MOST_CORNERS: usize = 256;
+
+/// Why an array is no label.
+const NOT_ALL: &str = "it has not one number for each tetrahedron";
 
 /// Points and cells as a file lists them, not yet connected or checked.
 #[derive(Debug, Default)]
@@ -21,6 +24,12 @@ pub(super) struct Cells {
     pub tetrahedra: Vec<(i64, [u32; 4])>,
     /// What the file calls them, one way or several.
     pub labels: Vec<Labels>,
+    /// Polygons of fewer than three corners, which are no surface.
+    pub degenerate: usize,
+    /// What the file holds and is not taken, in words.
+    pub left_out: Vec<String>,
+    /// What else a report is to say of the file.
+    pub notes: Vec<String>,
     /// True where points are shared between cells, so that two at one place are more than the format needs.
     pub indexed: bool,
 }
@@ -30,15 +39,34 @@ impl Cells {
     /// when its ears are cut off one after the other.
     ///
     /// # Errors
-    /// When there are too many triangles; those of fewer than three corners are left out.
+    /// When there are too many triangles; those of fewer than three corners are counted and left out.
     pub(super) fn polygon(&mut self, corners: &[u32]) -> Result<(), MeshError> {
-        let [first, rest @ ..] = corners else { return Ok(()) };
+        let Some((first, rest)) = corners.split_first().filter(|(_, rest)| rest.len() > 1) else {
+            self.degenerate += 1;
+            return Ok(());
+        };
         if self.triangles.len() + rest.len() > MAX_TRIANGLES {
             return Err(MeshError::TooBig { limit: MAX_TRIANGLES, what: "triangles" });
         }
         match self.ears(corners) {
             Some(ears) => self.triangles.extend(ears),
             None => self.triangles.extend(rest.windows(2).map(|pair| [*first, pair[0], pair[1]])),
+        }
+        Ok(())
+    }
+
+    /// Adds the triangles of a strip of the listed points `corners`: each corner from the third on makes one with the two
+    /// before it, every other of them listed the other way round. Corners that are listed twice, to go on elsewhere, make
+    /// none.
+    ///
+    /// # Errors
+    /// When there are too many triangles.
+    pub(super) fn strip(&mut self, corners: &[u32]) -> Result<(), MeshError> {
+        for (i, corners) in corners.windows(3).enumerate() {
+            let [a, b, c] = if i % 2 == 0 { [0, 1, 2] } else { [1, 0, 2] }.map(|corner| corners[corner]);
+            if a != b && b != c && c != a {
+                self.polygon(&[a, b, c])?;
+            }
         }
         Ok(())
     }
@@ -87,13 +115,46 @@ impl Cells {
     /// Labels the tetrahedra from number `first` on by the array `name` of `numbers`, one for each cell of the file or of
     /// the piece of it that they are the last of; an array that does not label all of them is none.
     pub(super) fn label_by_cell(&mut self, name: &str, numbers: &[Real], first: usize) {
+        if first == self.tetrahedra.len() {
+            return;
+        }
         let of = |(number, _): &(i64, [u32; 4])| numbers.get(usize::try_from(number - 1).ok()?).copied();
-        let Some(new) = self.tetrahedra[first..].iter().map(of).collect::<Option<Vec<Real>>>() else { return };
-        let Some(mut new) = Labels::from_numbers(name, new.into_iter()) else { return };
+        let Some(new) = self.tetrahedra[first..].iter().map(of).collect::<Option<Vec<Real>>>() else {
+            return self.unfit(name, NOT_ALL);
+        };
+        let mut new = match Labels::from_numbers(name, new.into_iter()) {
+            Ok(new) => new,
+            Err(why) => return self.unfit(name, why),
+        };
         match self.labels.iter_mut().find(|labels| labels.name == name) {
             Some(labels) if labels.of.len() == first => labels.of.append(&mut new.of),
             None if first == 0 => self.labels.push(new),
-            _ => {}
+            _ => self.unfit(name, NOT_ALL),
+        }
+    }
+
+    /// Labels all tetrahedra by the array `name` of `numbers`, where they are fit for labels.
+    pub(super) fn label(&mut self, name: &str, numbers: impl Iterator<Item = Real>) {
+        match Labels::from_numbers(name, numbers) {
+            Ok(labels) => self.labels.push(labels),
+            Err(why) => self.unfit(name, why),
+        }
+    }
+
+    /// Drops the labels of arrays that have not labelled all tetrahedra.
+    pub(super) fn drop_partial_labels(&mut self) {
+        let count = self.tetrahedra.len();
+        let partial = |labels: &Labels| labels.of.len() != count;
+        let names: Vec<String> = self.labels.iter().filter(|l| partial(l)).map(|l| l.name.clone()).collect();
+        self.labels.retain(|labels| !partial(labels));
+        names.iter().for_each(|name| self.unfit(name, NOT_ALL));
+    }
+
+    /// Notes `why` the array `name` does not label the tetrahedra; measurements do not, and are not worth a word.
+    fn unfit(&mut self, name: &str, why: &str) {
+        let note = format!("the array '{}', which is no label: {why}", shown(name.as_bytes()));
+        if is_called_label(name) && !self.left_out.contains(&note) {
+            self.left_out.push(note);
         }
     }
 

@@ -1,4 +1,4 @@
-//! glTF 2.0 files: `.glb`, and `.gltf` with its buffers inside.
+//! glTF 2.0 files: `.glb`, and `.gltf` with its buffers inside or in files beside it.
 
 use super::cells::Cells;
 use super::mesh_error::{MeshError, shown};
@@ -11,19 +11,67 @@ use gltf_json::scene::Node;
 use gltf_json::validation::Checked;
 use gltf_json::{Index, Root};
 use palpate_core::math::{Mat3, Real, Vec3};
+use percent_encoding::percent_decode_str;
 use std::borrow::Cow;
+use std::path::{Component, PathBuf};
 
 /// What is to be done about all that is compressed, sparse or elsewhere.
 const PLAIN: &str = "export it as .glb without compression";
+/// Extensions that a file may require, because they are read or change nothing but looks.
+const KNOWN: [&str; 3] = ["KHR_mesh_quantization", "KHR_texture_transform", "KHR_materials_unlit"];
+/// Extensions of nodes that put more meshes into a scene.
+const INSTANCES: &str = "EXT_mesh_gpu_instancing";
 
-/// The triangles of the scene of a glTF file, each mesh where its nodes put it. Points and lines in it are ignored.
-pub(super) fn parse_gltf(bytes: &[u8]) -> Result<Cells, MeshError> {
+/// What a file says of itself, and its binary part.
+fn root(bytes: &[u8]) -> Result<(Root, Option<&[u8]>), MeshError> {
     let (json, binary) = if bytes.starts_with(b"glTF") { chunks(bytes)? } else { (bytes, None) };
     let root = Root::from_slice(json).map_err(|e| MeshError::Syntax {
         format: "glTF",
         line: Some(e.line()),
         what: e.to_string().chars().take(200).collect(),
     })?;
+    Ok((root, binary))
+}
+
+/// The files with the buffers of a glTF file, relative to its folder, each once.
+///
+/// # Errors
+/// When the file cannot be read, or a buffer is not in its folder or one below.
+pub(super) fn buffer_files(bytes: &[u8]) -> Result<Vec<PathBuf>, MeshError> {
+    let mut files = Vec::new();
+    for (b, buffer) in root(bytes)?.0.buffers.iter().enumerate() {
+        let Some(uri) = buffer.uri.as_ref().filter(|uri| !uri.starts_with("data:")) else { continue };
+        let file = file_of(b, uri)?;
+        if !files.contains(&file) {
+            files.push(file);
+        }
+    }
+    Ok(files)
+}
+
+/// The file that `uri` of buffer `b` names: one below the folder of the glTF file.
+fn file_of(b: usize, uri: &str) -> Result<PathBuf, MeshError> {
+    let name: Vec<u8> = percent_decode_str(uri).collect();
+    let file = PathBuf::from(String::from_utf8_lossy(&name).into_owned());
+    let is_below = file.components().all(|part| matches!(part, Component::Normal(_) | Component::CurDir));
+    if !is_below || uri.contains(':') {
+        let what = format!("buffer {b}, which is elsewhere ({}),", shown(uri.as_bytes()));
+        return Err(MeshError::Unsupported { what, remedy: "put its buffers beside the file, or export it as .glb" });
+    }
+    Ok(file)
+}
+
+/// The triangles of the scene of a glTF file, each mesh where its nodes put it; `beside` are the files that [`buffer_files`]
+/// names, in its order. Points and lines are ignored.
+pub(super) fn parse_gltf(bytes: &[u8], beside: &[(PathBuf, Vec<u8>)]) -> Result<Cells, MeshError> {
+    let (root, binary) = root(bytes)?;
+    let unknown = root.extensions_required.iter().find(|name| !KNOWN.contains(&name.as_str()));
+    let instances = root.extensions_used.iter().find(|name| *name == INSTANCES);
+    if let Some(name) = unknown.or(instances) {
+        let what = format!("a glTF file with the extension {}", shown(name.as_bytes()));
+        return Err(MeshError::Unsupported { what, remedy: PLAIN });
+    }
+    let files = buffer_files(bytes)?;
     let buffers = root.buffers.iter().enumerate().map(|(b, buffer)| match &buffer.uri {
         None => Ok(Cow::Borrowed(binary.filter(|_| b == 0).unwrap_or_default())),
         Some(uri) => match uri.strip_prefix("data:").and_then(|uri| uri.split_once(";base64,")) {
@@ -32,13 +80,26 @@ pub(super) fn parse_gltf(bytes: &[u8]) -> Result<Cells, MeshError> {
                 Err(e) => Err(wrong(format!("buffer {b}: {e}"))),
             },
             None => {
-                Err(MeshError::Unsupported { what: format!("buffer {b}, which is in another file,"), remedy: PLAIN })
+                let file = file_of(b, uri)?;
+                let found = files.iter().position(|known| *known == file).and_then(|i| beside.get(i));
+                let (_, bytes) =
+                    found.ok_or_else(|| wrong(format!("buffer {b} is in another file, {}", file.display())))?;
+                Ok(Cow::Borrowed(bytes.as_slice()))
             }
         },
     });
     let buffers: Vec<Cow<[u8]>> = buffers.collect::<Result<_, _>>()?;
-    let mut document = Document { root: &root, buffers: &buffers, cells: Cells { indexed: true, ..Cells::default() } };
+    let mut document = Document {
+        root: &root,
+        buffers: &buffers,
+        cells: Cells { indexed: true, ..Cells::default() },
+        shown: vec![false; root.meshes.len()],
+    };
     document.scene()?;
+    let hidden = document.shown.iter().filter(|shown| !**shown).count();
+    if hidden > 0 {
+        document.cells.left_out.push(format!("{hidden} meshes that its scene does not show"));
+    }
     Ok(document.cells)
 }
 
@@ -105,11 +166,28 @@ impl Placement {
     }
 }
 
+/// A coordinate as one of the numbers that glTF has: whole ones, where `normalised`, are parts of the largest.
+fn coordinate(number: ComponentType, normalised: bool, bytes: &[u8]) -> Real {
+    let pair = || [bytes[0], bytes[1]];
+    let (value, largest): (Real, Real) = match number {
+        ComponentType::I8 => (i8::from_le_bytes([bytes[0]]).into(), i8::MAX.into()),
+        ComponentType::U8 => (bytes[0].into(), u8::MAX.into()),
+        ComponentType::I16 => (i16::from_le_bytes(pair()).into(), i16::MAX.into()),
+        ComponentType::U16 => (u16::from_le_bytes(pair()).into(), u16::MAX.into()),
+        ComponentType::U32 | ComponentType::F32 => {
+            return f32::from_le_bytes(std::array::from_fn(|b| bytes[b])).into();
+        }
+    };
+    if normalised { (value / largest).max(-1.0) } else { value }
+}
+
 /// A file on its way to [`Cells`].
 struct Document<'a> {
     root: &'a Root,
     buffers: &'a [Cow<'a, [u8]>],
     cells: Cells,
+    /// Meshes that are in the scene, (n_meshes).
+    shown: Vec<bool>,
 }
 
 impl Document<'_> {
@@ -143,6 +221,7 @@ impl Document<'_> {
 
     fn mesh(&mut self, mesh: usize, placement: &Placement) -> Result<(), MeshError> {
         let found = self.root.meshes.get(mesh).ok_or_else(|| wrong(format!("mesh {mesh} is not there")))?;
+        self.shown[mesh] = true;
         found.primitives.iter().try_for_each(|primitive| self.primitive(mesh, primitive, placement))
     }
 
@@ -157,10 +236,15 @@ impl Document<'_> {
             return Err(wrong(format!("mesh {mesh} has no positions")));
         };
         let first = self.cells.points.len();
-        let points = self.items(*positions, Type::Vec3, |t| t == ComponentType::F32)?.map(|(_, item)| {
-            let p =
-                std::array::from_fn(|axis| Real::from(f32::from_le_bytes(std::array::from_fn(|b| item[4 * axis + b]))));
-            (placement.linear * Vec3::from(p) + placement.shift).into()
+        let accessor = self.root.get(*positions);
+        let number = accessor.map_or(ComponentType::F32, |a| match a.component_type {
+            Checked::Valid(component) => component.0,
+            Checked::Invalid => ComponentType::F32,
+        });
+        let normalised = accessor.is_some_and(|a| a.normalized);
+        let points = self.items(*positions, Type::Vec3, |t| t != ComponentType::U32)?.map(|(size, item)| {
+            let coordinates = item[..size].chunks(size / 3).map(|bytes| coordinate(number, normalised, bytes));
+            (placement.linear * Vec3::from_iterator(coordinates) + placement.shift).into()
         });
         let points: Vec<[Real; 3]> = points.collect();
         let count = points.len();
@@ -181,6 +265,13 @@ impl Document<'_> {
             let [b, c] = if mirrored { [c, b] } else { [b, c] };
             self.cells.polygon(&[a, b, c].map(|v| v + first as u32))
         };
+        let whole = match mode {
+            Mode::Triangles => corners.len().is_multiple_of(3),
+            _ => corners.len() > 2,
+        };
+        if !whole {
+            return Err(wrong(format!("mesh {mesh} ends within a triangle: the file was cut off or damaged")));
+        }
         match mode {
             Mode::TriangleStrip => corners.windows(3).enumerate().try_for_each(|(i, t)| match i % 2 {
                 0 => put(t[0], t[1], t[2]),
@@ -237,7 +328,7 @@ impl Document<'_> {
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
-    use crate::geometry::mesh_io::{LengthUnit, parse_surface};
+    use crate::geometry::mesh_io::{LengthUnit, parse_surface, read_surface};
     use palpate_core::geometry::Surface;
     use palpate_core::geometry::primitives::box_surface;
     use palpate_core::math::Bounds;
@@ -316,6 +407,51 @@ pub(super) mod tests {
     }
 
     #[test]
+    fn buffers_in_files_beside_it_are_read() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::create_dir(folder.path().join("a b")).unwrap();
+        let file = folder.path().join("cube.gltf");
+        std::fs::write(&file, json(&cube(), "", r#", "uri": "a%20b/cube.bin""#)).unwrap();
+        let absent = read_surface(&file, LengthUnit::Metre).unwrap_err().to_string();
+        assert!(absent.contains("cube.bin"), "{absent}");
+        std::fs::write(folder.path().join("a b/cube.bin"), binary(&cube())).unwrap();
+        assert_eq!(read_surface(&file, LengthUnit::Metre).unwrap(), cube());
+    }
+
+    #[test]
+    fn coordinates_that_are_whole_numbers_are_read_as_parts_or_as_they_are() {
+        // Corners of a box at the ends of what numbers of two bytes say.
+        let cube = box_surface(Vec3::repeat(1.0), [1; 3]);
+        for (kind, low, high, normalised) in [
+            (5122, -32767i32, 32767i32, true),
+            (5123, 0, 65535, true),
+            (5122, -100, 100, false),
+            (5123, 0, 1000, false),
+        ] {
+            let place = |c: f64| if c > 0.5 { high } else { low };
+            // Two bytes each, and two more, so that each vertex begins at a multiple of four.
+            let positions: Vec<u8> = cube
+                .vertices
+                .iter()
+                .flat_map(|v| [place(v.x), place(v.y), place(v.z), 0])
+                .flat_map(|n| (n as u16).to_le_bytes())
+                .collect();
+            let indices = cube.triangles.iter().flatten().flat_map(|v| (*v as u16).to_le_bytes());
+            let data = BASE64_STANDARD.encode(positions.iter().copied().chain(indices).collect::<Vec<u8>>());
+            let text = json(&cube, "", &format!(r#", "uri": "data:application/octet-stream;base64,{data}""#))
+                .replace(
+                    "\"componentType\": 5126,",
+                    &format!("\"componentType\": {kind}, \"normalized\": {normalised},"),
+                )
+                .replace("\"byteLength\": 96}", "\"byteLength\": 64, \"byteStride\": 8}")
+                .replace("\"byteOffset\": 96", "\"byteOffset\": 64");
+            let Bounds { low: least, high: most } = gltf(text.as_bytes()).unwrap().bounds();
+            let wanted = |end: i32| if normalised && end != 0 { f64::from(end.signum()) } else { f64::from(end) };
+            assert_eq!((least, most), (Vec3::repeat(wanted(low)), Vec3::repeat(wanted(high))));
+        }
+    }
+
+    #[test]
     fn a_gltf_file_that_cannot_be_used_says_where_and_why() {
         let text = String::from_utf8(embedded(&cube())).unwrap();
         let says = |file: &[u8], expected: &str| {
@@ -328,13 +464,22 @@ pub(super) mod tests {
         says(text.replace("\"nodes\": [{", "\"nodes\": {{").as_bytes(), "glTF file, line 2");
         says(text.replace("\"children\": [1]", "\"children\": [0]").as_bytes(), "node 0 hangs on two others");
         says(text.replace("\"children\": [1]", "\"children\": [7]").as_bytes(), "node 7 is not there");
-        says(text.replace("5126", "5123").as_bytes(), "accessor 0 cannot be read");
+        says(text.replace("5126", "5125").as_bytes(), "accessor 0 cannot be read");
+        says(text.replace("\"count\": 96", "\"count\": 95").as_bytes(), "mesh 0 ends within a triangle");
         says(text.replace("{\"bufferView\": 0, ", "{").as_bytes(), "accessor 0, sparse or compressed,");
         says(
             text.replacen("\"count\": 18", "\"count\": 18446744073709551615", 1).as_bytes(),
             "accessor 0 reaches beyond",
         );
-        says(text.replace("data:application/octet-stream;base64,", "mesh.bin?").as_bytes(), "in another file");
+        let elsewhere = |uri: &str| json(&cube(), "", &format!(r#", "uri": "{uri}""#));
+        says(elsewhere("mesh.bin").as_bytes(), "in another file, mesh.bin");
+        for uri in ["../mesh.bin", "/mesh.bin", "a/%2e%2e/../mesh.bin", "http://example.org/mesh.bin"] {
+            says(elsewhere(uri).as_bytes(), "buffer 0, which is elsewhere (");
+        }
+        for (key, name) in [("extensionsRequired", "EXT_meshopt_compression"), ("extensionsUsed", INSTANCES)] {
+            let more = text.replacen("{\"asset\"", &format!("{{\"{key}\": [\"{name}\"], \"asset\""), 1);
+            says(more.as_bytes(), &format!("the extension {name} cannot be read"));
+        }
         says(text.replace(";base64,", ";base64,!").as_bytes(), "buffer 0: ");
     }
 }

@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 const MOST_LABELS: usize = 256;
 
 /// What arrays of labels are called, the likeliest first: one whose name contains the word is taken.
-const NAMES: [&str; 12] = [
+const NAMES: [&str; 14] = [
     "physical",
     "material",
     "region",
@@ -17,12 +17,19 @@ const NAMES: [&str; 12] = [
     "domain",
     "tissue",
     "segment",
+    "section",
+    "elset",
     "part",
     "attribute",
     "reference",
     "medit",
     "entity",
 ];
+
+/// True for an array that is called as labels are.
+pub(super) fn is_called_label(name: &str) -> bool {
+    NAMES.iter().any(|word| name.to_lowercase().contains(word))
+}
 
 /// One whole number for each tetrahedron of a mesh, under a name.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -62,14 +69,20 @@ impl LabelledMesh {
 }
 
 impl Labels {
-    /// The labels called `name`, a number for each tetrahedron; none where one is no whole number or too many differ.
-    pub(super) fn from_numbers(name: &str, numbers: impl Iterator<Item = Real>) -> Option<Self> {
+    /// The labels called `name`, a number for each tetrahedron.
+    ///
+    /// # Errors
+    /// In words, when one is no whole number or too many differ.
+    pub(super) fn from_numbers(name: &str, numbers: impl Iterator<Item = Real>) -> Result<Self, &'static str> {
         let whole = |x: Real| (x.fract() == 0.0 && x.abs() < 1e15).then_some(x as i64);
-        let of = numbers.map(whole).collect::<Option<Vec<i64>>>()?;
+        let of = numbers.map(whole).collect::<Option<Vec<i64>>>().ok_or("not all its numbers are whole")?;
         let mut different = of.clone();
         different.sort_unstable();
         different.dedup();
-        (different.len() <= MOST_LABELS).then(|| Self { name: name.to_owned(), of })
+        if different.len() > MOST_LABELS {
+            return Err("more than 256 of its numbers differ");
+        }
+        Ok(Self { name: name.to_owned(), of })
     }
 
     /// Those of `all` that are called `wanted`; without a wish, those that are called as labels are, or the only ones.
@@ -110,8 +123,8 @@ mod tests {
     #[test]
     fn measurements_and_numbers_of_cells_are_no_labels() {
         assert_eq!(Labels::from_numbers("a", [1.0, -3.0].into_iter()).unwrap().of, [1, -3]);
-        assert_eq!(Labels::from_numbers("a", [1.0, 0.5].into_iter()), None);
-        assert_eq!(Labels::from_numbers("a", [1.0, Real::NAN].into_iter()), None);
-        assert_eq!(Labels::from_numbers("a", (0..1000).map(Real::from)), None);
+        assert_eq!(Labels::from_numbers("a", [1.0, 0.5].into_iter()), Err("not all its numbers are whole"));
+        assert!(Labels::from_numbers("a", [1.0, Real::NAN].into_iter()).is_err());
+        assert!(Labels::from_numbers("a", (0..1000).map(Real::from)).unwrap_err().contains("256"));
     }
 }

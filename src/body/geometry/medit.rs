@@ -1,10 +1,12 @@
 //! Medit's text files (`.mesh`), as INRIA's and Mmg's tools write them.
 
 use super::cells::Cells;
-use super::labels::Labels;
 use super::mesh_error::{MeshError, shown};
 use super::reader::Reader;
 use palpate_core::math::Real;
+
+/// How names of sections that hold a part of the body begin.
+const SHAPES: [&[u8]; 6] = [b"Triangles", b"Quadrilaterals", b"Tetrahedra", b"Hexahedra", b"Prisms", b"Pyramids"];
 
 /// Vertices, triangles, quadrangles and tetrahedra of a Medit file; the triangles count where there are no tetrahedra.
 pub(super) fn parse_medit(bytes: &[u8]) -> Result<Cells, MeshError> {
@@ -19,7 +21,9 @@ pub(super) fn parse_medit(bytes: &[u8]) -> Result<Cells, MeshError> {
         let name = file.name();
         match name {
             b"" | b"End" => {
-                cells.labels.extend(Labels::from_numbers("reference", references.into_iter()));
+                if !cells.tetrahedra.is_empty() {
+                    cells.label("reference", references.into_iter());
+                }
                 return Ok(cells);
             }
             b"Dimension" => match file.word::<i64>()? {
@@ -41,7 +45,8 @@ pub(super) fn parse_medit(bytes: &[u8]) -> Result<Cells, MeshError> {
                     references.push(reference);
                 }
             }
-            b"Hexahedra" | b"Prisms" | b"Pyramids" | b"TetrahedraP2" => {
+            // Those of higher order, too.
+            _ if SHAPES.iter().any(|shape| name.starts_with(shape)) => {
                 return Err(MeshError::Unsupported {
                     what: format!("a Medit file with {}", shown(name)),
                     remedy: "mesh the body with tetrahedra of 4 nodes (first order)",
@@ -126,6 +131,7 @@ pub(super) mod tests {
         says("\u{1}\0\0\0".into(), "does not begin with MeshVersionFormatted");
         says(text.replace("Dimension\n3", "Dimension\n2"), "line 4: 2 dimensions");
         says(text.replace("Tetrahedra", "Hexahedra"), "a Medit file with Hexahedra cannot be read");
+        says(text.replace("Tetrahedra", "TetrahedraP2"), "a Medit file with TetrahedraP2 cannot be read");
         says(text.replace("Vertices 8", "Vertices 9"), "line 14: 'Corners' is no number");
         says(text.replace("Tetrahedra\n6", "Tetrahedra\n7"), "'End' is no number");
         says(text.replace("Tetrahedra\n6", "Tetrahedra\n5"), "expected the name of a section");

@@ -10,8 +10,8 @@ pub enum MeshError {
     #[error("cannot read {}: {reason}", path.display())]
     Io { path: PathBuf, reason: std::io::Error },
     #[error(
-        "{}: this kind of file is not read here; surfaces come as .obj, .stl, .ply, .glb, .gltf, .vtk, .vtp or .mesh, \
-         tetrahedra as .msh, .vtk, .vtu, .mesh or .ele with .node",
+        "{}: this kind of file is not read here; surfaces come as .obj, .stl, .ply, .off, .glb, .gltf, .vtk, .vtp, .mesh, \
+         .msh or .inp, tetrahedra as .msh, .vtk, .vtu, .mesh, .inp or .ele with .node",
         path.display()
     )]
     UnknownFormat { path: PathBuf },

@@ -5,15 +5,18 @@
 //! | `.obj` | surface | positions and faces; all objects make one surface |
 //! | `.stl` | surface | binary or text; all solids make one surface |
 //! | `.ply` | surface | text or binary of both byte orders |
-//! | `.gltf`, `.glb` | surface | glTF 2.0 with its buffers inside; the meshes of the scene where its nodes put them |
-//! | `.vtp` | surface | VTK's XML poly data |
+//! | `.off` | surface | text; positions and faces |
+//! | `.gltf`, `.glb` | surface | glTF 2.0, its buffers inside or beside it; the meshes of the scene where its nodes put them |
+//! | `.vtp` | surface | VTK's XML poly data: polygons and strips of triangles |
 //! | `.vtk` | either | VTK's legacy files up to version 5.1, text or binary: poly data and unstructured grids |
 //! | `.vtu` | either | VTK's XML unstructured grids: text, base64 or raw, plain or compressed by zlib |
 //! | `.mesh` | either | Medit's text files |
-//! | `.msh` | tetrahedra | Gmsh 4.1 and 2.x, binary or text; Gmsh 1 (`$NOD`, `$ELM`) |
+//! | `.inp` | either | Abaqus's input files of one part: linear tetrahedra, triangles and quadrangles |
+//! | `.msh` | either | Gmsh 4.1 and 2.x, binary or text; Gmsh 1 (`$NOD`, `$ELM`) |
 //! | `.ele`, `.node` | tetrahedra | TetGen's two files, by the name of either |
 //!
-//! Polygons become triangles; a file that holds tetrahedra is a volume, and its triangles are left out.
+//! Polygons and strips become triangles; a file that holds tetrahedra is a volume, and its triangles are left out, which is
+//! said where they are not faces of tetrahedra. Text may be UTF-8 or UTF-16, with lines that end as on any system.
 //!
 //! Most readers are our own, because a file that is cut off or lies about its sizes must not end the program, as it does
 //! with the libraries there are for these formats.
@@ -24,24 +27,26 @@
 //! file's own.
 
 use super::cells::Cells;
-use super::gltf::parse_gltf;
-use super::labels::{LabelledMesh, Labels};
+use super::gltf::{buffer_files, parse_gltf};
+use super::inp::parse_inp;
+use super::labels::LabelledMesh;
 use super::medit::parse_medit;
 use super::mesh_error::MeshError;
 use super::msh::parse_msh;
+use super::off::parse_off;
 use super::ply::parse_ply;
 pub use super::reader::MAX_FILE;
 use super::repair::{Repairs, repair};
-use super::soundness::{check_closed, check_finite, orient};
+use super::soundness::{check_closed, check_finite};
 use super::surface_file::{parse_obj, parse_stl};
 use super::tetgen::parse_tetgen;
+use super::text::{plain, utf8};
+use super::volume::volume;
 use super::vtk::parse_vtk;
 use super::vtk_xml::parse_vtk_xml;
-use palpate_core::geometry::surface::keep_referenced;
 use palpate_core::geometry::{Surface, TetMesh};
 use palpate_core::math::{Real, Vec3};
 use serde::{Deserialize, Serialize};
-use std::collections::HashSet;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
@@ -127,8 +132,8 @@ pub fn read_tet_mesh(path: &Path, unit: LengthUnit) -> Result<TetMesh, MeshError
     Ok(read_labelled(path, unit, None)?.mesh)
 }
 
-/// The names and bytes of the mesh that the file at `path` holds: one file, or TetGen's nodes and elements, whichever of
-/// them `path` is. Of a file that is too long there is one byte too many.
+/// The names and bytes of the mesh that the file at `path` holds: one file, TetGen's nodes and elements, whichever of
+/// them `path` is, or a glTF file and those with its buffers. Of a file that is too long there is one byte too many.
 ///
 /// # Errors
 /// Those of the file system.
@@ -143,21 +148,34 @@ pub fn read_files(path: &Path) -> Result<Vec<(PathBuf, Vec<u8>)>, MeshError> {
     };
     match extension(path).as_str() {
         "ele" | "node" => [path.with_extension("node"), path.with_extension("ele")].into_iter().map(read).collect(),
+        "gltf" | "glb" => {
+            let mut files = vec![read(path.to_owned())?];
+            let folder = path.parent().unwrap_or(Path::new(""));
+            let buffers = buffer_files(&utf8(&files[0].1))?;
+            for file in buffers {
+                files.push(read(folder.join(file))?);
+                if files.iter().map(|(_, bytes)| bytes.len()).sum::<usize>() > MAX_FILE {
+                    return Err(MeshError::TooBig { limit: MAX_FILE, what: "bytes" });
+                }
+            }
+            Ok(files)
+        }
         _ => Ok(vec![read(path.to_owned())?]),
     }
 }
 
 /// The solid that `files` hold, as [`read_files`] gives them, lengths in `unit`, and what of it was repaired.
 ///
-/// Of a surface, vertices at one place become one, vertices in no triangle, degenerate triangles and those listed twice
+/// Of a surface, vertices at one place become one, those on borders also within rounding of another, vertices in no triangle, degenerate triangles and those listed twice
 /// are dropped, triangles that face another way than most of their neighbours are turned, and holes at most `holes` wide
 /// [m] are closed. The result has passed [`check_closed`], so it faces outward.
 ///
-/// Of tetrahedra, those listed twice count once, nodes in no tetrahedron are dropped. A file whose tetrahedra are *all*
+/// Of tetrahedra, those listed twice count once, nodes in no tetrahedron are dropped, and nodes at one place become one where
+/// they belong to pieces that do not hang together. A file whose tetrahedra are *all*
 /// inside out, be it a single one, merely numbers nodes the other way round and is turned; when only some are, that is an
 /// error. Their labels are the ones called `labels`, or without it those whose name says so (see [`Labels`]): of MSH files
 /// the `physical` groups or the `elementary` entities, of VTK's any array of whole numbers on the cells, of TetGen's the first
-/// `attribute`, of Medit's the `reference`.
+/// `attribute`, of Medit's the `reference`, of Abaqus's the `section` or the `elset`.
 pub fn parse(
     files: &[(PathBuf, Vec<u8>)],
     unit: LengthUnit,
@@ -168,20 +186,25 @@ pub fn parse(
         return Err(MeshError::TooBig { limit: MAX_FILE, what: "bytes" });
     }
     let cells = match files {
-        [(_, node), (_, ele)] => parse_tetgen(node, ele)?,
-        [(name, bytes), ..] => match extension(name).as_str() {
-            // Some editors put a mark of the encoding before a text.
-            "obj" => parse_obj(bytes.strip_prefix("\u{feff}".as_bytes()).unwrap_or(bytes))?,
+        [] => Cells::default(),
+        [(name, bytes), beside @ ..] => match extension(name).as_str() {
+            "node" | "ele" => match beside {
+                [(_, ele), ..] => parse_tetgen(&plain(bytes), &plain(ele))?,
+                [] => return Err(MeshError::Empty { what: "tetrahedra" }),
+            },
+            "obj" => parse_obj(&plain(bytes))?,
+            "off" => parse_off(&plain(bytes))?,
+            "inp" => parse_inp(&plain(bytes))?,
+            "mesh" => parse_medit(&plain(bytes))?,
+            // Binary files may hold any bytes.
             "stl" => parse_stl(bytes)?,
-            "ply" => parse_ply(bytes)?,
-            "gltf" | "glb" => parse_gltf(bytes)?,
-            "vtk" => parse_vtk(bytes)?,
-            "vtu" | "vtp" => parse_vtk_xml(bytes)?,
-            "mesh" => parse_medit(bytes)?,
-            "msh" => parse_msh(bytes)?,
+            "ply" => parse_ply(&utf8(bytes))?,
+            "gltf" | "glb" => parse_gltf(&utf8(bytes), beside)?,
+            "vtk" => parse_vtk(&utf8(bytes))?,
+            "vtu" | "vtp" => parse_vtk_xml(&utf8(bytes))?,
+            "msh" => parse_msh(&utf8(bytes))?,
             _ => return Err(MeshError::UnknownFormat { path: name.clone() }),
         },
-        [] => Cells::default(),
     };
     let points: Vec<Vec3> = cells.points.iter().map(|p| Vec3::from(*p) * unit.metres()).collect();
     check_finite(&points)?;
@@ -193,28 +216,13 @@ pub fn parse(
         if surface.volume() < 0.0 {
             repairs.turned = surface.triangles.len() - repairs.turned;
         }
+        repairs.dropped += cells.degenerate;
+        (repairs.left_out, repairs.notes) = (cells.left_out, cells.notes);
         check_closed(&mut surface)?;
         return Ok((Solid::Surface(surface), repairs));
     }
-    let mut labels = Labels::choose(cells.labels, labels)?;
-    let mut label_of = std::mem::take(&mut labels.of).into_iter();
-    let mut repairs = Repairs::default();
-    let (mut mesh, mut numbers, mut seen) = (TetMesh::default(), Vec::new(), HashSet::new());
-    for (number, element) in cells.tetrahedra {
-        let mut key = element;
-        key.sort_unstable();
-        let label = label_of.next();
-        if seen.insert(key) {
-            labels.of.extend(label);
-            numbers.push(number);
-            mesh.elements.push(element);
-        } else {
-            repairs.dropped += 1;
-        }
-    }
-    mesh.nodes = keep_referenced(&points, &mut mesh.elements);
-    repairs.turned = orient(&mut mesh, &numbers)?;
-    Ok((Solid::Volume(LabelledMesh { mesh, labels }), repairs))
+    let (mesh, repairs) = volume(points, cells, labels)?;
+    Ok((Solid::Volume(mesh), repairs))
 }
 
 /// The closed surface in `bytes`, lengths in `unit`; the extension of `name` tells the format; see [`parse`].
@@ -229,7 +237,11 @@ pub(super) fn parse_tet_mesh(name: &Path, bytes: &[u8], unit: LengthUnit) -> Res
     Ok(volume_of(parse(&[(name.to_owned(), bytes.to_owned())], unit, 0.0, None)?.0)?.mesh)
 }
 
-fn surface_of(solid: Solid) -> Result<Surface, MeshError> {
+/// The surface that `solid` is.
+///
+/// # Errors
+/// When it is a volume.
+pub fn surface_of(solid: Solid) -> Result<Surface, MeshError> {
     match solid {
         Solid::Surface(surface) => Ok(surface),
         Solid::Volume(_) => Err(MeshError::Unsupported {
@@ -239,7 +251,11 @@ fn surface_of(solid: Solid) -> Result<Surface, MeshError> {
     }
 }
 
-fn volume_of(solid: Solid) -> Result<LabelledMesh, MeshError> {
+/// The tetrahedra that `solid` is.
+///
+/// # Errors
+/// When it is a surface.
+pub fn volume_of(solid: Solid) -> Result<LabelledMesh, MeshError> {
     match solid {
         Solid::Volume(mesh) => Ok(mesh),
         Solid::Surface(_) => Err(MeshError::Empty { what: "tetrahedra" }),
@@ -254,8 +270,10 @@ fn extension(name: &Path) -> String {
 #[cfg(test)]
 pub(super) mod tests {
     use super::super::gltf::tests::{embedded, glb};
+    use super::super::inp::tests::inp;
     use super::super::medit::tests::medit;
     use super::super::msh::tests::every_msh;
+    use super::super::off::tests::off;
     use super::super::ply::tests::every_ply;
     use super::super::surface_file::tests::{CUBE_OBJ, binary_stl, cube, text_stl};
     use super::super::tetgen::tests::tetgen;
@@ -287,6 +305,8 @@ pub(super) mod tests {
         let mesh = box_mesh(Vec3::repeat(1.0), [1, 1, 1]);
         let mut files: Vec<(&str, Vec<u8>)> = every_msh(&mesh).into_iter().map(|file| ("a.msh", file)).collect();
         files.push(("a.obj", CUBE_OBJ.into()));
+        files.push(("a.off", off(&cube()).into()));
+        files.push(("a.inp", inp(&mesh.nodes, "C3D4", &mesh.elements).into()));
         files.push(("a.stl", text_stl(&cube(), "").into()));
         files.push(("a.stl", binary_stl(&cube(), b"")));
         files.extend(every_ply(&cube()).into_iter().map(|file| ("a.ply", file)));
@@ -424,13 +444,11 @@ pub(super) mod tests {
             assert_eq!((found.labels.name.as_str(), &found.labels.of[..]), (called, &[30, 40][..]), "{name}");
             let refused = parse(&files, LengthUnit::Metre, 0.0, Some("none such")).unwrap_err().to_string();
             assert!(refused.contains(called), "{refused}");
-            // Data that are cut off or no numbers label nothing; the mesh is still there.
+            // Labels that are cut off are not lost in silence.
             if name.ends_with("vtk") {
                 let cut = [(PathBuf::from(name), text.replace("30 40\n", "").into_bytes())];
-                let (Solid::Volume(found), _) = parse(&cut, LengthUnit::Metre, 0.0, None).unwrap() else {
-                    panic!("{name}")
-                };
-                assert!(found.labels.name != called && found.mesh.elements.len() == 2, "{name}");
+                let refused = parse(&cut, LengthUnit::Metre, 0.0, None).unwrap_err().to_string();
+                assert!(refused.contains("VTK file, line ") && refused.contains("cut off"), "{refused}");
             }
         }
         let node = format!("5 3 0 0\n{numbered}").into_bytes();

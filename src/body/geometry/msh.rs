@@ -1,16 +1,16 @@
 //! Gmsh's MSH files: 4.1 and 2.x, binary or text; 1 (`$NOD`, `$ELM`).
 
 use super::cells::Cells;
-use super::labels::Labels;
 use super::mesh_error::{MeshError, shown};
 use super::reader::{Encoding, Reader};
 use palpate_core::math::Real;
 use std::collections::HashMap;
 
-/// Nodes and tetrahedra of a MSH file, labelled by their physical groups and elementary entities; points, lines, triangles and quadrangles in it are ignored.
+/// Nodes, tetrahedra, triangles and quadrangles of a MSH file; tetrahedra are labelled by their physical groups and elementary
+/// entities. Points and lines in it are ignored.
 pub(super) fn parse_msh(bytes: &[u8]) -> Result<Cells, MeshError> {
     let mut file = Reader::text("MSH", bytes, None);
-    let (nodes, tetrahedra) = file.mesh()?;
+    let Sections { nodes, tetrahedra, polygons, several_groups } = file.mesh()?;
     let mut node_of_tag = HashMap::new();
     for (node, (tag, _)) in nodes.iter().enumerate() {
         if node_of_tag.insert(*tag, node as u32).is_some() {
@@ -19,22 +19,31 @@ pub(super) fn parse_msh(bytes: &[u8]) -> Result<Cells, MeshError> {
     }
     let mut cells = Cells { indexed: true, ..Cells::default() };
     cells.points = nodes.into_iter().map(|(_, position)| position).collect();
-    for Tetrahedron { number, nodes, .. } in &tetrahedra {
-        let (number, mut element) = (*number, [0; 4]);
-        for (node, &tag) in element.iter_mut().zip(nodes) {
-            let missing = MeshError::BadIndex { cell: "element", number, index: tag };
-            *node = *node_of_tag.get(&tag).ok_or(missing)?;
-        }
-        cells.tetrahedra.push((number, element));
+    let node_of = |number: i64, tag: i64| {
+        node_of_tag.get(&tag).copied().ok_or(MeshError::BadIndex { cell: "element", number, index: tag })
+    };
+    for Tetrahedron { number, nodes: [a, b, c, d], .. } in &tetrahedra {
+        let node = |tag: &i64| node_of(*number, *tag);
+        cells.tetrahedra.push((*number, [node(a)?, node(b)?, node(c)?, node(d)?]));
+    }
+    for (number, tags) in &polygons {
+        let corners: Result<Vec<u32>, MeshError> = tags.iter().map(|tag| node_of(*number, *tag)).collect();
+        cells.polygon(&corners?)?;
     }
     // 0 stands for no group.
     if tetrahedra.iter().any(|t| t.physical != 0) {
-        cells.labels.extend(Labels::from_numbers("physical", tetrahedra.iter().map(|t| t.physical as Real)));
+        cells.label("physical", tetrahedra.iter().map(|t| t.physical as Real));
     }
     if tetrahedra.iter().any(|t| t.elementary != 0) {
-        cells.labels.extend(Labels::from_numbers("elementary", tetrahedra.iter().map(|t| t.elementary as Real)));
+        cells.label("elementary", tetrahedra.iter().map(|t| t.elementary as Real));
     }
-    if cells.tetrahedra.is_empty() { Err(MeshError::Empty { what: "tetrahedra" }) } else { Ok(cells) }
+    if several_groups {
+        cells.notes.push("volumes in several physical groups: the first of each counts".into());
+    }
+    if cells.tetrahedra.is_empty() && cells.triangles.is_empty() {
+        return Err(MeshError::Empty { what: "tetrahedra or triangles" });
+    }
+    Ok(cells)
 }
 
 /// A tetrahedron as a MSH file lists it.
@@ -47,16 +56,43 @@ struct Tetrahedron {
     elementary: i64,
 }
 
-/// Nodes (tag, position in the file's unit) and tetrahedra of a MSH file.
-type Sections = (Vec<(i64, [Real; 3])>, Vec<Tetrahedron>);
+/// What a MSH file lists.
+#[derive(Default)]
+struct Sections {
+    /// Tag and position in the file's unit.
+    nodes: Vec<(i64, [Real; 3])>,
+    tetrahedra: Vec<Tetrahedron>,
+    /// Number, and tags of the nodes, of triangles and quadrangles.
+    polygons: Vec<(i64, Vec<i64>)>,
+    /// Some volume is in several physical groups.
+    several_groups: bool,
+}
+
+/// The volume that one of version 4 is a part of, and its physical group; 0 for none.
+#[derive(Clone, Copy)]
+struct Volume {
+    tag: i64,
+    physical: i64,
+}
+
+/// What an element is here.
+enum Cell {
+    Tetrahedron([i64; 4]),
+    /// Tags of the nodes of a triangle or quadrangle.
+    Polygon(Vec<i64>),
+    /// A point or a line.
+    Other,
+}
 
 /// Nodes of a Gmsh element of type 1, 2, 3, ...
 const NODES_OF_TYPE: [u8; 31] =
     [2, 3, 4, 4, 8, 6, 5, 3, 6, 9, 10, 27, 18, 14, 1, 8, 20, 15, 13, 9, 10, 12, 15, 15, 21, 4, 5, 6, 20, 35, 56];
-/// The Gmsh type of the tetrahedron with four nodes.
+/// The Gmsh types of the tetrahedron with four nodes, the triangle and the quadrangle.
 const TETRAHEDRON: i64 = 4;
-/// Gmsh types of hexahedra, prisms, pyramids and tetrahedra of higher order: leaving them out would leave holes.
-const OTHER_SOLIDS: [i64; 13] = [5, 6, 7, 11, 12, 13, 14, 17, 18, 19, 29, 30, 31];
+const TRIANGLE: i64 = 2;
+const QUADRANGLE: i64 = 3;
+/// Gmsh types of lines of any order and of points: nothing of a body.
+const LINES: [i64; 6] = [1, 8, 15, 26, 27, 28];
 
 impl Reader<'_> {
     /// An `int`.
@@ -87,23 +123,26 @@ impl Reader<'_> {
 
     /// All sections up to the end of the file.
     fn mesh(&mut self) -> Result<Sections, MeshError> {
-        let (mut nodes, mut elements, mut groups) = (Vec::new(), Vec::new(), HashMap::new());
+        let (mut sections, mut volumes) = (Sections::default(), HashMap::new());
         let mut version = None;
         loop {
             self.skip_space();
             if self.rest().is_empty() {
-                return Ok((nodes, elements));
+                return Ok(sections);
             }
             let name = self.line();
             match (name, version) {
                 (b"$MeshFormat", _) => version = Some(self.format()?),
-                (b"$NOD", _) => self.nodes_2(&mut nodes)?,
-                (b"$ELM", _) => self.elements_1(&mut elements)?,
-                (b"$Nodes", Some(2)) => self.nodes_2(&mut nodes)?,
-                (b"$Elements", Some(2)) => self.elements_2(&mut elements)?,
-                (b"$Nodes", Some(_)) => self.nodes_4(&mut nodes)?,
-                (b"$Entities", Some(4)) => self.entities_4(&mut groups)?,
-                (b"$Elements", Some(_)) => self.elements_4(&mut elements, &groups)?,
+                (b"$NOD", _) => self.nodes_2(&mut sections.nodes)?,
+                (b"$ELM", _) => self.elements_1(&mut sections)?,
+                (b"$Nodes", Some(2)) => self.nodes_2(&mut sections.nodes)?,
+                (b"$Elements", Some(2)) => self.elements_2(&mut sections)?,
+                (b"$Nodes", Some(_)) => self.nodes_4(&mut sections.nodes)?,
+                (b"$Entities", Some(4)) => sections.several_groups |= self.entities_4(&mut volumes, false)?,
+                (b"$PartitionedEntities", Some(4)) => {
+                    sections.several_groups |= self.entities_4(&mut volumes, true)?;
+                }
+                (b"$Elements", Some(_)) => self.elements_4(&mut sections, &volumes)?,
                 (b"$ParametricNodes", _) => {
                     return Err(MeshError::Unsupported {
                         what: "$ParametricNodes of an old MSH file".to_owned(),
@@ -160,18 +199,18 @@ impl Reader<'_> {
     }
 
     /// Elements of version 1: number, type, two regions, number of nodes, nodes.
-    fn elements_1(&mut self, elements: &mut Vec<Tetrahedron>) -> Result<(), MeshError> {
+    fn elements_1(&mut self, sections: &mut Sections) -> Result<(), MeshError> {
         for _ in 0..self.count_line()? {
             let [number, kind, physical, elementary, _] =
                 [self.int()?, self.int()?, self.int()?, self.int()?, self.int()?];
-            let nodes = self.tetrahedron(kind, Reader::int)?;
-            elements.extend(nodes.map(|nodes| Tetrahedron { number, nodes, physical, elementary }));
+            let cell = self.cell(kind, Reader::int)?;
+            sections.add(cell, number, physical, elementary);
         }
         Ok(())
     }
 
     /// Elements of version 2: number, type, tags, nodes; in binary files type and number of tags head a group.
-    fn elements_2(&mut self, elements: &mut Vec<Tetrahedron>) -> Result<(), MeshError> {
+    fn elements_2(&mut self, sections: &mut Sections) -> Result<(), MeshError> {
         let mut left = self.count_line()?;
         while left > 0 {
             let text = self.encoding == Encoding::Text;
@@ -192,8 +231,8 @@ impl Reader<'_> {
                         _ => {}
                     }
                 }
-                let nodes = self.tetrahedron(kind, Reader::int)?;
-                elements.extend(nodes.map(|nodes| Tetrahedron { number, nodes, physical, elementary }));
+                let cell = self.cell(kind, Reader::int)?;
+                sections.add(cell, number, physical, elementary);
             }
             left -= group;
         }
@@ -219,62 +258,82 @@ impl Reader<'_> {
         Ok(())
     }
 
-    /// Entities of version 4.1: the physical group, if any, of each volume by its tag.
-    fn entities_4(&mut self, groups: &mut HashMap<i64, i64>) -> Result<(), MeshError> {
+    /// Entities of version 4.1, or parts of them: the volume and the physical group, if any, of each volume by its tag. True
+    /// where one is in several groups.
+    fn entities_4(&mut self, volumes: &mut HashMap<i64, Volume>, partitioned: bool) -> Result<bool, MeshError> {
+        if partitioned {
+            self.size()?;
+            // Ghosts: elements of other parts that are listed once more.
+            for _ in 0..self.size()? {
+                self.int()?;
+                self.int()?;
+            }
+        }
+        let mut several = false;
         let counts = [self.size()?, self.size()?, self.size()?, self.size()?];
         for (dimension, count) in counts.into_iter().enumerate() {
             for _ in 0..count {
                 let tag = self.int()?;
+                let mut volume = Volume { tag, physical: 0 };
+                if partitioned {
+                    let [parent_dimension, parent] = [self.int()?, self.int()?];
+                    for _ in 0..self.size()? {
+                        self.int()?;
+                    }
+                    if parent_dimension == 3 {
+                        volume = volumes.get(&parent).copied().unwrap_or(Volume { tag: parent, physical: 0 });
+                    }
+                }
                 for _ in 0..if dimension == 0 { 3 } else { 6 } {
                     self.real()?;
                 }
                 for i in 0..self.size()? {
                     let group = self.int()?;
-                    if dimension == 3 && i == 0 {
-                        groups.insert(tag, group);
+                    if i == 0 {
+                        volume.physical = group;
                     }
+                    several |= dimension == 3 && i > 0;
                 }
                 for _ in 0..if dimension == 0 { 0 } else { self.size()? } {
                     self.int()?;
                 }
+                if dimension == 3 {
+                    volumes.insert(tag, volume);
+                }
             }
         }
-        Ok(())
+        Ok(several)
     }
 
-    /// Elements of version 4.1: blocks of one entity and type, each element its number and nodes. `groups` as
+    /// Elements of version 4.1: blocks of one entity and type, each element its number and nodes. `volumes` as
     /// [`Reader::entities_4`] finds them.
-    fn elements_4(&mut self, elements: &mut Vec<Tetrahedron>, groups: &HashMap<i64, i64>) -> Result<(), MeshError> {
+    fn elements_4(&mut self, sections: &mut Sections, volumes: &HashMap<i64, Volume>) -> Result<(), MeshError> {
         let [blocks, _, _, _] = [self.size()?, self.size()?, self.size()?, self.size()?];
         for _ in 0..blocks {
-            let [_, elementary, kind] = [self.int()?, self.int()?, self.int()?];
-            let physical = groups.get(&elementary).copied().unwrap_or_default();
+            let [_, entity, kind] = [self.int()?, self.int()?, self.int()?];
+            let Volume { tag, physical } = volumes.get(&entity).copied().unwrap_or(Volume { tag: entity, physical: 0 });
             for _ in 0..self.size()? {
                 let number = self.size()?;
-                let nodes = self.tetrahedron(kind, Reader::size)?;
-                elements.extend(nodes.map(|nodes| Tetrahedron { number, nodes, physical, elementary }));
+                let cell = self.cell(kind, Reader::size)?;
+                sections.add(cell, number, physical, tag);
             }
         }
         Ok(())
     }
 
-    /// The nodes of an element of type `kind`, each read by `node`; `None` when it is no solid.
-    fn tetrahedron(
-        &mut self,
-        kind: i64,
-        node: fn(&mut Self) -> Result<i64, MeshError>,
-    ) -> Result<Option<[i64; 4]>, MeshError> {
-        if kind == TETRAHEDRON {
-            return Ok(Some([node(self)?, node(self)?, node(self)?, node(self)?]));
-        }
+    /// An element of type `kind`, each of whose nodes is read by `node`.
+    fn cell(&mut self, kind: i64, node: fn(&mut Self) -> Result<i64, MeshError>) -> Result<Cell, MeshError> {
         let index = kind.checked_sub(1).and_then(|i| usize::try_from(i).ok());
-        let n_nodes = index.and_then(|i| NODES_OF_TYPE.get(i));
-        match n_nodes {
-            Some(&n_nodes) if !OTHER_SOLIDS.contains(&kind) => {
-                for _ in 0..n_nodes {
+        match (kind, index.and_then(|i| NODES_OF_TYPE.get(i))) {
+            (TETRAHEDRON, _) => Ok(Cell::Tetrahedron([node(self)?, node(self)?, node(self)?, node(self)?])),
+            (TRIANGLE | QUADRANGLE, Some(&nodes)) => {
+                (0..nodes).map(|_| node(self)).collect::<Result<_, _>>().map(Cell::Polygon)
+            }
+            (_, Some(&nodes)) if LINES.contains(&kind) => {
+                for _ in 0..nodes {
                     node(self)?;
                 }
-                Ok(None)
+                Ok(Cell::Other)
             }
             _ => Err(MeshError::Unsupported {
                 what: format!("an element of Gmsh type {kind}"),
@@ -284,12 +343,22 @@ impl Reader<'_> {
     }
 }
 
+impl Sections {
+    fn add(&mut self, cell: Cell, number: i64, physical: i64, elementary: i64) {
+        match cell {
+            Cell::Tetrahedron(nodes) => self.tetrahedra.push(Tetrahedron { number, nodes, physical, elementary }),
+            Cell::Polygon(nodes) => self.polygons.push((number, nodes)),
+            Cell::Other => {}
+        }
+    }
+}
+
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
-    use crate::geometry::mesh_io::{LengthUnit, parse_tet_mesh};
+    use crate::geometry::mesh_io::{LengthUnit, Solid, parse, parse_surface, parse_tet_mesh};
     use palpate_core::geometry::TetMesh;
-    use palpate_core::geometry::primitives::box_mesh;
+    use palpate_core::geometry::primitives::{box_mesh, box_surface};
     use palpate_core::math::Vec3;
     use std::fmt::Write;
     use std::path::Path;
@@ -430,6 +499,47 @@ pub(super) mod tests {
     }
 
     #[test]
+    fn parts_of_a_partitioned_mesh_bear_the_groups_of_their_volumes() {
+        let mesh = box_mesh(Vec3::repeat(1.0), [1; 3]);
+        let nodes: String = mesh.nodes.iter().map(|p| format!("{} {} {}\n", p.x, p.y, p.z)).collect();
+        let tags: String = (1..=8).map(|n| format!("{n}\n")).collect();
+        let box_of = "0 0 0 1 1 1";
+        let mut text = format!(
+            "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n$Entities\n0 0 0 2\n1 {box_of} 1 70 0\n2 {box_of} 2 80 90 0\n$EndEntities\n\
+             $PartitionedEntities\n2\n1\n9 2\n0 0 0 3\n3 3 1 1 1 {box_of} 1 70 0\n4 3 2 1 2 {box_of} 0 0\n5 3 2 2 1 2 {box_of} 1 85 0\n\
+             $EndPartitionedEntities\n$Nodes\n1 8 1 8\n3 3 0 8\n{tags}{nodes}$EndNodes\n$Elements\n3 6 1 6\n"
+        );
+        for (part, elements) in [(3, 0..2), (4, 2..4), (5, 4..6)] {
+            writeln!(text, "3 {part} 4 2").unwrap();
+            for e in elements {
+                let [a, b, c, d] = mesh.elements[e].map(|n| n + 1);
+                writeln!(text, "{} {a} {b} {c} {d}", e + 1).unwrap();
+            }
+        }
+        let files = [("a.msh".into(), (text + "$EndElements\n").into_bytes())];
+        for (wanted, labels) in [(None, [70, 70, 80, 80, 85, 85]), (Some("elementary"), [1, 1, 2, 2, 2, 2])] {
+            let (Solid::Volume(found), repairs) = parse(&files, LengthUnit::Metre, 0.0, wanted).unwrap() else {
+                panic!()
+            };
+            assert_eq!(found.labels.of, labels);
+            assert!(repairs.notes[0].contains("several physical groups"), "{repairs:?}");
+        }
+    }
+
+    #[test]
+    fn triangles_alone_are_a_surface() {
+        let cube = box_surface(Vec3::repeat(1.0), [1; 3]);
+        let corners: String =
+            cube.vertices.iter().zip(1..).map(|(p, n)| format!("{n} {} {} {}\n", p.x, p.y, p.z)).collect();
+        let faces = |([a, b, c], n): (&[u32; 3], usize)| format!("{n} 2 2 1 1 {} {} {}\n", a + 1, b + 1, c + 1);
+        let faces: String = cube.triangles.iter().zip(1..).map(faces).collect();
+        let text = format!(
+            "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n8\n{corners}$EndNodes\n$Elements\n12\n{faces}$EndElements\n"
+        );
+        assert_eq!(parse_surface(Path::new("a.msh"), text.as_bytes(), LengthUnit::Metre).unwrap(), cube);
+    }
+
+    #[test]
     fn a_msh_file_that_cannot_be_used_says_why() {
         let mesh = box_mesh(Vec3::repeat(1.0), [1, 1, 1]);
         let text = String::from_utf8(msh_2(&mesh, Encoding::Text)).unwrap();
@@ -444,7 +554,7 @@ pub(super) mod tests {
         says(text.replace("$Elements\n7", "$Elements\n6"), "expected the end of $Elements");
         says(text.replace("$Nodes\n8\n1 ", "$Nodes\n8\n2 "), "node 2 is defined twice");
         says(text.replace("$Nodes\n8\n1 ", "$Nodes\n8\n9 "), "refers to vertex 1,");
-        says("$MeshFormat\n2.2 0 8\n$EndMeshFormat\n".into(), "no tetrahedra");
+        says("$MeshFormat\n2.2 0 8\n$EndMeshFormat\n".into(), "no tetrahedra or triangles");
         says("$Nodes\n0\n$EndNodes\n".into(), "$MeshFormat must come first");
     }
 }

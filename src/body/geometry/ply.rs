@@ -6,6 +6,9 @@ use palpate_core::math::Real;
 use ply_rs_bw::parser::{ParseError, Parser, Reader};
 use ply_rs_bw::ply::{ElementDef, Encoding, Header, Property, PropertyAccess, PropertyAccessResult};
 
+/// What is to be done about surfaces that are no faces.
+const FACES: &str = "export it with faces, each a list vertex_indices";
+
 /// A point; what it lacks is no number.
 struct Vertex([Real; 3]);
 
@@ -33,8 +36,11 @@ impl PropertyAccess for Vertex {
     }
 }
 
-/// Indices of the corners of a polygon.
+/// Indices of the corners of a polygon, or of strips of triangles.
 struct Face(Vec<i64>);
+
+/// What lists of corners are called.
+const CORNERS: [&str; 2] = ["vertex_indices", "vertex_index"];
 
 impl PropertyAccess for Face {
     fn new() -> Self {
@@ -42,7 +48,7 @@ impl PropertyAccess for Face {
     }
 
     fn set_property(&mut self, name: &str, property: Property) -> PropertyAccessResult {
-        if !matches!(name, "vertex_indices" | "vertex_index") {
+        if !CORNERS.contains(&name) {
             return PropertyAccessResult::Ignored;
         }
         self.0 = match property {
@@ -67,12 +73,12 @@ impl PropertyAccess for Other {
     }
 }
 
-/// Vertices and faces of a PLY file; polygons become triangles.
+/// Vertices, faces and strips of triangles of a PLY file; polygons become triangles.
 pub(super) fn parse_ply(bytes: &[u8]) -> Result<Cells, MeshError> {
     let mut reader = Reader::new(bytes);
     let header = Parser::<Other>::new().read_header(&mut reader).map_err(|e| wrong(&e, Encoding::Ascii))?;
     let mut cells = Cells { indexed: true, ..Cells::default() };
-    let mut faces = Vec::new();
+    let (mut faces, mut strips) = (Vec::new(), Vec::new());
     for element in header.elements.values() {
         // Of elements without properties a file could announce any number.
         if element.count > bytes.len() || (element.count > 0 && element.properties.is_empty()) {
@@ -84,18 +90,35 @@ pub(super) fn parse_ply(bytes: &[u8]) -> Result<Cells, MeshError> {
             );
             return Err(MeshError::Syntax { format: "PLY", line: None, what });
         }
+        let has_corners = CORNERS.iter().any(|corners| element.properties.contains_key(*corners));
         match element.name.as_str() {
             "vertex" => {
                 let vertices = elements::<Vertex>(&mut reader, element, &header)?;
                 cells.points.extend(vertices.into_iter().map(|v| v.0));
             }
-            "face" => faces.extend(elements::<Face>(&mut reader, element, &header)?),
+            "face" if has_corners || element.count == 0 => {
+                faces.extend(elements::<Face>(&mut reader, element, &header)?);
+            }
+            "tristrips" if has_corners => strips.extend(elements::<Face>(&mut reader, element, &header)?),
+            "face" => {
+                let what = "a PLY file whose faces have no vertex_indices".to_owned();
+                return Err(MeshError::Unsupported { what, remedy: FACES });
+            }
+            name if has_corners => {
+                let what = format!("a PLY file of '{}'", shown(name.as_bytes()));
+                return Err(MeshError::Unsupported { what, remedy: FACES });
+            }
             _ => drop(elements::<Other>(&mut reader, element, &header)?),
         }
     }
     for (Face(corners), number) in faces.iter().zip(1..) {
         let corners: Result<Vec<u32>, MeshError> = corners.iter().map(|c| cells.index("face", number, *c, 0)).collect();
         cells.polygon(&corners?)?;
+    }
+    // Of one list, −1 ends a strip.
+    for strip in strips.iter().flat_map(|Face(corners)| corners.split(|corner| *corner == -1)) {
+        let corners: Result<Vec<u32>, MeshError> = strip.iter().map(|c| cells.index("strip", 1, *c, 0)).collect();
+        cells.strip(&corners?)?;
     }
     Ok(cells)
 }
@@ -187,6 +210,46 @@ pub(super) mod tests {
         let eight = Surface { vertices: vec![Vec3::zeros(); 8], triangles: vec![[0; 3]; 6] };
         let file = header("ascii", &eight) + corners + sides;
         assert!((ply(file.as_bytes()).unwrap().volume() - 1.0).abs() < 1e-15);
+    }
+
+    /// A closed surface of strips: two rows around a prism of `n` sides, and its ends, each triangle a strip.
+    pub(in crate::geometry) fn prism(n: u32) -> (Surface, Vec<Vec<u32>>) {
+        let ring = |z: f64| {
+            (0..n).map(move |i| {
+                let angle = std::f64::consts::TAU * f64::from(i) / f64::from(n);
+                Vec3::new(angle.cos(), angle.sin(), z)
+            })
+        };
+        let vertices: Vec<Vec3> = ring(0.0).chain(ring(1.0)).chain([Vec3::zeros(), Vec3::z()]).collect();
+        let mut strips = vec![(0..=n).flat_map(|i| [n + i % n, i % n]).collect::<Vec<u32>>()];
+        strips.extend((0..n).map(|i| vec![2 * n, (i + 1) % n, i]));
+        strips.extend((0..n).map(|i| vec![2 * n + 1, n + i, n + (i + 1) % n]));
+        let triangles = strips.iter().flat_map(|strip| {
+            let turned = |(i, t): (usize, &[u32])| if i % 2 == 0 { [t[0], t[1], t[2]] } else { [t[1], t[0], t[2]] };
+            strip.windows(3).enumerate().map(turned)
+        });
+        let triangles = triangles.collect();
+        (Surface { vertices, triangles }, strips)
+    }
+
+    #[test]
+    fn strips_of_triangles_are_read_and_other_lists_of_corners_refused() {
+        let (surface, strips) = prism(7);
+        let mut listed: Vec<String> = Vec::new();
+        for strip in &strips {
+            listed.extend(strip.iter().map(u32::to_string));
+            listed.push("-1".into());
+        }
+        let empty = Surface { triangles: vec![], ..surface.clone() };
+        let head = header("ascii", &empty)
+            .replace("element face 0\nproperty list uchar int", "element tristrips 1\nproperty list int int");
+        let corners: String = surface.vertices.iter().map(|v| format!("{} {} {} 9\n", v.x, v.y, v.z)).collect();
+        let file = format!("{head}{corners}{} {}\n", listed.len(), listed.join(" "));
+        assert_eq!(ply(file.as_bytes()).unwrap(), surface);
+        let e = ply(file.replace("tristrips", "tetra").as_bytes()).unwrap_err().to_string();
+        assert!(e.contains("a PLY file of 'tetra' cannot be read"), "{e}");
+        let e = ply(file.replace("tristrips", "face").replace("vertex_indices", "corners").as_bytes());
+        assert!(e.unwrap_err().to_string().contains("no vertex_indices"));
     }
 
     #[test]

@@ -30,6 +30,15 @@ impl Number {
     }
 }
 
+/// Why `word` is no number.
+pub(super) fn no_number(word: &[u8]) -> String {
+    let word = String::from_utf8_lossy(word);
+    if word.contains(',') && word.replacen(',', ".", 1).parse::<Real>().is_ok() {
+        return format!("'{}' has a decimal comma: export the file with decimal points", shown(word.as_bytes()));
+    }
+    format!("'{}' is no number", shown(word.as_bytes()))
+}
+
 /// Walks through a mesh file. Counts in the file only bound loops that consume bytes: one that lies costs nothing.
 pub(super) struct Reader<'a> {
     /// What errors call the file.
@@ -102,7 +111,7 @@ impl<'a> Reader<'a> {
         let value = std::str::from_utf8(word).ok().and_then(|w| w.parse().ok());
         let value = value.ok_or_else(|| match word {
             b"" => self.wrong("it ends where a number is expected: it was cut off"),
-            _ => self.wrong(format!("'{}' is no number", shown(word))),
+            _ => self.wrong(no_number(word)),
         })?;
         self.at += word.len();
         Ok(value)

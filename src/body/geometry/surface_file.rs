@@ -2,6 +2,8 @@
 
 use super::cells::Cells;
 use super::mesh_error::{MeshError, shown};
+use super::reader::{Reader, no_number};
+use super::text::plain;
 use palpate_core::math::Real;
 
 /// Lines of a text file, numbered from 1, cut into words.
@@ -10,14 +12,17 @@ fn lines(text: &str) -> impl Iterator<Item = (usize, std::str::SplitWhitespace<'
 }
 
 /// The next three words as coordinates.
-fn coordinates<'a>(words: &mut impl Iterator<Item = &'a str>) -> Option<[Real; 3]> {
-    let mut next = || words.next()?.parse().ok();
-    Some([next()?, next()?, next()?])
+fn coordinates<'a>(words: &mut impl Iterator<Item = &'a str>) -> Result<[Real; 3], String> {
+    let mut next = || {
+        let word = words.next().ok_or("a vertex needs three numbers")?;
+        word.parse().map_err(|_| format!("a vertex needs three numbers: {}", no_number(word.as_bytes())))
+    };
+    Ok([next()?, next()?, next()?])
 }
 
 /// The text of an OBJ file without comments, and lines that a backslash continues on one line. Lines after these keep their
 /// numbers.
-fn plain(text: &str) -> String {
+fn joined_lines(text: &str) -> String {
     let (mut plain, mut breaks) = (String::with_capacity(text.len()), 1);
     for line in text.lines() {
         let line = line.split('#').next().unwrap_or_default().trim_end();
@@ -33,21 +38,24 @@ fn plain(text: &str) -> String {
     plain
 }
 
-/// Positions and faces of an OBJ file; everything else in it is about looks.
+/// Words of OBJ files that put more into a body than their faces do.
+const MORE_SHAPES: [&str; 6] = ["surf", "bzp", "bsp", "cdc", "cdp", "call"];
+
+/// Positions and faces of an OBJ file; everything else in it is about looks, but for curved surfaces, which are refused.
 pub(super) fn parse_obj(bytes: &[u8]) -> Result<Cells, MeshError> {
     let wrong = |line, what: String| MeshError::Syntax { format: "OBJ", line: Some(line), what };
-    let text = plain(&String::from_utf8_lossy(bytes));
+    let text = joined_lines(&String::from_utf8_lossy(bytes));
     let mut cells = Cells { indexed: true, ..Cells::default() };
     for (line, mut words) in lines(&text).filter(|(_, words)| words.clone().next() == Some("v")) {
         let position = coordinates(&mut words.by_ref().skip(1));
-        cells.points.push(position.ok_or_else(|| wrong(line, "a vertex needs three numbers".into()))?);
+        cells.points.push(position.map_err(|what| wrong(line, what))?);
     }
     let mut vertices_so_far = 0;
     let mut corners = Vec::new();
     for (line, mut words) in lines(&text) {
         match words.next() {
             Some("v") => vertices_so_far += 1,
-            Some("f") => {
+            Some("f" | "fo") => {
                 corners.clear();
                 for word in words {
                     // "7/2/5" is vertex 7 with texture 2 and normal 5; "-1" is the vertex defined last.
@@ -66,6 +74,10 @@ pub(super) fn parse_obj(bytes: &[u8]) -> Result<Cells, MeshError> {
                 }
                 cells.polygon(&corners)?;
             }
+            Some(word) if MORE_SHAPES.contains(&word) => {
+                let what = format!("'{word}' in an OBJ file (line {line})");
+                return Err(MeshError::Unsupported { what, remedy: "export it as polygons, in one file" });
+            }
             _ => {}
         }
     }
@@ -79,10 +91,11 @@ pub(super) fn parse_obj(bytes: &[u8]) -> Result<Cells, MeshError> {
 pub(super) fn parse_stl(bytes: &[u8]) -> Result<Cells, MeshError> {
     let announced = bytes.get(80..84).and_then(|b| b.first_chunk()).map(|b| u32::from_le_bytes(*b) as usize);
     let (records, _) = bytes.get(84..).unwrap_or_default().as_chunks::<50>();
+    let text = plain(bytes);
     let points: Vec<_> = match announced.and_then(|n| records.get(..n)) {
         Some(records) => records.iter().flat_map(binary_stl_triangle).collect(),
-        None if bytes.trim_ascii_start().get(..5).is_some_and(|word| word.eq_ignore_ascii_case(b"solid")) => {
-            text_stl_vertices(bytes)?
+        None if text.trim_ascii_start().get(..5).is_some_and(|word| word.eq_ignore_ascii_case(b"solid")) => {
+            text_stl_vertices(&text)?
         }
         None => {
             let what = match announced {
@@ -102,29 +115,42 @@ fn binary_stl_triangle(record: &[u8; 50]) -> [[Real; 3]; 3] {
     std::array::from_fn(|corner| std::array::from_fn(|axis| number(3 + 3 * corner + axis)))
 }
 
+/// Corners of the facets of a text file, word by word: how they are put on lines does not matter.
 fn text_stl_vertices(bytes: &[u8]) -> Result<Vec<[Real; 3]>, MeshError> {
-    let wrong = |line, what: &str| MeshError::Syntax { format: "STL", line: Some(line), what: what.to_owned() };
-    let text = String::from_utf8_lossy(bytes);
+    let mut file = Reader::text("STL", bytes, None);
     let mut vertices = Vec::new();
-    let mut last_line = 0;
-    for (line, mut words) in lines(&text) {
-        last_line = line;
-        let Some(word) = words.next() else { continue };
-        match word.to_ascii_lowercase().as_str() {
-            "vertex" => {
-                vertices.push(coordinates(&mut words).ok_or_else(|| wrong(line, "a vertex needs three numbers"))?);
+    let mut facet = None;
+    loop {
+        let mut word = file.name().to_ascii_lowercase();
+        // Some write "end solid" in two words.
+        if word == b"end" {
+            word.extend(file.name().to_ascii_lowercase());
+        }
+        match word.as_slice() {
+            b"" if facet.is_some() => return Err(file.wrong("the file ends within a facet")),
+            b"" => return Ok(vertices),
+            // A name comes after it, up to the end of the line or to the first facet.
+            b"solid" | b"endsolid" if facet.is_none() => {
+                let (start, line) = (file.at, file.line().to_ascii_lowercase());
+                if let Some(first) = line.windows(12).position(|words| words == b"facet normal") {
+                    file.at = start;
+                    file.skip_space();
+                    file.at += first;
+                }
             }
-            "endfacet" | "endsolid" if vertices.len() % 3 != 0 => {
-                return Err(wrong(line, "a facet needs three vertices"));
+            b"facet" => facet = Some(vertices.len()),
+            b"normal" => (0..3).for_each(|_| _ = file.name()),
+            b"outer" | b"loop" | b"endloop" => {}
+            b"vertex" if facet.is_some() => vertices.push([file.word()?, file.word()?, file.word()?]),
+            b"endfacet" if facet.take().is_none_or(|first| vertices.len() - first != 3) => {
+                return Err(file.wrong("a facet needs three vertices"));
             }
-            "solid" | "facet" | "outer" | "endloop" | "endfacet" | "endsolid" => {}
-            _ => return Err(wrong(line, "expected a facet, a vertex or endsolid")),
+            b"endfacet" => {}
+            other => {
+                return Err(file.wrong(format!("expected a facet, a vertex or endsolid, found '{}'", shown(other))));
+            }
         }
     }
-    if vertices.len() % 3 != 0 {
-        return Err(wrong(last_line, "the file ends within a facet"));
-    }
-    Ok(vertices)
 }
 
 #[cfg(test)]
@@ -213,6 +239,48 @@ pub(super) mod tests {
         let read = stl(&binary_stl(&liver, b"")).unwrap();
         assert_eq!((read.vertices.len(), read.triangles.len()), (liver.vertices.len(), liver.triangles.len()));
         assert!((read.volume() / liver.volume() - 1.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn a_text_stl_is_read_however_its_words_are_put_on_lines() {
+        let text = text_stl(&cube(), " a part");
+        for file in [
+            text.replace("endsolid", "end solid").replace("endfacet", "end facet").replace("endloop", "end loop"),
+            text.split_whitespace().collect::<Vec<_>>().join(" "),
+            text.split_whitespace().collect::<Vec<_>>().join("\n").replacen("solid\na\npart", "solid a part", 1),
+            text.replace('\n', "\r"),
+        ] {
+            let read = stl(file.as_bytes()).unwrap();
+            assert_eq!((read.vertices.len(), read.triangles.len()), (8, 12), "{file}");
+        }
+        let says = |text: String, expected: &str| {
+            let message = stl(text.as_bytes()).unwrap_err().to_string();
+            assert!(message.contains(expected), "{message}");
+        };
+        says(
+            text.replacen("endloop\n", "endloop\nfast\n", 1),
+            "line 8: expected a facet, a vertex or endsolid, found 'fast'",
+        );
+        says(text.replacen("   vertex 0e0 0 0\n", "", 1), "a facet needs three vertices");
+        says(text.replacen("vertex 0e0 0 0", "vertex 0,5 0 0", 1), "'0,5' has a decimal comma");
+        says(text.replace("endfacet\nendsolid", ""), "the file ends within a facet");
+    }
+
+    #[test]
+    fn an_obj_file_in_two_bytes_a_letter_is_read_and_a_decimal_comma_and_curved_surfaces_are_named() {
+        let wide: Vec<u8> =
+            [0xff, 0xfe].into_iter().chain(CUBE_OBJ.encode_utf16().flat_map(u16::to_le_bytes)).collect();
+        let read = parse_surface(Path::new("a.obj"), &wide, LengthUnit::Metre).unwrap();
+        assert_eq!(read, obj(CUBE_OBJ).unwrap());
+        let says = |text: String, expected: &str| {
+            let message = obj(&text).unwrap_err().to_string();
+            assert!(message.contains(expected), "{message}");
+        };
+        says(
+            CUBE_OBJ.replace("v 1 1 0", "v 1,25 1,0 0,0"),
+            "line 5: a vertex needs three numbers: '1,25' has a decimal comma",
+        );
+        says(format!("{CUBE_OBJ}surf 0 1 0 1 1 2 3 4\n"), "'surf' in an OBJ file (line 22) cannot be read");
     }
 
     #[test]

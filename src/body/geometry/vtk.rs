@@ -23,6 +23,7 @@ pub(super) fn parse_vtk(bytes: &[u8]) -> Result<Cells, MeshError> {
     }
     let mut cells = Cells { indexed: true, ..Cells::default() };
     let (mut lists, mut polygons, mut types) = (Lists::default(), Lists::default(), Vec::new());
+    let mut strips = Lists::default();
     loop {
         let name = file.name();
         match name {
@@ -48,6 +49,7 @@ pub(super) fn parse_vtk(bytes: &[u8]) -> Result<Cells, MeshError> {
             }
             b"CELLS" => lists = Lists::read(&mut file)?,
             b"POLYGONS" => polygons = Lists::read(&mut file)?,
+            b"TRIANGLE_STRIPS" => strips = Lists::read(&mut file)?,
             b"VERTICES" | b"LINES" => drop(Lists::read(&mut file)?),
             b"CELL_TYPES" => {
                 let count = file.word()?;
@@ -63,11 +65,11 @@ pub(super) fn parse_vtk(bytes: &[u8]) -> Result<Cells, MeshError> {
             _ => return Err(file.wrong(format!("'{}' is no section of a mesh", shown(name)))),
         }
     }
-    lists.put(&mut cells, Some(&types[..]))?;
-    polygons.put(&mut cells, None)?;
+    lists.put(&mut cells, Kinds::Each(&types))?;
+    polygons.put(&mut cells, Kinds::All(POLYGON))?;
+    strips.put(&mut cells, Kinds::All(STRIP))?;
     let mut arrays = Vec::new();
-    // The mesh is whole by now: data that make no sense end the list of arrays, and no more.
-    let _ = cell_arrays(&mut file, &mut arrays);
+    cell_arrays(&mut file, &mut arrays)?;
     for (name, numbers) in arrays {
         cells.label_by_cell(&name, &numbers, 0);
     }
@@ -78,54 +80,66 @@ pub(super) fn parse_vtk(bytes: &[u8]) -> Result<Cells, MeshError> {
 fn cell_arrays(file: &mut Reader, arrays: &mut Vec<(String, Vec<Real>)>) -> Result<(), MeshError> {
     let (mut of_cells, mut count) = (false, 0);
     loop {
-        let mut array = |file: &mut Reader, name: String, number: Number, components: i64| {
-            let numbers = file.numbers(number, components.saturating_mul(count))?;
-            if of_cells && components == 1 {
-                arrays.push((name, numbers));
+        let keyword = file.name();
+        let mut array = |file: &mut Reader, name: &[u8], kind: ArrayType, components: i64, tuples: i64| {
+            let numbers = kind.numbers(file, components.saturating_mul(tuples))?;
+            if of_cells && components == 1 && tuples == count {
+                arrays.extend(numbers.map(|numbers| (String::from_utf8_lossy(name).into_owned(), numbers)));
             }
             Ok(())
         };
-        match file.name() {
+        match keyword {
             b"" => return Ok(()),
-            data @ (b"CELL_DATA" | b"POINT_DATA") => (of_cells, count) = (data == b"CELL_DATA", file.word()?),
+            b"CELL_DATA" | b"POINT_DATA" => (of_cells, count) = (keyword == b"CELL_DATA", file.word()?),
             b"SCALARS" => {
-                let name: String = file.word()?;
-                let mut line = file.line().split(|b| *b == b' ');
-                let mut words = Reader::text("VTK", line.next().unwrap_or_default(), None);
-                let number = number(&mut words)?;
-                let components = line.next().and_then(|word| std::str::from_utf8(word).ok()?.parse().ok()).unwrap_or(1);
+                let name = file.name();
+                let at = file.at;
+                let mut words = file.line().split(u8::is_ascii_whitespace).filter(|word| !word.is_empty());
+                let kind = ArrayType::of(words.next().unwrap_or_default());
+                let kind = kind.ok_or_else(|| Reader { at, ..*file }.wrong("it has no known type of number"))?;
+                let components = words.next().and_then(|word| std::str::from_utf8(word).ok()?.parse().ok());
                 if file.peek() == b"LOOKUP_TABLE" {
                     file.line();
                 }
-                array(file, name, number, components)?;
+                array(file, name, kind, components.unwrap_or(1), count)?;
             }
             b"FIELD" => {
                 file.name();
                 for _ in 0..file.word::<i64>()? {
-                    let (name, components, tuples): (String, i64, i64) = (file.word()?, file.word()?, file.word()?);
-                    let number = number(file)?;
-                    if tuples != count {
-                        return Err(file.wrong(format!("{tuples} numbers for {count} cells")));
-                    }
-                    array(file, name, number, components)?;
+                    let (name, components, tuples) = (file.name(), file.word()?, file.word()?);
+                    let kind = array_type(file)?;
+                    array(file, name, kind, components, tuples)?;
                     skip_metadata(file);
                 }
             }
-            kind @ (b"VECTORS" | b"NORMALS" | b"TENSORS" | b"GLOBAL_IDS" | b"PEDIGREE_IDS") => {
-                let name = file.word()?;
-                let number = number(file)?;
-                let components = match kind {
+            b"VECTORS" | b"NORMALS" | b"TENSORS" | b"TENSORS6" | b"GLOBAL_IDS" | b"PEDIGREE_IDS" | b"EDGE_FLAGS" => {
+                let name = file.name();
+                let kind = array_type(file)?;
+                let components = match keyword {
                     b"VECTORS" | b"NORMALS" => 3,
                     b"TENSORS" => 9,
+                    b"TENSORS6" => 6,
                     _ => 1,
                 };
-                array(file, name, number, components)?;
+                array(file, name, kind, components, count)?;
+            }
+            b"TEXTURE_COORDINATES" => {
+                let (name, components) = (file.name(), file.word()?);
+                let kind = array_type(file)?;
+                array(file, name, kind, components, count)?;
+            }
+            // Bytes in binary files, numbers from 0 to 1 in text; of no label.
+            b"COLOR_SCALARS" | b"LOOKUP_TABLE" => {
+                let (_, number) = (file.name(), file.word::<i64>()?);
+                file.line();
+                let (components, tuples) = if keyword == b"LOOKUP_TABLE" { (4, number) } else { (number, count) };
+                file.numbers(Number::Unsigned(1), components.saturating_mul(tuples))?;
             }
             b"METADATA" => {
                 file.at -= "METADATA".len();
                 skip_metadata(file);
             }
-            other => return Err(file.wrong(format!("'{}' is no array", shown(other)))),
+            other => return Err(file.wrong(format!("'{}' is no array of data", shown(other)))),
         }
     }
 }
@@ -138,26 +152,89 @@ fn skip_metadata(file: &mut Reader) {
     }
 }
 
+/// What an array of data holds.
+#[derive(Clone, Copy)]
+enum ArrayType {
+    Numbers(Number),
+    /// Eight of them in a byte of a binary file.
+    Bits,
+    /// One on each line of a text, each with its length before it in a binary file.
+    Words,
+}
+
+impl ArrayType {
+    /// That of the name `name`.
+    fn of(name: &[u8]) -> Option<Self> {
+        let number = match name.to_ascii_lowercase().as_slice() {
+            b"bit" => return Some(Self::Bits),
+            b"string" | b"utf8_string" => return Some(Self::Words),
+            b"char" | b"signed_char" | b"vtktypeint8" => Number::Signed(1),
+            b"unsigned_char" | b"vtktypeuint8" => Number::Unsigned(1),
+            b"short" | b"vtktypeint16" => Number::Signed(2),
+            b"unsigned_short" | b"vtktypeuint16" => Number::Unsigned(2),
+            b"int" | b"vtkidtype" | b"vtktypeint32" => Number::Signed(4),
+            b"unsigned_int" | b"vtktypeuint32" => Number::Unsigned(4),
+            b"long" | b"vtktypeint64" => Number::Signed(8),
+            b"unsigned_long" | b"vtktypeuint64" => Number::Unsigned(8),
+            b"float" | b"vtktypefloat32" => Number::Float(4),
+            b"double" | b"vtktypefloat64" => Number::Float(8),
+            _ => return None,
+        };
+        Some(Self::Numbers(number))
+    }
+
+    /// The next `count` of them, where they are numbers.
+    fn numbers(self, file: &mut Reader, count: i64) -> Result<Option<Vec<Real>>, MeshError> {
+        let text = file.encoding == Encoding::Text;
+        match self {
+            Self::Numbers(number) => file.numbers(number, count).map(Some),
+            Self::Bits if text => file.numbers(Number::Unsigned(1), count).map(Some),
+            Self::Bits => {
+                // Not `div_ceil`, which no signed number has yet.
+                file.numbers(Number::Unsigned(1), count / 8 + i64::from(count % 8 > 0))?;
+                Ok(None)
+            }
+            Self::Words => {
+                for _ in 0..count {
+                    if file.rest().is_empty() {
+                        return Err(file.wrong("the file was cut off"));
+                    }
+                    if text { _ = file.line() } else { skip_word(file)? }
+                }
+                Ok(None)
+            }
+        }
+    }
+}
+
+/// Steps over a word of a binary file: two bits tell how many bytes its length has.
+fn skip_word(file: &mut Reader) -> Result<(), MeshError> {
+    let first = *file.rest().first().ok_or_else(|| file.wrong("the file was cut off"))?;
+    let length = match first >> 6 {
+        3 => u64::from(u8::from_le_bytes(file.raw()?) & 0x3f),
+        2 => u64::from(u16::from_le_bytes(file.raw()?) & 0x3fff),
+        1 => u64::from(u32::from_le_bytes(file.raw()?) & 0x3fff_ffff),
+        _ => u64::from_le_bytes(file.raw()?),
+    };
+    let length = usize::try_from(length).ok().filter(|length| *length <= file.rest().len());
+    file.at += length.ok_or_else(|| file.wrong("the file was cut off"))?;
+    Ok(())
+}
+
+/// The type of an array that comes next, and the end of its line.
+fn array_type(file: &mut Reader) -> Result<ArrayType, MeshError> {
+    let at = file.at;
+    let name = file.line();
+    ArrayType::of(name).ok_or_else(|| Reader { at, ..*file }.wrong(format!("'{}' is no type of number", shown(name))))
+}
+
 /// The type of number that comes next, and the end of its line.
 fn number(file: &mut Reader) -> Result<Number, MeshError> {
     let at = file.at;
-    let name = file.line();
-    Ok(match name.to_ascii_lowercase().as_slice() {
-        b"char" => Number::Signed(1),
-        b"unsigned_char" => Number::Unsigned(1),
-        b"short" => Number::Signed(2),
-        b"unsigned_short" => Number::Unsigned(2),
-        b"int" | b"vtkidtype" => Number::Signed(4),
-        b"unsigned_int" => Number::Unsigned(4),
-        b"long" | b"vtktypeint64" => Number::Signed(8),
-        b"unsigned_long" | b"vtktypeuint64" => Number::Unsigned(8),
-        b"float" => Number::Float(4),
-        b"double" => Number::Float(8),
-        _ => {
-            file.at = at;
-            return Err(file.wrong(format!("'{}' is no type of number", shown(name))));
-        }
-    })
+    match array_type(file)? {
+        ArrayType::Numbers(number) => Ok(number),
+        ArrayType::Bits | ArrayType::Words => Err(Reader { at, ..*file }.wrong("numbers are expected here")),
+    }
 }
 
 /// Steps over arrays that have nothing to do with the shape.
@@ -165,10 +242,9 @@ fn skip_field(file: &mut Reader) -> Result<(), MeshError> {
     file.name();
     for _ in 0..file.word::<i64>()? {
         file.name();
-        let (components, tuples, number) = (file.word::<i64>()?, file.word::<i64>()?, number(file)?);
-        for _ in 0..components.saturating_mul(tuples) {
-            file.number(number)?;
-        }
+        let (components, tuples, kind) = (file.word::<i64>()?, file.word::<i64>()?, array_type(file)?);
+        kind.numbers(file, components.saturating_mul(tuples))?;
+        skip_metadata(file);
     }
     Ok(())
 }
@@ -207,10 +283,12 @@ impl Lists {
         Ok(lists)
     }
 
-    /// Adds them to `cells`: each of its type of `types`, or all polygons.
-    pub(super) fn put(&self, cells: &mut Cells, types: Option<&[Real]>) -> Result<(), MeshError> {
+    /// Adds them to `cells`, whose points they count.
+    pub(super) fn put(&self, cells: &mut Cells, kinds: Kinds) -> Result<(), MeshError> {
         let wrong = |what: String| MeshError::Syntax { format: "VTK", line: None, what };
-        if let Some(types) = types.filter(|types| types.len() != self.ends.len()) {
+        if let Kinds::Each(types) = kinds
+            && types.len() != self.ends.len()
+        {
             return Err(wrong(format!("{} cells and {} types of cells", self.ends.len(), types.len())));
         }
         let mut start = 0;
@@ -224,11 +302,17 @@ impl Lists {
             let corners: Result<Vec<u32>, MeshError> =
                 list.iter().map(|index| cells.index("cell", number, whole(*index), 0)).collect();
             let corners = corners?;
-            match (types.map_or(POLYGON, |types| types[i] as i64), corners.as_slice()) {
-                (0..=4, _) => {}
+            let kind = match kinds {
+                Kinds::Each(types) => types[i] as i64,
+                Kinds::All(kind) => kind,
+            };
+            match (kind, corners.as_slice()) {
+                (EMPTY..=LINES, _) => {}
+                (STRIP, [_, _, _, ..]) => cells.strip(&corners)?,
                 (TRIANGLE | POLYGON | QUADRANGLE, [_, _, _, ..]) => cells.polygon(&corners)?,
+                (PIXEL, &[a, b, c, d]) => cells.polygon(&[a, b, d, c])?,
                 (TETRAHEDRON, &[a, b, c, d]) => cells.tetrahedra.push((number, [a, b, c, d])),
-                (TRIANGLE | POLYGON | QUADRANGLE | TETRAHEDRON, _) => {
+                (TRIANGLE | STRIP | POLYGON | PIXEL | QUADRANGLE | TETRAHEDRON, _) => {
                     return Err(wrong(format!("cell {number} has {} points", corners.len())));
                 }
                 (kind, _) => {
@@ -241,9 +325,22 @@ impl Lists {
     }
 }
 
-/// VTK's types of cells.
+/// What lists of points are.
+#[derive(Clone, Copy)]
+pub(super) enum Kinds<'a> {
+    /// Each of its own of VTK's types.
+    Each(&'a [Real]),
+    /// All of one.
+    All(i64),
+}
+
+/// VTK's types of cells: none, points and lines up to [`LINES`], then faces and solids.
+const EMPTY: i64 = 0;
+const LINES: i64 = 4;
 const TRIANGLE: i64 = 5;
-const POLYGON: i64 = 7;
+pub(super) const STRIP: i64 = 6;
+pub(super) const POLYGON: i64 = 7;
+const PIXEL: i64 = 8;
 const QUADRANGLE: i64 = 9;
 const TETRAHEDRON: i64 = 10;
 
@@ -255,7 +352,8 @@ fn whole(number: Real) -> i64 {
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
-    use crate::geometry::mesh_io::{LengthUnit, parse_surface, parse_tet_mesh};
+    use crate::geometry::mesh_io::{LengthUnit, Solid, parse, parse_surface, parse_tet_mesh};
+    use crate::geometry::ply::tests::prism;
     use palpate_core::geometry::primitives::{box_mesh, box_surface};
     use palpate_core::geometry::{Surface, TetMesh};
     use palpate_core::math::Vec3;
@@ -302,7 +400,8 @@ pub(super) mod tests {
             line(&mut bytes, format!("\nCELL_TYPES {}", cells.len()));
             cells.iter().for_each(|_| int(&mut bytes, kind));
         }
-        line(&mut bytes, format!("\nCELL_DATA {}\nSCALARS region int", cells.len()));
+        line(&mut bytes, format!("\nCELL_DATA {}\nSCALARS region int\nLOOKUP_TABLE default", cells.len()));
+        cells.iter().for_each(|_| int(&mut bytes, 7));
         bytes
     }
 
@@ -325,6 +424,49 @@ pub(super) mod tests {
         for file in &files[4..] {
             assert_eq!(parse_surface(Path::new("a.VTK"), file, LengthUnit::Metre).unwrap(), surface, "{}", shown(file));
         }
+    }
+
+    #[test]
+    fn strips_of_triangles_are_read() {
+        let (surface, strips) = prism(5);
+        let points: String = surface.vertices.iter().map(|v| format!("{} {} {}\n", v.x, v.y, v.z)).collect();
+        let list = |strip: &Vec<u32>| {
+            let corners: Vec<String> = strip.iter().map(u32::to_string).collect();
+            format!("{} {}\n", strip.len(), corners.join(" "))
+        };
+        let lists: String = strips.iter().map(list).collect();
+        let head = format!("# vtk DataFile Version 3.0\nx\nASCII\nDATASET POLYDATA\nPOINTS 12 double\n{points}");
+        let text = format!("{head}TRIANGLE_STRIPS {} 99\n{lists}", strips.len());
+        assert_eq!(parse_surface(Path::new("a.vtk"), text.as_bytes(), LengthUnit::Metre).unwrap(), surface);
+    }
+
+    #[test]
+    fn data_of_every_type_are_stepped_over_and_labels_behind_them_found() {
+        let mesh = box_mesh(Vec3::repeat(1.0), [1; 3]);
+        let text = String::from_utf8(file(&mesh.nodes, &mesh.elements, 10, false, 5)).unwrap();
+        let whole = text.split("\nCELL_DATA").next().unwrap();
+        let read = |kind: &str, more: &str| {
+            let data = format!(
+                "\nCELL_DATA 6\nFIELD FieldData 1\nregion 1 6 {kind}\n4 4 4 5 5 5\nMETADATA\nINFORMATION 0\n\n"
+            );
+            let files = [("a.vtk".into(), format!("{whole}{more}{data}").into_bytes())];
+            match parse(&files, LengthUnit::Metre, 0.0, None)?.0 {
+                Solid::Volume(found) => Ok::<_, MeshError>(found.labels.of),
+                Solid::Surface(_) => panic!("a surface"),
+            }
+        };
+        for kind in ["vtktypeint32", "vtktypeuint8", "signed_char", "long", "vtkIdType", "double"] {
+            assert_eq!(read(kind, "").unwrap(), [4, 4, 4, 5, 5, 5], "{kind}");
+        }
+        for more in [
+            "\nCELL_DATA 6\nFIELD f 2\nname 1 6 string\na\nb\nc\nd%20d\ne\nf\nbits 1 6 bit\n0 1 0 1 0 1\n",
+            "\nPOINT_DATA 8\nCOLOR_SCALARS c 1\n0 0 0 0 0 0 0 0\nTEXTURE_COORDINATES t 1 float\n1 2 3 4 5 6 7 8\n",
+            "\nCELL_DATA 6\nSCALARS  a\tint  1\nLOOKUP_TABLE b\n1 2 3 4 5 6\nLOOKUP_TABLE b 1\n1 1 1 1\n",
+        ] {
+            assert_eq!(read("int", more).unwrap(), [4, 4, 4, 5, 5, 5], "{more}");
+        }
+        let e = read("complex", "").unwrap_err().to_string();
+        assert!(e.contains("VTK file, line ") && e.contains("'complex' is no type of number"), "{e}");
     }
 
     #[test]

@@ -3,8 +3,8 @@
 
 use super::cells::Cells;
 use super::mesh_error::{MeshError, shown};
-use super::reader::{Encoding, MAX_FILE, Number, Reader};
-use super::vtk::Lists;
+use super::reader::{Encoding, MAX_FILE, Number, Reader, no_number};
+use super::vtk::{Kinds, Lists, POLYGON, STRIP};
 use base64::Engine;
 use base64::prelude::BASE64_STANDARD;
 use palpate_core::math::Real;
@@ -62,9 +62,7 @@ pub(super) fn parse_vtk_xml(bytes: &[u8]) -> Result<Cells, MeshError> {
     for piece in pieces.filter(|n| n.has_tag_name("Piece")) {
         file.piece(piece, &mut cells)?;
     }
-    // Of an array that some pieces do not have.
-    let count = cells.tetrahedra.len();
-    cells.labels.retain(|labels| labels.of.len() == count);
+    cells.drop_partial_labels();
     Ok(cells)
 }
 
@@ -96,24 +94,42 @@ impl XmlFile<'_> {
         if let Some(points) = child("Points").and_then(|n| n.children().find(|n| n.has_tag_name("DataArray"))) {
             own.points = self.array(points)?.as_chunks().0.to_vec();
         }
-        for (name, typed) in [("Cells", true), ("Polys", false)] {
-            if let Some(parent) = child(name) {
-                let lists = Lists { numbers: named(parent, "connectivity")?, ends: named(parent, "offsets")? };
-                let types = if typed { Some(named(parent, "types")?) } else { None };
-                lists.put(&mut own, types.as_deref())?;
+        for name in ["Cells", "Polys", "Strips"] {
+            let lists = match child(name) {
+                Some(parent) => {
+                    let lists = Lists { numbers: named(parent, "connectivity")?, ends: named(parent, "offsets")? };
+                    let types = if name == "Cells" { named(parent, "types")? } else { Vec::new() };
+                    let kinds = match name {
+                        "Cells" => Kinds::Each(&types),
+                        "Polys" => Kinds::All(POLYGON),
+                        _ => Kinds::All(STRIP),
+                    };
+                    lists.put(&mut own, kinds)?;
+                    lists.ends.len()
+                }
+                None => 0,
+            };
+            // What the piece says of itself.
+            let announced = piece.attribute(format!("NumberOf{name}").as_str()).and_then(|n| n.trim().parse().ok());
+            if let Some(announced) = announced.filter(|n: &usize| *n != lists) {
+                let line = self.document.text_pos_at(piece.range().start).row as usize;
+                let what = format!("a piece announces {announced} {name} and holds {lists}: it was cut off or damaged");
+                return Err(wrong(Some(line), what));
             }
         }
         let first = cells.points.len() as u32;
         cells.points.extend(own.points);
         cells.triangles.extend(own.triangles.into_iter().map(|t| t.map(|n| n + first)));
+        cells.degenerate += own.degenerate;
         let before = cells.tetrahedra.len();
         cells.tetrahedra.extend(own.tetrahedra.into_iter().map(|(number, t)| (number, t.map(|n| n + first))));
         for array in child("CellData").into_iter().flat_map(|n| n.children().filter(|n| n.has_tag_name("DataArray"))) {
-            // What is no number, or damaged, labels nothing.
-            if let (Some(name), None | Some("1"), Ok(numbers)) =
-                (array.attribute("Name"), array.attribute("NumberOfComponents"), self.array(array))
+            // Words and bits label nothing.
+            let is_number = !matches!(array.attribute("type"), Some("String" | "Bit"));
+            if let (Some(name), None | Some("1"), true) =
+                (array.attribute("Name"), array.attribute("NumberOfComponents"), is_number)
             {
-                cells.label_by_cell(name, &numbers, before);
+                cells.label_by_cell(name, &self.array(array)?, before);
             }
         }
         Ok(())
@@ -140,9 +156,8 @@ impl XmlFile<'_> {
         let text = array.text().unwrap_or_default().trim();
         let bytes = match array.attribute("format") {
             Some("ascii") | None => {
-                let numbers = text
-                    .split_ascii_whitespace()
-                    .map(|word| word.parse().map_err(|_| at(format!("'{}' is no number", shown(word.as_bytes())))));
+                let numbers =
+                    text.split_ascii_whitespace().map(|word| word.parse().map_err(|_| at(no_number(word.as_bytes()))));
                 return numbers.collect();
             }
             Some("binary") => self.decoded(&Text(text.as_bytes())),
@@ -242,6 +257,7 @@ impl Source for Text<'_> {
 pub(super) mod tests {
     use super::*;
     use crate::geometry::mesh_io::{LengthUnit, parse_surface, parse_tet_mesh, read_tet_mesh};
+    use crate::geometry::ply::tests::prism;
     use crate::geometry::shared::shared;
     use palpate_core::geometry::primitives::{box_mesh, box_surface};
     use palpate_core::geometry::{Surface, TetMesh};
@@ -376,13 +392,46 @@ pub(super) mod tests {
         let mesh = box_mesh(palpate_core::math::Vec3::new(0.1, 0.2, 0.3), [2, 1, 2]);
         let surface = box_surface(palpate_core::math::Vec3::new(0.1, 0.2, 0.3), [2, 1, 2]);
         for ((volume, shell), form) in every_vtu(&mesh).iter().zip(every_vtp(&surface)).zip(FORMS) {
-            // Points of the first piece, which the second has again.
+            // Points of the first piece, which the second has again, are one.
             let read = vtu(volume).unwrap();
-            assert!((read.elements.len(), read.nodes.len()) == (24, 18 + 4), "{form:?}");
+            assert!((read.elements.len(), read.nodes.len()) == (24, 18), "{form:?}");
             assert!((0..24).all(|e| read.corners(e) == mesh.corners(e)), "{form:?}");
             let read = parse_surface(Path::new("a.vtp"), &shell, LengthUnit::Metre).unwrap();
             assert!((read.volume() - surface.volume()).abs() < 1e-15, "{form:?}");
         }
+    }
+
+    #[test]
+    fn strips_of_triangles_are_read_alone_and_beside_polygons_and_none_goes_missing() {
+        let (surface, strips) = prism(5);
+        let text = |lists: &[Vec<u32>]| {
+            let mut end = 0;
+            let ends: Vec<u32> = lists.iter().map(|list| (end += list.len() as u32, end).1).collect();
+            let array = |name: &str, numbers: &[u32]| {
+                let numbers: Vec<String> = numbers.iter().map(u32::to_string).collect();
+                format!("<DataArray type=\"Int32\" Name=\"{name}\">{}</DataArray>", numbers.join(" "))
+            };
+            array("connectivity", &lists.concat()) + &array("offsets", &ends)
+        };
+        let points: Vec<String> = surface.vertices.iter().flatten().map(f64::to_string).collect();
+        let file = |polygons: &[Vec<u32>], strips: &[Vec<u32>]| {
+            format!(
+                "<VTKFile type=\"PolyData\"><PolyData><Piece NumberOfPolys=\"{}\" NumberOfStrips=\"{}\"><Points>\
+                 <DataArray type=\"Float64\">{}</DataArray></Points><Polys>{}</Polys><Strips>{}</Strips></Piece></PolyData></VTKFile>",
+                polygons.len(),
+                strips.len(),
+                points.join(" "),
+                text(polygons),
+                text(strips)
+            )
+        };
+        let read = |text: &str| parse_surface(Path::new("a.vtp"), text.as_bytes(), LengthUnit::Metre);
+        assert_eq!(read(&file(&[], &strips)).unwrap(), surface);
+        let mixed = file(&strips[1..], &strips[..1]);
+        assert!((read(&mixed).unwrap().volume() - surface.volume()).abs() < 1e-12);
+        let fewer = mixed.replace("<Strips>", "<Spare>").replace("</Strips>", "</Spare>");
+        let e = read(&fewer).unwrap_err().to_string();
+        assert!(e.contains("announces 1 Strips and holds 0"), "{e}");
     }
 
     #[test]

@@ -1,12 +1,13 @@
 //! What makes shapes unfit to be a body, beside what readers find: several bodies, crossings, odd sizes, odd levels.
 
+use super::bodies::check_one_body;
+use super::shape_fault::{ShapeFault, across};
 use crate::geometry::LabelledMesh;
 use crate::geometry::crossings::crossings;
 use crate::geometry::mesh_io::{LengthUnit, Solid};
-use crate::geometry::pieces::{Groups, firm_pieces};
+use crate::geometry::pieces::firm_pieces;
 use palpate_core::geometry::{Moments, Surface, TetMesh};
-use palpate_core::math::{Bounds, Real, Vec3, to_parry};
-use parry3d_f64::query::PointQuery;
+use palpate_core::math::{Bounds, Real, Vec3};
 
 /// Extents that bodies to be touched have [m]; others are asked about.
 const EXTENTS: std::ops::RangeInclusive<Real> = 0.005..=3.0;
@@ -14,48 +15,6 @@ const EXTENTS: std::ops::RangeInclusive<Real> = 0.005..=3.0;
 const LIKELY: Real = 0.2;
 /// How far volumes of levels may differ, and their centres over the radius of gyration.
 const LEVELS: Real = 0.1;
-
-/// Most cavities and bodies that are told apart; the pieces of a file of more are all taken for bodies.
-const MOST_PIECES: usize = 64;
-
-/// What is wrong with shapes, where, and what to do about it.
-#[derive(Debug, PartialEq, thiserror::Error)]
-#[allow(missing_docs, reason = "the message of each variant names its fields")]
-pub enum ShapeFault {
-    #[error("{0}")]
-    Size(String),
-    #[error(
-        "{count} bodies in one file: one around {}, another around {}; a body hangs together: save each to a file of its own",
-        place(first),
-        place(second)
-    )]
-    SeveralBodies { count: usize, first: Vec3, second: Vec3 },
-    #[error(
-        "{count} pieces of the mesh touch in a corner or an edge at most, where they would turn freely: one around {}, another \
-         around {}; join them by faces, or leave all but one out",
-        place(first),
-        place(second)
-    )]
-    Hinged { count: usize, first: Vec3, second: Vec3 },
-    #[error(
-        "the surface crosses itself: {count} pairs of triangles meet, the first around {}; repair it, in Blender with \
-         the Remesh modifier, or go on with --allow-crossings: what lies inside is then uncertain there",
-        place(at)
-    )]
-    Crosses { count: usize, at: Vec3 },
-    #[error(
-        "mesh {mesh} is no level of the same body as mesh {of}: its volume differs by {:+.0} %, its centre lies {:.0} % of \
-         the body's radius away; give meshes of one body, all in one frame and unit",
-        100.0 * volume,
-        100.0 * centre
-    )]
-    OtherBody { mesh: usize, of: usize, volume: Real, centre: Real },
-}
-
-/// A place as people read it.
-fn place(p: &Vec3) -> String {
-    format!("({:.4}, {:.4}, {:.4}) m", p.x, p.y, p.z)
-}
 
 /// Refuses solids, read in `unit` and scaled by `scale`, that are no levels of one body of a likely size.
 /// `any_size` and `allow_crossings` leave out those checks.
@@ -78,13 +37,10 @@ pub fn check(
         if !any_size && !EXTENTS.contains(&extent) {
             return Err(ShapeFault::Size(doubt(extent, unit, scale)));
         }
+        check_one_body(solid)?;
         match solid {
-            Solid::Surface(surface) => {
-                check_one_body(surface)?;
-                if !allow_crossings {
-                    check_crossings(surface)?;
-                }
-            }
+            Solid::Surface(surface) if !allow_crossings => check_crossings(surface)?,
+            Solid::Surface(_) => {}
             Solid::Volume(mesh) => check_one_piece(&mesh.mesh)?,
         }
     }
@@ -103,87 +59,15 @@ fn doubt(extent: Real, unit: LengthUnit, scale: Real) -> String {
     };
     let other = units.into_iter().min_by(|a, b| unlikely(a).total_cmp(&unlikely(b))).unwrap_or(unit);
     let asked = if EXTENTS.contains(&as_in(other)) {
-        format!("is it in {other}? Then it is {} across: give --unit {other}", size(as_in(other)))
+        format!("is it in {other}? Then it is {} across: give --unit {other}", across(as_in(other)))
     } else {
         format!("in no unit is it of a likely size: give --scale, a factor on its coordinates (now {scale})")
     };
-    format!("the body would be {} across, as --unit {unit} says; {asked}, or --any-size if that is so", size(extent))
+    format!("the body would be {} across, as --unit {unit} says; {asked}, or --any-size if that is so", across(extent))
 }
 
-/// A length as people say it.
-fn size(length: Real) -> String {
-    if length >= 1.0 { format!("{length:.3} m") } else { format!("{:.3} mm", 1e3 * length) }
-}
-
-/// Numbers of the pieces to which each of `points` points belongs: those that one of `cells` names are of one piece.
-fn pieces<const N: usize>(points: usize, cells: &[[u32; N]]) -> Vec<u32> {
-    let mut groups = Groups::new(points);
-    for cell in cells {
-        cell[1..].iter().for_each(|n| {
-            groups.join(cell[0], *n);
-        });
-    }
-    (0..points as u32).map(|n| groups.of(n)).collect()
-}
-
-/// Numbers of the shells that the triangles belong to: those that share an edge are of one. Shells that touch in a point do
-/// not hold together.
-fn shells(triangles: &[[u32; 3]]) -> Vec<u32> {
-    let edges = |(t, &[a, b, c]): (usize, &[u32; 3])| {
-        [[a, b], [b, c], [c, a]].map(|[from, to]| ([from.min(to), from.max(to)], t as u32))
-    };
-    let mut edges: Vec<([u32; 2], u32)> = triangles.iter().enumerate().flat_map(edges).collect();
-    edges.sort_unstable();
-    let pairs: Vec<[u32; 2]> =
-        edges.windows(2).filter(|pair| pair[0].0 == pair[1].0).map(|pair| [pair[0].1, pair[1].1]).collect();
-    pieces(triangles.len(), &pairs)
-}
-
-/// Refuses surfaces of several bodies; cavities, which face inward and lie inside, are part of one.
-fn check_one_body(surface: &Surface) -> Result<(), ShapeFault> {
-    let piece_of = shells(&surface.triangles);
-    let mut numbers = piece_of.clone();
-    numbers.sort_unstable();
-    numbers.dedup();
-    if numbers.len() == 1 {
-        return Ok(());
-    }
-    if numbers.len() > MOST_PIECES {
-        let first = |number: u32| {
-            let t = piece_of.iter().position(|piece| *piece == number).unwrap_or_default();
-            surface.corners(t)[0]
-        };
-        let (first, second) = (first(numbers[0]), first(numbers[1]));
-        return Err(ShapeFault::SeveralBodies { count: numbers.len(), first, second });
-    }
-    let mut parts: Vec<(Surface, Moments)> = numbers
-        .iter()
-        .map(|number| {
-            let own = surface.triangles.iter().zip(&piece_of).filter(|(_, piece)| *piece == number).map(|(t, _)| *t);
-            let part = Surface { vertices: surface.vertices.clone(), triangles: own.collect() };
-            let moments = Moments::of_surface(&part);
-            (part, moments)
-        })
-        .collect();
-    parts.sort_by(|a, b| b.1.volume.total_cmp(&a.1.volume));
-    let (outer, moments) = &parts[0];
-    let around = outer.to_trimesh();
-    let is_cavity = |(part, own): &&(Surface, Moments)| {
-        own.volume < 0.0 && around.project_local_point(to_parry(part.corners(0)[0]), false).is_inside
-    };
-    let others: Vec<&(Surface, Moments)> = parts[1..].iter().filter(|part| !is_cavity(part)).collect();
-    match others.first() {
-        None => Ok(()),
-        Some((_, other)) => {
-            Err(ShapeFault::SeveralBodies { count: 1 + others.len(), first: moments.centre, second: other.centre })
-        }
-    }
-}
-
-/// Refuses meshes of several pieces, also of such as hang together by a hinge.
+/// Refuses meshes of pieces that hang together by a hinge.
 fn check_one_piece(mesh: &TetMesh) -> Result<(), ShapeFault> {
-    let apart = pieces(mesh.nodes.len(), &mesh.elements);
-    let apart: Vec<u32> = mesh.elements.iter().map(|e| apart[e[0] as usize]).collect();
     // How many pieces, and the middles of two.
     let several = |piece_of: &[u32]| {
         let mut numbers = piece_of.to_vec();
@@ -201,9 +85,6 @@ fn check_one_piece(mesh: &TetMesh) -> Result<(), ShapeFault> {
             _ => None,
         }
     };
-    if let Some((count, first, second)) = several(&apart) {
-        return Err(ShapeFault::SeveralBodies { count, first, second });
-    }
     several(&firm_pieces(mesh))
         .map_or(Ok(()), |(count, first, second)| Err(ShapeFault::Hinged { count, first, second }))
 }

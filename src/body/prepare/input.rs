@@ -5,6 +5,7 @@ use super::{Shape, boundary_surface, spacings};
 use crate::geometry::mesh_io::{self, LengthUnit, Solid};
 use crate::geometry::repair::Repairs;
 use crate::geometry::{LabelledMesh, MeshError};
+use palpate_core::hierarchy::level::mean_edge;
 use palpate_core::math::Real;
 use std::path::{Path, PathBuf};
 use xxhash_rust::xxh3::xxh3_64;
@@ -46,6 +47,18 @@ impl Input {
     }
 }
 
+impl Input {
+    /// What a report is to say of it: what was repaired, left out and found, a line each.
+    pub fn said(&self) -> Vec<String> {
+        let Repairs { left_out, notes, .. } = &self.repairs;
+        let repaired = self.repairs.to_string();
+        let mut said = if repaired == "nothing" { vec![] } else { vec![format!("repaired: {repaired}")] };
+        said.extend(left_out.iter().map(|what| format!("left out: {what}")));
+        said.extend(notes.iter().cloned());
+        said
+    }
+}
+
 /// How fine the levels of a covered surface are to be.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Fineness {
@@ -55,6 +68,22 @@ pub enum Fineness {
     Finest(Real),
     /// These lattice constants [m], coarse to fine.
     Levels(Vec<Real>),
+}
+
+impl Fineness {
+    /// The size of the finest elements [m] of a body of `solid`: of its lattice, or of its own where it is a level itself.
+    pub fn finest_element(&self, solid: &Solid) -> Real {
+        let volume = match solid {
+            Solid::Surface(surface) => surface.volume(),
+            Solid::Volume(mesh) if *self == Fineness::Automatic => return mean_edge(&mesh.mesh),
+            Solid::Volume(_) => 0.0,
+        };
+        match self {
+            Fineness::Automatic => spacings::automatic(volume)[3],
+            Fineness::Finest(finest) => *finest,
+            Fineness::Levels(spacings) => spacings.last().copied().unwrap_or_default(),
+        }
+    }
 }
 
 /// The shape that `solids` make together: one surface, or one mesh to which `fineness` applies, or meshes

@@ -1,5 +1,6 @@
 //! From shapes to a body: levels, their ties, the display surface in each of them, and the holds.
 
+pub mod bodies;
 pub mod body_check;
 pub mod body_file;
 pub mod calibration;
@@ -12,6 +13,7 @@ pub mod merge;
 pub mod region;
 pub mod report;
 pub mod section;
+pub mod shape_fault;
 pub mod spacings;
 pub mod thin_walls;
 

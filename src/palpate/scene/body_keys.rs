@@ -39,7 +39,7 @@ pub struct BodyKeys {
     /// Where the shape comes from.
     pub source: Source,
     /// `surface`: mesh file; `prepared`: `.palpate` file; relative to the scene's.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(default, skip_serializing_if = "Option::is_none", serialize_with = "in_letters")]
     pub file: Option<PathBuf>,
     /// `volumes`: mesh files, coarse to fine, relative to the scene's.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
@@ -271,6 +271,11 @@ impl HoldKeys {
         };
         Region { bounds: Bounds::new(place(self.min), place(self.max)), stiffness: self.stiffness, exact: self.exact }
     }
+}
+
+/// The name of a file, whose bytes may be no text, as near to it as letters are.
+fn in_letters<S: serde::Serializer>(file: &Option<PathBuf>, serializer: S) -> Result<S::Ok, S::Error> {
+    file.as_ref().map(|file| file.to_string_lossy()).serialize(serializer)
 }
 
 fn one() -> Real {

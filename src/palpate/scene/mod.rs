@@ -14,9 +14,13 @@ pub use keys::Scene;
 
 use body_keys::Source;
 use garde::Validate;
-use palpate_body::geometry::{LabelledMesh, MeshError, mesh_io, primitives};
+use palpate_body::geometry::mesh_io::{self, Solid};
+use palpate_body::geometry::{LabelledMesh, MeshError, primitives};
+use palpate_body::prepare::bodies::one_body;
 use palpate_body::prepare::body_file::{self, BodyFileError};
+use palpate_body::prepare::input::{Fineness, Input};
 use palpate_body::prepare::merge::merge;
+use palpate_body::prepare::shape_fault::ShapeFault;
 use palpate_body::prepare::{self, PrepareError, Recipe};
 use palpate_core::contact::tool::Part;
 use palpate_core::geometry::Surface;
@@ -76,6 +80,16 @@ pub enum SceneError {
         path: PathBuf,
         /// Why.
         source: Box<MeshError>,
+    },
+    /// A mesh that is several bodies.
+    #[error("{origin}: body: {}: {source}", path.display())]
+    Shape {
+        /// File or bundled scene.
+        origin: String,
+        /// The mesh file.
+        path: PathBuf,
+        /// Why.
+        source: Box<ShapeFault>,
     },
     /// A file of a tool's shape that cannot be used.
     #[error("{origin}: {key}: {}: {reason}", path.display())]
@@ -175,12 +189,27 @@ impl LoadedScene {
         } else {
             (override_keys(&given_text, &origin, overrides)?, format!("{origin} with --set"))
         };
-        let mut scene = parse(&text, &origin).map_err(|e| wrong_override(&given_text, overrides).unwrap_or(e))?;
+        // A name may be of any bytes, which the text of a scene cannot say.
+        let named = |mut scene: Scene| {
+            if let (Some(name), Some(file)) = (path.file_name(), &mut scene.body.file)
+                && *file == Path::new(&*name.to_string_lossy())
+            {
+                *file = name.into();
+            }
+            scene
+        };
+        let mut scene = named(parse(&text, &origin).map_err(|e| wrong_override(&given_text, overrides).unwrap_or(e))?);
         if let Some(text) = prepared::completed(&text, &scene, &origin, &folder)? {
-            scene = parse(&text, &origin)?;
+            scene = named(parse(&text, &origin)?);
         }
         load_tools(&mut scene, &origin, &folder)?;
         Ok(Self { scene, origin, folder })
+    }
+
+    /// The files of bodies that it reads.
+    pub fn files(&self) -> Vec<PathBuf> {
+        let bodies = [&self.scene.body].into_iter().chain(self.scene.organ.iter().map(|organ| &organ.body));
+        bodies.flat_map(|body| body.file.iter().chain(&body.files)).map(|file| self.folder.join(file)).collect()
     }
 
     /// Builds the body; `progress` hears what is done next, and its place among how many.
@@ -212,7 +241,7 @@ impl LoadedScene {
     /// What `[body]` says, without the further organs.
     fn first_body(&self, progress: &mut dyn FnMut(&str, usize, usize)) -> Result<Body, SceneError> {
         progress("reading shapes", 0, 1);
-        match self.shape()? {
+        match self.shape(progress)? {
             Some(shape) => prepare::prepare(&self.recipe(shape), progress).map_err(self.failed()),
             None => self.prepared_body(progress),
         }
@@ -235,8 +264,25 @@ impl LoadedScene {
         }
     }
 
+    /// The one body that `input`, of the file at `path`, holds; `progress` hears what was repaired and left out.
+    fn one_body(
+        &self,
+        path: &Path,
+        input: Input,
+        fineness: &Fineness,
+        progress: &mut dyn FnMut(&str, usize, usize),
+    ) -> Result<Solid, SceneError> {
+        let said = input.said();
+        let element = fineness.finest_element(&input.solid);
+        let fault =
+            |source| SceneError::Shape { origin: self.origin.clone(), path: path.to_owned(), source: Box::new(source) };
+        let (solid, dropped) = one_body(input.solid, element, false).map_err(fault)?;
+        said.iter().chain(&dropped).for_each(|line| progress(&format!("{}: {line}", path.display()), 0, 1));
+        Ok(solid)
+    }
+
     /// What the body is made of; `None` where it is made already.
-    fn shape(&self) -> Result<Option<prepare::Shape>, SceneError> {
+    fn shape(&self, progress: &mut dyn FnMut(&str, usize, usize)) -> Result<Option<prepare::Shape>, SceneError> {
         let keys = &self.scene.body;
         let missing = |source_name, needs| SceneError::Missing { origin: self.origin.clone(), source_name, needs };
         let unit = |source_name| {
@@ -264,21 +310,28 @@ impl LoadedScene {
             Source::Surface => {
                 let file = keys.file.as_ref().ok_or_else(|| missing("surface", "body.file, as in \"organ.stl\""))?;
                 let unit = unit("surface")?;
-                let surface = mesh_io::read_surface(&at(file), unit).map_err(|e| failed(at(file), e))?;
-                closed(surface)
+                let read = Input::read(&at(file), unit, keys.scale, 0.0, None).map_err(|e| failed(at(file), e))?;
+                let fineness = match keys.spacings.as_slice() {
+                    [] => Fineness::Automatic,
+                    spacings => Fineness::Levels(spacings.to_vec()),
+                };
+                let solid = self.one_body(&at(file), read, &fineness, progress)?;
+                let surface = mesh_io::surface_of(solid).map_err(|e| failed(at(file), e))?;
+                prepare::Shape::covered(surface, keys.spacings.clone(), None, keys.display_vertices)
             }
             Source::Volumes => {
                 if keys.files.is_empty() {
                     return Err(missing("volumes", "body.files, a list of mesh files from coarse to fine"));
                 }
                 let unit = unit("volumes")?;
-                let read = |file: &PathBuf| {
+                let mut read = |file: &PathBuf| {
                     let labels = keys.labels.as_deref();
-                    let mut mesh = mesh_io::read_labelled(&at(file), unit, labels).map_err(|e| failed(at(file), e))?;
-                    mesh.mesh.nodes.iter_mut().for_each(|u| *u *= keys.scale);
-                    Ok(mesh)
+                    let read =
+                        Input::read(&at(file), unit, keys.scale, 0.0, labels).map_err(|e| failed(at(file), e))?;
+                    let solid = self.one_body(&at(file), read, &Fineness::Automatic, progress)?;
+                    mesh_io::volume_of(solid).map_err(|e| failed(at(file), e))
                 };
-                let meshes = keys.files.iter().map(read).collect::<Result<Vec<LabelledMesh>, SceneError>>()?;
+                let meshes = keys.files.iter().map(&mut read).collect::<Result<Vec<LabelledMesh>, SceneError>>()?;
                 prepare::Shape::Meshes { meshes, display_vertices: keys.display_vertices }
             }
         }))
