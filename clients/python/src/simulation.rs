@@ -77,7 +77,9 @@ impl Simulation {
     fn pose_event(&mut self, tool: usize, pose: Pose) -> ToolEvent {
         self.sequence[tool] += 1;
         let sequence = self.sequence[tool];
-        ToolEvent::Pose(PoseSample { sequence, time_ns: self.core.tick() * 1_000_000, pose, buttons: 0 })
+        // As in a trajectory, whose times [s] begin with the tick in which the tool is taken.
+        let time = self.core.tick().saturating_sub(1) as f64 / 1000.0;
+        ToolEvent::Pose(PoseSample { sequence, time_ns: (time * 1e9) as u64, pose, buttons: 0 })
     }
 }
 
