@@ -402,11 +402,14 @@ fn each_crate_needs_no_more_than_it_may() {
     let network = ["zenoh", "tokio", "prost", "palpate-proto", "palpate-sdk"];
     let system = ["rustix", "libc", "core_affinity", "thread-priority", "rayon", "tracing", "mcap"];
     let pictures = ["plotters", "png", "epaint_default_fonts", "palpate-viewer", "ratatui"];
-    let above = ["palpate", "palpate-study"];
+    let above = ["palpate", "palpate-study", "palpate-core", "palpate-body"];
+    const C: [&str; 4] = ["zstd", "zstd-safe", "zstd-sys", "lz4-sys"];
     let all = |lists: &[&[&'static str]]| lists.concat();
     for (package, more, most, none_of) in [
-        ("palpate-core", &[][..], 60, all(&[&network, &system, &pictures, &above, &["palpate-body"]])),
-        ("palpate-body", &[], 90, all(&[&network, &pictures, &above, &["rustix", "tracing", "mcap"]])),
+        ("palpate-core", &[][..], 60, all(&[&network, &system, &pictures, &above[..2], &["palpate-body"]])),
+        ("palpate-body", &[], 90, all(&[&network, &pictures, &above[..2], &["rustix", "tracing", "mcap"]])),
+        // What clients compute, in whatever language, has no network and no C.
+        ("palpate-client", &[], 70, all(&[&["zenoh", "tokio", "palpate-sdk"], &system, &pictures, &above, &C])),
         // A server of its own draws nothing.
         ("palpate", &["--no-default-features"], usize::MAX, vec!["plotters", "png", "palpate-viewer", "palpate-study"]),
         ("palpate", &[], usize::MAX, vec!["palpate-study"]),
@@ -425,6 +428,7 @@ fn clients_know_no_server_and_nothing_that_only_linux_has() {
     let ours = ["palpate =", "palpate.", "palpate-core", "palpate-body", "palpate-study"];
     for (client, words) in [
         ("proto", &["rustix", "libc", "zenoh"][..]),
+        ("clients/client", &["rustix", "libc", "zenoh"]),
         ("clients/sdk", &["rustix", "libc"]),
         ("clients/phantom", &["rustix", "libc"]),
         ("clients/viewer", &["rustix", "libc"]),
@@ -440,6 +444,19 @@ fn clients_know_no_server_and_nothing_that_only_linux_has() {
             for word in ["std::os::linux", "std::os::unix", "eventfd"] {
                 assert!(!text.contains(word), "{}: {word}", file.display());
             }
+        }
+    }
+}
+
+#[test]
+fn what_clients_compute_reads_no_clock_and_no_network() {
+    let mut files = Vec::new();
+    sources(&root().join("clients/client/src"), &mut files);
+    assert!(files.len() > 10, "the scan found only {} files", files.len());
+    for file in files {
+        let code = code(&file);
+        for word in ["std::time", "Instant", "SystemTime", "std::net", "std::thread", "extern \"C\"", "unsafe"] {
+            assert!(!code.contains(word), "{}: {word}", file.display());
         }
     }
 }

@@ -1,7 +1,8 @@
 //! The wire contract of Palpate: generated messages, key expressions and the version.
 //!
-//! `palpate.proto` beside this crate's manifest is the documentation of every message; [`keys`] is the only place
-//! where key expressions are written down, [`surface`] how the vertices of a frame are coded.
+//! `palpate.proto` beside this crate's manifest is the documentation of every message, `contract.md` that of who sends what,
+//! when and how; [`keys`] is the only place where key expressions are written down, [`surface`] how the vertices of a frame
+//! are coded.
 
 #![allow(rustdoc::broken_intra_doc_links, reason = "units stand in square brackets, as in `[m]`")]
 
@@ -23,10 +24,25 @@ pub const VERSION_MINOR: u32 = 3;
 /// Minor version since which the surface stream is as it is now: what a viewer needs at least.
 pub const SURFACE_MINOR: u32 = 1;
 
-/// The serialised `FileDescriptorSet` of the contract: the schema that recordings embed.
+/// The serialised `FileDescriptorSet` of the contract, also in `palpate.desc`: the schema that recordings embed.
 pub const DESCRIPTOR_SET: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/palpate.bin"));
 
 /// Full protobuf name of a message of this contract, as recordings name their schemas.
 pub fn schema_name(message: &str) -> String {
     format!("palpate.v1.{message}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_descriptor_set_beside_the_contract_is_that_of_the_contract() {
+        let file = concat!(env!("CARGO_MANIFEST_DIR"), "/palpate.desc");
+        if std::env::var_os("PALPATE_WRITE_VECTORS").is_some() {
+            std::fs::write(file, DESCRIPTOR_SET).unwrap();
+        }
+        let same = std::fs::read(file).unwrap() == DESCRIPTOR_SET;
+        assert!(same, "PALPATE_WRITE_VECTORS=1 cargo test -p palpate-proto writes it anew");
+    }
 }

@@ -12,6 +12,9 @@
 //!
 //! Levels of detail, a byte a vertex, are coded alike: minus the level of the earlier neighbour of the greatest number,
 //! modulo 256, then zstd. All whole numbers are 32 bits wide and wrap, so that whatever is coded comes back.
+//!
+//! A vertex's prediction needs the vertices before it decoded: a decoder goes through a part in order, and cannot do so in
+//! parallel. Vectors that any decoder can be held to stand in `proto/vectors/surface.json`.
 
 /// Vertices of each part of a frame but the last: even if zstd gains nothing, a part with levels and tools stays below
 /// [`MOST_MESSAGE_BYTES`].
@@ -26,7 +29,12 @@ pub const EVERY: [u32; 4] = [1, 2, 4, 8];
 /// A frame in so many is a key frame: two a second, and part of the stream of every eighth.
 pub const KEY_INTERVAL: u64 = 16;
 
+/// Largest window of a zstd frame that is decoded [bytes], far more than a part has: what foreign bytes may make a decoder
+/// allocate.
+const MOST_WINDOW_BYTES: u64 = 1 << 20;
+
 /// zstd's level: on a stroked liver and a stabbed toy, level 3 gains nothing, and lz4 takes 1.2 to 1.9 times the bytes.
+#[cfg(feature = "encode")]
 const ZSTD_LEVEL: i32 = 1;
 
 /// A vertex on the grid.
@@ -138,6 +146,7 @@ impl SurfaceCode {
     ///
     /// # Errors
     /// [`CodeError::Part`], or [`CodeError::Compression`] when zstd has no memory.
+    #[cfg(feature = "encode")]
     pub fn encode(&self, part: usize, reference: &[GridPoint], now: &[GridPoint]) -> Result<Vec<u8>, CodeError> {
         let range = self.part(part)?;
         let n = range.len();
@@ -154,7 +163,7 @@ impl SurfaceCode {
     }
 
     /// Decodes the vertices of `part` against `reference` (vertices) into `now` (vertices); whatever the bytes are, it
-    /// takes no more memory than the part.
+    /// takes 2 MiB of memory at most.
     ///
     /// # Errors
     /// Every [`CodeError`]; `now` is then as it was.
@@ -183,6 +192,7 @@ impl SurfaceCode {
     ///
     /// # Errors
     /// As [`encode`](Self::encode).
+    #[cfg(feature = "encode")]
     pub fn encode_levels(&self, part: usize, levels: &[u8]) -> Result<Vec<u8>, CodeError> {
         let residual = |v: usize| levels[v].wrapping_sub(self.earlier(v).last().map_or(0, |e| levels[*e as usize]));
         compress(&self.part(part)?.map(residual).collect::<Vec<_>>())
@@ -225,6 +235,7 @@ fn minus(a: GridPoint, b: GridPoint) -> GridPoint {
     [0, 1, 2].map(|c| a[c].wrapping_sub(b[c]))
 }
 
+#[cfg(feature = "encode")]
 fn compress(bytes: &[u8]) -> Result<Vec<u8>, CodeError> {
     let failed = |e: std::io::Error| CodeError::Compression { expected: bytes.len(), reason: e.to_string() };
     zstd::bulk::compress(bytes, ZSTD_LEVEL).map_err(failed)
@@ -233,12 +244,15 @@ fn compress(bytes: &[u8]) -> Result<Vec<u8>, CodeError> {
 /// Exactly `expected` bytes.
 fn decompress(bytes: &[u8], expected: usize) -> Result<Vec<u8>, CodeError> {
     let mut room = vec![0; expected];
-    let failed = |e: std::io::Error| CodeError::Compression { expected, reason: e.to_string() };
-    let got = zstd::bulk::decompress_to_buffer(bytes, &mut room[..]).map_err(failed)?;
+    let failed =
+        |e: ruzstd::decoding::errors::FrameDecoderError| CodeError::Compression { expected, reason: e.to_string() };
+    let mut decoder = ruzstd::decoding::FrameDecoder::new();
+    decoder.set_max_window_size(MOST_WINDOW_BYTES);
+    let got = decoder.decode_all(bytes, &mut room).map_err(failed)?;
     if got == expected { Ok(room) } else { Err(CodeError::Length { expected, got }) }
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "encode"))]
 mod tests {
     use super::*;
     use proptest::prelude::*;

@@ -50,6 +50,7 @@ macro_rules! page {
         /// [`palpate_core::stepping::constraint_solve`]: palpate_core::stepping::constraint_solve
         /// [`palpate_core::stepping::governor`]: palpate_core::stepping::governor
         /// [`palpate_core::stepping::work`]: palpate_core::stepping::work
+        /// [`contract.md`]: palpate_proto
         /// [`palpate_proto::surface`]: palpate_proto::surface
         /// [`palpate_sdk::Clutch`]: palpate_sdk::Clutch
         /// [`palpate_sdk::Frame`]: palpate_sdk::Frame

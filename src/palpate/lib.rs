@@ -13,6 +13,10 @@
 //! - `palpate`, this one: scenes, recordings, the real-time thread, the server and the command line;
 //! - `palpate-study`, the paper's figures, its printed variants and what adaptive resolution buys; no part of the others.
 //!
+//! Clients stand beside them, and know none but the contract, `palpate-proto`: `palpate-client` is what all of them compute,
+//! without network, C or clock; `palpate-sdk` adds zenoh and the interface for C; phantom and viewer use it. The package for
+//! Python has both sides, as it simulates in process, too.
+//!
 //! Data flows down this list, after the core and the bodies. A module may use what stands above it, and only that;
 //! `tests/layering.rs` holds it to it.
 //!

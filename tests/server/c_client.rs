@@ -5,7 +5,7 @@ mod c_program;
 
 use crate::serve;
 use crate::viewers::Viewer;
-use c_program::{compile_example, held_forces, run};
+use c_program::{Linked, compile_example, held_forces, run};
 use palpate_sdk::{Connection, Moment, WatchOptions};
 use std::path::Path;
 use std::process::Command;
@@ -15,7 +15,7 @@ use std::sync::Arc;
 fn the_example_in_c_feels_the_real_body() {
     let running = serve();
     let program = running.folder.path().join("touch");
-    compile_example(&Path::new(env!("CARGO_MANIFEST_DIR")).join("clients/sdk"), &program);
+    compile_example(&Path::new(env!("CARGO_MANIFEST_DIR")).join("clients/sdk"), "touch", Linked::Shared, &program);
     let viewer = Connection::open_surface(&running.endpoints).unwrap();
     let viewer = Viewer::watch(&viewer, WatchOptions::default());
     let endpoints = &running.endpoints;

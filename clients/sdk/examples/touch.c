@@ -2,9 +2,8 @@
  *
  * On Linux, from the root of the repository, beside a running `palpate serve`:
  *
- *     cargo build --release -p palpate-sdk
- *     cc -std=c99 -Iclients/sdk/include clients/sdk/examples/touch.c target/release/libpalpate_sdk.a \
- *        -lpthread -ldl -lm -o touch
+ *     cargo build --profile library -p palpate-sdk
+ *     cc -std=c99 -Iclients/sdk/include clients/sdk/examples/touch.c target/library/libpalpate_sdk.so -lm -o touch
  *     ./touch [FORCE_ENDPOINT SURFACE_ENDPOINT SESSION [X Y Z]]
  *
  * X Y Z [m] is the place in the body that is touched; the origin without it.
@@ -43,6 +42,7 @@ int main(int argc, char **argv)
     const char *session = argc > 3 ? argv[3] : NULL;
     const struct timespec period = {0, 1000000}; /* 1 ms; a real device's driver calls back instead */
     double force[3] = {0.0, 0.0, 0.0};
+    palpate_tool_state state;
     const double device_origin[3] = {0.0, 0.0, 0.0};
     double place[3] = {0.0, 0.0, 0.0};
     palpate_attachment attachment;
@@ -77,6 +77,11 @@ int main(int argc, char **argv)
     }
     printf("library %s, at the end %.3f N up, %.3f N aside\n", palpate_version(), force[1],
            sqrt(force[0] * force[0] + force[2] * force[2]));
+
+    if (palpate_state(client, &state) != 0)
+        return fail("state");
+    printf("%s, %s, newest wrench %.3f s old\n", state.hold == PALPATE_HELD ? "held" : "not held",
+           state.phase == PALPATE_ENGAGED ? "engaged" : "not engaged", state.age);
 
     if (palpate_detach(client) != 0)
         return fail("detach");

@@ -1,8 +1,8 @@
 /* Palpate: touch soft bodies in real time. The client library for C and C++.
  *
- * Link with the static library that `cargo build --release -p palpate-sdk` leaves in target/release (libpalpate_sdk.a;
- * palpate_sdk.lib with MSVC), and with what the system needs beside: -lpthread -ldl -lm on Linux. examples/touch.c is a
- * whole client.
+ * `cargo build --profile library -p palpate-sdk` leaves it in target/library, stripped: shared (libpalpate_sdk.so,
+ * palpate_sdk.dll, libpalpate_sdk.dylib) and static (libpalpate_sdk.a; palpate_sdk.lib with MSVC). The static one needs of
+ * the system beside: -lpthread -ldl -lm on Linux. examples/touch.c and examples/watch.c are whole clients.
  *
  * Every pose and force here is in the frame of the device that palpate_attachment.frame names; forces are in newtons and
  * torques in newton metres in every frame. Bodies are touched in "body space": right-handed, metres, +x to the right,
@@ -11,7 +11,7 @@
  * Functions that return int return 0, or -1 where they failed; palpate_last_error() then says why, in plain words. NULL
  * where something is needed is such a failure. No pointer is kept after the call it was passed to.
  *
- * A palpate_client may be used by any thread, but by one at a time: connect and attach where the program starts, send
+ * A palpate_client may be used by any thread, but by one at a time, and so may a palpate_watch: connect and attach where the program starts, send
  * poses and ask for forces in the device's own loop, stop that loop, then detach and close. Functions without a client
  * may be called by any thread at any time.
  */
@@ -90,15 +90,54 @@ typedef struct palpate_pose {
 } palpate_pose;
 
 /* Sends a pose, as often as the attachment said. Does not wait for the network. A pose that is not finite, or whose
- * quaternion is zero, is a failure and not sent. */
+ * quaternion is zero, is a failure and not sent. While the tool is gone (see palpate_state) this is a failure, too; the
+ * pose is sent in case that it comes back. */
 int palpate_send_pose(palpate_client *client, const palpate_pose *pose);
 
 /* The force [N] to give now, and the torque [N m] unless that is NULL: call it at the device's own rate, 1 kHz or more,
  * with the position and velocity just read, in the unit of the frame and that per second. The local model of the newest
  * wrench answers; it fades when wrenches stop coming, and never exceeds the device's limit. Does not wait for the network.
- * Where it fails the force is zero. */
+ * Where it fails, and it does while the tool is gone, the force is zero. */
 int palpate_force(palpate_client *client, const double position[3], const double velocity[3], double force[3],
                   double torque[3]);
+
+/* Whether the tool is still in the hand. */
+enum palpate_hold {
+    PALPATE_HELD = 0,    /* wrenches come and answer the poses */
+    PALPATE_FADING = 1,  /* wrenches have stopped: the force fades, and is zero 70 ms after the last */
+    PALPATE_REFUSED = 2, /* the server takes none of the poses since 0.2 s: they are outside the workspace */
+    PALPATE_GONE = 3     /* no wrench for 1 s, or somebody else holds the tool: detach, and attach again */
+};
+
+/* Where a tool stands in its life: why there is no force. */
+enum palpate_phase {
+    PALPATE_DETACHED = 0, /* no pose has come to the server, or they stopped for 100 ms */
+    PALPATE_WAITING = 1,  /* the tool has to leave the body before it can touch it */
+    PALPATE_ENGAGED = 2,  /* forces are rendered */
+    PALPATE_HOLDING = 3   /* poses are late: the force fades */
+};
+
+/* Bits of palpate_tool_state.flags: why the force differs from the physical one. */
+enum palpate_flag {
+    PALPATE_CLAMPED = 1,          /* by the force limit */
+    PALPATE_SLEW_LIMITED = 2,     /* by the slew limit */
+    PALPATE_RAMPING = 4,          /* by the ramp at engage or at loss */
+    PALPATE_SPEED_LIMITED = 8,    /* the simulated tool lags the pose */
+    PALPATE_STATE_RESTORED = 16,  /* a state that was not finite was replaced */
+    PALPATE_SUBSTEPS_DROPPED = 32 /* the work budget did not cover the tick */
+};
+
+/* How the tool is doing. */
+typedef struct palpate_tool_state {
+    int32_t hold;            /* enum palpate_hold */
+    int32_t phase;           /* enum palpate_phase, of the newest wrench */
+    uint32_t flags;          /* of the newest wrench */
+    uint32_t contact_points; /* that carry force in it; 0: free */
+    double age;              /* of the newest wrench since its arrival, or of the attachment before the first [s] */
+} palpate_tool_state;
+
+/* Fills in how the tool is doing. A failure only where the client has attached none: that a tool is gone is an answer. */
+int palpate_state(palpate_client *client, palpate_tool_state *state);
 
 /* While the clutch is pressed (not 0) the tool stays where it is in the body and the hand moves freely; afterwards the
  * motion goes on from there, without a jump, and the force comes back within 0.2 s. Goes on the next pose or force. */
@@ -109,6 +148,46 @@ int palpate_detach(palpate_client *client);
 
 /* Closes the connection and frees the client, and gives back a tool that it still holds. NULL is allowed. */
 void palpate_close(palpate_client *client);
+
+/* ---- the surface as it moves ---- */
+
+typedef struct palpate_watch palpate_watch;
+
+/* Watches the surface: every frame (1) of 31.25 a second, every second (2), fourth (4) or eighth (8), with the level of
+ * detail of each vertex (not 0) or without. NULL for the endpoint or the session means that of a server on this machine.
+ * It goes on by itself after lost frames, a lost connection or a restart of the server. Returns NULL where it failed. */
+palpate_watch *palpate_watch_open(const char *surface_endpoint, const char *session, uint32_t every, int levels);
+
+/* A tool that somebody holds. */
+typedef struct palpate_shown_tool {
+    uint32_t tool;
+    int32_t phase;        /* enum palpate_phase */
+    float position[3];    /* [m] */
+    float orientation[4]; /* quaternion x, y, z, w */
+    float force[3];       /* [N] on the tool, rendered */
+} palpate_shown_tool;
+
+/* The surface at one tick, in body space [m]. The pointers are valid until the next call for this watch. */
+typedef struct palpate_surface {
+    uint32_t topology;      /* another number: other triangles */
+    uint64_t tick;          /* simulated time [ms] */
+    uint64_t sequence;      /* +1 with every frame of the server */
+    size_t vertices;
+    size_t triangles;
+    size_t tools;
+    const float *positions; /* 3 * vertices [m] */
+    const float *normals;   /* 3 * vertices, unit, out of the body */
+    const uint32_t *indices; /* 3 * triangles vertex numbers, counter-clockwise seen from outside */
+    const uint8_t *levels;  /* vertices, 0 the coarsest; NULL without levels */
+    const palpate_shown_tool *shown_tools; /* tools */
+} palpate_surface;
+
+/* Fills in the newest surface. Returns 1 where it is newer than that of the last call, 0 where none has come since, which
+ * leaves the surface as it was, and -1 where it failed. Does not wait for the network. */
+int palpate_watch_latest(palpate_watch *watch, palpate_surface *surface);
+
+/* Ends a watch. NULL is allowed. */
+void palpate_watch_close(palpate_watch *watch);
 
 #ifdef __cplusplus
 }

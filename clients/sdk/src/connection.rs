@@ -2,6 +2,7 @@
 
 use std::time::{Duration, Instant};
 
+use palpate_client::ClientError;
 use palpate_proto::{
     ControlReply, ControlRequest, Message, Session, Status, VERSION_MAJOR,
     keys::{self, DEFAULT_FORCE_ENDPOINT, DEFAULT_SESSION, DEFAULT_SURFACE_ENDPOINT},
@@ -119,7 +120,7 @@ impl Connection {
         message: &'static str,
     ) -> Result<M, SdkError> {
         let first = self.ask_all(key, payload, message)?.into_iter().next();
-        first.ok_or_else(|| SdkError::Undecodable { message, reason: "it is no answer".to_owned() })
+        first.ok_or_else(|| ClientError::Undecodable { message, reason: "it is no answer".to_owned() }.into())
     }
 
     /// Asks one queryable of the surface endpoint and decodes its answers, at least one, each on a key of its own.
@@ -158,7 +159,7 @@ impl Connection {
             reason: reason(error),
         })?;
         let no_answer = || SdkError::NoAnswer { key: key.clone(), endpoint: self.endpoints.surface.clone() };
-        let undecodable = |reason: String| SdkError::Undecodable { message, reason };
+        let undecodable = |reason: String| SdkError::Client(ClientError::Undecodable { message, reason });
         let mut answers = Vec::new();
         // The channel closes after the last reply; without any when nobody offers this key.
         while let Ok(reply) = replies.recv() {

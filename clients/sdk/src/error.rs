@@ -1,5 +1,7 @@
 //! What can go wrong between a client and a server.
 
+use palpate_client::ClientError;
+
 /// Every failure of this crate, worded for the person in front of the client.
 #[derive(Debug, thiserror::Error)]
 pub enum SdkError {
@@ -46,44 +48,15 @@ pub enum SdkError {
         /// Version of this client.
         client: String,
     },
-    /// A message came that is not what the contract says.
-    #[error("undecodable {message}: {reason}")]
-    Undecodable {
-        /// Name of the message.
-        message: &'static str,
-        /// What is wrong with it.
-        reason: String,
+    /// The tool is no longer this client's: it was freed or taken, or the server or the network is away.
+    #[error("the tool is gone: nothing has come of it for {silence_s:.1} s, or somebody else holds it. Attach again")]
+    ToolGone {
+        /// Age of its newest wrench [s].
+        silence_s: f64,
     },
-    /// Nothing here has this name.
-    #[error("there is no {what} \"{name}\", only {known}")]
-    Unknown {
-        /// What was looked for: a device, a frame, a mode.
-        what: &'static str,
-        /// The name, as given.
-        name: String,
-        /// The names there are.
-        known: String,
-    },
-    /// A device file cannot be read, or says what no device can do.
-    #[error("{file}: {reason}")]
-    DeviceFile {
-        /// The file, as given.
-        file: String,
-        /// The line or the key, and what is wrong with it.
-        reason: String,
-    },
-    /// Points or numbers that give no registration.
-    #[error("no registration: {0}")]
-    Registration(String),
-    /// A link cannot lose this share of what is sent.
-    #[error("the loss is {loss}: it is a share, 0 to 1")]
-    Link {
-        /// The loss, as given.
-        loss: f64,
-    },
-    /// A pose to be sent holds a number that is not finite as f32; it was not sent.
-    #[error("the pose is not finite")]
-    PoseNotFinite,
+    /// A name, a file, numbers or a message that make no sense.
+    #[error(transparent)]
+    Client(#[from] ClientError),
 }
 
 /// What zenoh says, without the place in its source code that it appends to every message as ` at <file>.rs:<line>.`

@@ -1,4 +1,6 @@
-//! What every Palpate client shares: connect, poses out, wrenches and surface in.
+//! What every Palpate client shares over zenoh: connect, poses out, wrenches and surface in.
+//!
+//! What needs no network stands in [`palpate_client`], which this crate exports as a whole.
 //!
 //! Data flow: [`Connection::open`] connects, [`Connection::attach`] takes a [`Tool`], [`Tool::send_pose`] says where it
 //! is held, and the server answers each tick with a [`Wrench`]. Viewers use [`Connection::open_surface`] and
@@ -17,30 +19,18 @@
 
 mod c_api;
 mod connection;
-mod device;
 mod echo;
 mod error;
-mod frame;
-mod link;
-mod registration;
-mod renderer;
-mod surface;
 mod tool;
-mod wrench;
+mod watch;
 
 pub use connection::{Connection, Endpoints, Subscription};
-pub use device::Device;
 pub use echo::EchoProbe;
 pub use error::SdkError;
-pub use frame::Frame;
-pub use link::{Link, LinkConditions};
-pub use palpate_proto as proto;
+pub use palpate_client::*;
 pub use palpate_proto::{
     ControlReply, ControlRequest, Organ, Session, Status, SurfaceFrame, SurfaceTopology, ToolDescription, ToolPhase,
     ToolState, control_request,
 };
-pub use registration::{Clutch, Fit, Registration};
-pub use renderer::{RenderMode, Renderer};
-pub use surface::{Moment, Surface, SurfaceDecoder, SurfaceWatch, WatchCounters, WatchOptions};
-pub use tool::{Attachment, Counters, PoseSample, Received, Tool};
-pub use wrench::{LocalModel, WRENCH_BYTES, Wrench, watchdog_scale};
+pub use tool::{Attachment, Counters, Received, Tool, ToolStatus};
+pub use watch::{SurfaceWatch, WatchCounters, WatchOptions};

@@ -2,10 +2,11 @@
 
 use std::sync::{
     Arc, Mutex, PoisonError,
-    atomic::{AtomicU64, Ordering::Relaxed},
+    atomic::{AtomicBool, AtomicU64, Ordering::Relaxed},
 };
 
-use palpate_proto::{Attach, ControlRequest, Detach, Message, ToolPose, ToolWrench, control_request::Request, keys};
+use palpate_client::{ClientError, Device, Grip, Hold, PoseSample, Registration, Wrench, watchdog_scale};
+use palpate_proto::{Attach, ControlRequest, Detach, Message, ToolPhase, ToolWrench, control_request::Request, keys};
 use triple_buffer::triple_buffer;
 use zenoh::{
     Wait,
@@ -14,50 +15,10 @@ use zenoh::{
 };
 
 use crate::{
-    Connection, Device, Registration, SdkError, Wrench,
+    Connection, SdkError,
     connection::{nanoseconds_since, realtime_publisher},
     error::reason,
-    wrench::watchdog_scale,
 };
-
-/// Where the tool is held, as the device measures it.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PoseSample {
-    /// (3) [m] of the tool's reference point, in the world frame.
-    pub position: [f64; 3],
-    /// (4) unit quaternion x, y, z, w.
-    pub orientation: [f64; 4],
-    /// (3) [m/s], for the [`Renderer`](crate::Renderer) beside the device: it is not sent. `None` where the device does not
-    /// measure it.
-    pub linear_velocity: Option<[f64; 3]>,
-    /// Bit i = button i held.
-    pub buttons: u32,
-}
-
-impl PoseSample {
-    /// True when every number is finite.
-    pub(crate) fn is_finite(&self) -> bool {
-        let velocity = self.linear_velocity.iter().flatten();
-        self.position.iter().chain(&self.orientation).chain(velocity).all(|number| number.is_finite())
-    }
-
-    /// The message of this pose. Errors: [`SdkError::PoseNotFinite`] when a number is not finite as f32.
-    fn message(&self, epoch: u32, sequence: u32, time_ns: u64) -> Result<ToolPose, SdkError> {
-        Ok(ToolPose {
-            epoch,
-            sequence,
-            time_ns,
-            position: finite(&self.position)?,
-            orientation: finite(&self.orientation)?,
-            buttons: self.buttons,
-        })
-    }
-}
-
-fn finite(values: &[f64]) -> Result<Vec<f32>, SdkError> {
-    let values: Vec<f32> = values.iter().map(|&value| value as f32).collect();
-    if values.iter().all(|value| value.is_finite()) { Ok(values) } else { Err(SdkError::PoseNotFinite) }
-}
 
 /// How to take a tool.
 #[derive(Clone, Debug, PartialEq)]
@@ -124,12 +85,29 @@ pub struct Counters {
     pub foreign: u64,
 }
 
+/// How a tool is doing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ToolStatus {
+    /// Whether it is still in the hand.
+    pub hold: Hold,
+    /// Phase of the newest wrench; detached before the first.
+    pub phase: ToolPhase,
+    /// Bits of `WrenchFlag` of the newest wrench.
+    pub flags: u32,
+    /// Age of the newest wrench since its arrival, or of the attachment before the first [ns].
+    pub age_ns: u64,
+    /// Contacts that carry force in the newest wrench.
+    pub contact_points: u32,
+}
+
 #[derive(Default)]
 struct AtomicCounters {
     received: AtomicU64,
     missed: AtomicU64,
     undecodable: AtomicU64,
     foreign: AtomicU64,
+    /// A foreign wrench has come after one of the own epoch: the tool has another holder.
+    taken: AtomicBool,
 }
 
 /// What the receiving callback writes: the newest wrench with its arrival [ns].
@@ -145,6 +123,7 @@ pub struct Tool {
     sequence: u32,
     newest: Option<(Wrench, u64)>,
     seen: bool,
+    grip: Grip,
     wrenches: triple_buffer::Output<Option<(Wrench, u64)>>,
     counters: Arc<AtomicCounters>,
     poses: Publisher<'static>,
@@ -173,10 +152,9 @@ impl Connection {
         let force = self.force_session()?;
         let Attachment { client, tool, rate_hz, coupling_stiffness, coupling_angular_stiffness } = attachment.clone();
         let attach = Attach { client, tool, rate_hz, coupling_stiffness, coupling_angular_stiffness };
-        let attached = self
-            .control(ControlRequest { request: Some(Request::Attach(attach)) })?
-            .attached
-            .ok_or(SdkError::Undecodable { message: "ControlReply", reason: "attach was not answered".to_owned() })?;
+        let attached = self.control(ControlRequest { request: Some(Request::Attach(attach)) })?.attached.ok_or(
+            ClientError::Undecodable { message: "ControlReply", reason: "attach was not answered".to_owned() },
+        )?;
         let (id, epoch) = (attached.tool, attached.epoch);
         let session = &self.endpoints().session;
 
@@ -195,6 +173,8 @@ impl Connection {
                 };
                 if message.epoch != epoch {
                     counted.foreign.fetch_add(1, Relaxed);
+                    let inbox = inbox.lock().unwrap_or_else(PoisonError::into_inner);
+                    counted.taken.fetch_or(inbox.last_sequence.is_some(), Relaxed);
                     return;
                 }
                 let Ok(wrench) = Wrench::try_from(&message) else {
@@ -232,6 +212,7 @@ impl Connection {
             sequence: 0,
             newest: None,
             seen: false,
+            grip: Grip::new(self.now_ns()),
             wrenches,
             counters,
             poses,
@@ -260,12 +241,15 @@ impl Tool {
 
     /// Sends a pose with the current time and returns its sequence number, which counts from 1.
     ///
-    /// Does not wait for the network: a pose that cannot leave now is dropped. Errors: [`SdkError::PoseNotFinite`],
+    /// Does not wait for the network: a pose that cannot leave now is dropped. Errors: [`ClientError::PoseNotFinite`],
     /// [`SdkError::Zenoh`] when the connection is closed.
     pub fn send_pose(&mut self, pose: PoseSample) -> Result<u32, SdkError> {
         let sequence = self.sequence.wrapping_add(1);
-        let message = pose.message(self.epoch, sequence, self.now_ns())?;
+        let now_ns = self.now_ns();
+        let message = pose.message(self.epoch, sequence, now_ns)?;
         self.sequence = sequence;
+        self.refresh();
+        self.grip.sent(sequence, now_ns);
         self.poses.put(message.encode_to_vec()).wait().map_err(|error| SdkError::Zenoh {
             operation: "publish on",
             key: self.poses.key_expr().to_string(),
@@ -288,6 +272,29 @@ impl Tool {
         safe_force(self.newest.as_ref(), now_ns)
     }
 
+    /// How the tool is doing at `now_ns`.
+    pub fn status(&mut self, now_ns: u64) -> ToolStatus {
+        self.refresh();
+        let newest = self.newest.map(|(wrench, _)| wrench);
+        ToolStatus {
+            hold: self.grip.hold(now_ns),
+            phase: newest.map_or(ToolPhase::Detached, |wrench| wrench.phase),
+            flags: newest.map_or(0, |wrench| wrench.flags),
+            age_ns: self.grip.age_ns(now_ns),
+            contact_points: newest.map_or(0, |wrench| wrench.contact_points),
+        }
+    }
+
+    /// Errors: [`SdkError::ToolGone`] when the tool is no longer in the hand at `now_ns`: for those who would otherwise
+    /// take it for air.
+    pub fn check(&mut self, now_ns: u64) -> Result<(), SdkError> {
+        let status = self.status(now_ns);
+        match status.hold {
+            Hold::Gone => Err(SdkError::ToolGone { silence_s: status.age_ns as f64 * 1e-9 }),
+            Hold::Held | Hold::Fading | Hold::Refused => Ok(()),
+        }
+    }
+
     /// What became of the wrenches so far.
     pub fn counters(&self) -> Counters {
         Counters {
@@ -308,6 +315,12 @@ impl Tool {
         if self.wrenches.update() {
             self.newest = *self.wrenches.output_buffer();
             self.seen = false;
+            if let Some((wrench, arrival_ns)) = &self.newest {
+                self.grip.received(wrench, *arrival_ns);
+            }
+        }
+        if self.counters.taken.load(Relaxed) {
+            self.grip.taken();
         }
     }
 }
@@ -336,15 +349,6 @@ mod tests {
 
     use super::*;
 
-    fn pose() -> PoseSample {
-        PoseSample {
-            position: [0.1, 0.2, 0.3],
-            orientation: [0.0, 0.0, 0.0, 1.0],
-            linear_velocity: Some([1.0, 2.0, 3.0]),
-            buttons: 5,
-        }
-    }
-
     fn wrench(force: [f64; 3]) -> Wrench {
         Wrench {
             sequence: 1,
@@ -362,22 +366,6 @@ mod tests {
             phase: ToolPhase::Engaged,
             flags: 0,
             model: None,
-        }
-    }
-
-    #[test]
-    fn a_pose_keeps_every_number_that_is_sent() {
-        let message = pose().message(7, 2, 99).unwrap();
-        assert_eq!((message.epoch, message.sequence, message.time_ns, message.buttons), (7, 2, 99, 5));
-        assert_eq!(message.position, [0.1f32, 0.2, 0.3]);
-        assert_eq!(message.orientation, [0.0f32, 0.0, 0.0, 1.0]);
-    }
-
-    #[test]
-    fn a_pose_that_is_not_finite_as_f32_is_not_sent() {
-        for bad in [f64::NAN, f64::INFINITY, 1e60] {
-            let pose = PoseSample { position: [0.0, bad, 0.0], ..pose() };
-            assert!(matches!(pose.message(1, 1, 1), Err(SdkError::PoseNotFinite)));
         }
     }
 

@@ -1,14 +1,19 @@
-//! The C interface as a C program meets it: the header with the system's compiler, and the example, linked with the static
-//! library, against the stand-in server.
+//! The C interface as a C program meets it: the header with the system's compiler, and the examples, linked with the static
+//! and the shared library, against the stand-in server.
 #![cfg(unix)] // the flags are those of cc
 
 mod c_program;
 mod fake_server;
 
-use std::{path::Path, process::Command};
+use std::{
+    path::Path,
+    process::{Command, Stdio},
+    sync::atomic::Ordering::Relaxed,
+    time::Duration,
+};
 
-use c_program::{compile_example, held_forces, run};
-use fake_server::{FLOOR_STIFFNESS, FakeServer, TOOL_RADIUS};
+use c_program::{Linked, compile_example, held_forces, run};
+use fake_server::{FLOOR_STIFFNESS, FakeServer, TOOL_RADIUS, height};
 
 fn sdk() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -30,7 +35,7 @@ fn the_example_in_c_feels_the_floor() {
     let server = FakeServer::current();
     let folder = tempfile::tempdir().unwrap();
     let program = folder.path().join("touch");
-    compile_example(sdk(), &program);
+    compile_example(sdk(), "touch", Linked::Static, &program);
 
     let endpoints = &server.endpoints;
     let said = run(Command::new(&program).args([&endpoints.force, &endpoints.surface, &endpoints.session]));
@@ -40,9 +45,82 @@ fn the_example_in_c_feels_the_floor() {
     let most = held_forces(&said).into_iter().fold(0.0, f64::max);
     assert!((most / expected - 1.0).abs() < 1e-3, "{expected} N expected\n{said}");
 
+    assert!(said.contains("held, engaged, newest wrench"), "{said}");
+
     // Errors are text.
     let elsewhere = Command::new(&program).args([&endpoints.force, &endpoints.surface, "a/b"]).output().unwrap();
     assert!(!elsewhere.status.success());
     let complaint = String::from_utf8_lossy(&elsewhere.stderr);
     assert!(complaint.contains("connect: 'a/b' cannot be a session name"), "{complaint}");
+}
+
+#[test]
+fn the_example_in_c_says_when_its_tool_is_gone() {
+    let server = FakeServer::current();
+    let folder = tempfile::tempdir().unwrap();
+    let program = folder.path().join("touch");
+    compile_example(sdk(), "touch", Linked::Shared, &program);
+    let endpoints = &server.endpoints;
+    // In the air no force tells that wrenches have stopped.
+    server.mute.store(true, Relaxed);
+    let elsewhere = ["0", "0", "0.1"];
+    let mut command = Command::new(&program);
+    command.args([&endpoints.force, &endpoints.surface, &endpoints.session]).args(elsewhere);
+    let output = command.output().unwrap();
+    let complaint = String::from_utf8_lossy(&output.stderr);
+    assert!(!output.status.success() && complaint.contains("send a pose: the tool is gone"), "{complaint}");
+}
+
+#[test]
+fn the_example_in_c_shows_the_surface() {
+    let server = FakeServer::current();
+    let folder = tempfile::tempdir().unwrap();
+    let program = folder.path().join("watch");
+    compile_example(sdk(), "watch", Linked::Shared, &program);
+    let endpoints = &server.endpoints;
+    let watching = Command::new(&program)
+        .args([&endpoints.surface, &endpoints.session, "3"])
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let watching = std::thread::spawn(|| watching.wait_with_output().unwrap());
+    for sequence in 16.. {
+        if watching.is_finished() {
+            break;
+        }
+        assert!(sequence < 3000, "it watches on");
+        server.publish_frame(sequence, false);
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    let output = watching.join().unwrap();
+    let said = String::from_utf8_lossy(&output.stdout);
+    assert!(output.status.success(), "{said}{}", String::from_utf8_lossy(&output.stderr));
+    let frames: Vec<&str> = said.lines().collect();
+    assert_eq!(frames.len(), 3, "{said}");
+    for frame in frames {
+        assert!(frame.contains("4 vertices, 2 triangles") && frame.ends_with("its normal 1.000 up"), "{frame}");
+        let number = |before: &str| frame.split_once(before).unwrap().1.split([':', ' ']).next().unwrap().to_owned();
+        let sequence: u64 = number("frame ").parse().unwrap();
+        let highest: f64 = number("highest ").parse().unwrap();
+        assert!((highest - height(sequence)).abs() < 2e-5, "{frame}");
+    }
+}
+
+#[test]
+fn the_header_declares_every_function_of_the_library() {
+    let names = |text: &str, before: &str| -> std::collections::BTreeSet<String> {
+        let name = |rest: &str| rest.chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect::<String>();
+        let found = text.match_indices(before).map(|(at, _)| (at, name(&text[at + before.len()..])));
+        found
+            .filter(|(at, name)| text[at + before.len() + name.len()..].starts_with('('))
+            .map(|(_, name)| name)
+            .collect()
+    };
+    let read = |file: &str| std::fs::read_to_string(sdk().join(file)).unwrap();
+    let code = read("src/c_api/mod.rs") + &read("src/c_api/watch.rs");
+    let header: String = read("include/palpate.h").split("/*").map(|part| part.split("*/").last().unwrap()).collect();
+    let declared = names(&header, "palpate_");
+    assert_eq!(declared, names(&code, "extern \"C\" fn palpate_"));
+    assert!(declared.len() > 15, "{declared:?}");
 }

@@ -9,8 +9,8 @@ use std::{
 
 use fake_server::{FLOOR_STIFFNESS, FakeServer, height};
 use palpate_sdk::{
-    Attachment, Connection, ControlRequest, Device, Endpoints, PoseSample, Registration, SdkError, SurfaceWatch,
-    WatchOptions,
+    Attachment, ClientError, Connection, ControlRequest, Device, Endpoints, PoseSample, Registration, SdkError,
+    SurfaceWatch, WatchOptions,
 };
 
 /// `tool` for `client`, held rigidly.
@@ -131,7 +131,10 @@ fn a_viewer_needs_no_force_channel_and_cannot_attach() {
     assert!(matches!(viewer.attach(&rigid("test", "", 1000.0)), Err(SdkError::NoForceChannel)));
     let watch = viewer.watch_surface(WatchOptions::default()).unwrap();
     assert_eq!(watch.surface().triangles, [[0, 1, 2], [0, 2, 3]]);
-    assert!(matches!(viewer.watch_surface(WatchOptions { every: 3, levels: false }), Err(SdkError::Unknown { .. })));
+    assert!(matches!(
+        viewer.watch_surface(WatchOptions { every: 3, levels: false }),
+        Err(SdkError::Client(ClientError::Unknown { .. }))
+    ));
 }
 
 /// A watch to which `server` already sends.

@@ -3,7 +3,9 @@
 use std::ffi::c_char;
 
 use super::border::Fallible;
-use crate::{Clutch, Connection, Device, Frame, PoseSample, Registration, RenderMode, Renderer, SdkError, Tool};
+use crate::{
+    Clutch, Connection, Device, Frame, PoseSample, Registration, RenderMode, Renderer, SdkError, Tool, ToolStatus,
+};
 
 /// `palpate_registration`.
 #[repr(C)]
@@ -16,7 +18,7 @@ pub struct CRegistration {
 impl CRegistration {
     /// The registration that a C program has filled in. Errors: it is none.
     pub(super) fn checked(&self) -> Result<Registration, SdkError> {
-        Registration::new(self.scale, self.rotation, self.translation)
+        Ok(Registration::new(self.scale, self.rotation, self.translation)?)
     }
 }
 
@@ -46,6 +48,16 @@ pub struct CPose {
     pub(super) buttons: u32,
 }
 
+/// `palpate_tool_state`.
+#[repr(C)]
+pub struct CToolState {
+    hold: i32,
+    phase: i32,
+    flags: u32,
+    contact_points: u32,
+    age: f64,
+}
+
 /// `palpate_client`.
 pub struct Client {
     pub(super) connection: Connection,
@@ -72,7 +84,7 @@ impl Held {
         Self { tool, renderer, frame, clutch: Clutch::new(registration), pressed: false, pose }
     }
 
-    /// Errors: those of [`Tool::send_pose`]; the pose is forgotten then.
+    /// Errors: those of [`Tool::send_pose`], the pose is forgotten then; or the tool is gone, and the pose was sent.
     pub(super) fn send_pose(&mut self, pose: &CPose) -> Result<(), SdkError> {
         let frame = &self.frame;
         let pose = PoseSample {
@@ -84,11 +96,18 @@ impl Held {
         let in_body = self.clutch.follow(&pose, self.pressed, self.tool.now_ns());
         self.tool.send_pose(in_body)?;
         self.pose = pose;
-        Ok(())
+        self.tool.check(self.tool.now_ns())
     }
 
-    /// Force [N] and torque [N·m] in the device's axes, for its position and velocity in its frame's unit.
-    pub(super) fn render(&mut self, position: [f64; 3], velocity: [f64; 3]) -> [[f64; 3]; 2] {
+    /// How the tool is doing.
+    pub(super) fn state(&mut self) -> CToolState {
+        let ToolStatus { hold, phase, flags, age_ns, contact_points } = self.tool.status(self.tool.now_ns());
+        CToolState { hold: hold as i32, phase: phase as i32, flags, contact_points, age: age_ns as f64 * 1e-9 }
+    }
+
+    /// Errors: the tool is gone. Otherwise force [N] and torque [N·m] in the device's axes, for its position and velocity in its frame's unit.
+    pub(super) fn render(&mut self, position: [f64; 3], velocity: [f64; 3]) -> Result<[[f64; 3]; 2], SdkError> {
+        self.tool.check(self.tool.now_ns())?;
         if let Some(received) = self.tool.latest_wrench().filter(|received| received.fresh) {
             self.renderer.receive(&received.wrench, received.arrival_ns);
         }
@@ -103,7 +122,7 @@ impl Held {
         let (registration, scale) = (self.clutch.registration(), self.clutch.force_scale());
         let force = registration.force_to_device(force).map(|f| scale * f);
         let torque = registration.torque_to_device(self.renderer.torque(now_ns)).map(|t| scale * t);
-        [self.frame.force_out(force), self.frame.torque_out(torque)]
+        Ok([self.frame.force_out(force), self.frame.torque_out(torque)])
     }
 }
 

@@ -5,6 +5,7 @@
 
 mod border;
 mod client;
+mod watch;
 
 use std::{
     ffi::{c_char, c_int},
@@ -12,7 +13,7 @@ use std::{
 };
 
 use border::{guarded, last_error, read, status, text, write};
-use client::{CAttachment, CPose, CRegistration, Client, Held};
+use client::{CAttachment, CPose, CRegistration, CToolState, Client, Held};
 
 use crate::{Attachment, Connection, Device, Endpoints, Frame, Registration, RenderMode};
 
@@ -221,11 +222,25 @@ pub unsafe extern "C" fn palpate_force(
         // SAFETY: the pointers are as above by the caller's word.
         let (client, position, velocity) =
             unsafe { (write(client, "client")?, read(position, "position")?, read(velocity, "velocity")?) };
-        let rendered = client.held()?.render(*position, *velocity);
+        let rendered = client.held()?.render(*position, *velocity)?;
         *force.ok_or("force is NULL")? = rendered[0];
         if let Some(torque) = torque {
             *torque = rendered[1];
         }
+        Ok(())
+    })
+}
+
+/// See `palpate.h`.
+///
+/// # Safety
+/// `client` comes from `palpate_connect` and is in use by nobody else; `state` is valid for writes.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn palpate_state(client: *mut Client, state: *mut CToolState) -> c_int {
+    status(|| {
+        // SAFETY: the pointers are as above by the caller's word.
+        let (client, state) = unsafe { (write(client, "client")?, write(state, "state")?) };
+        *state = client.held()?.state();
         Ok(())
     })
 }
@@ -238,8 +253,9 @@ pub unsafe extern "C" fn palpate_force(
 pub unsafe extern "C" fn palpate_clutch(client: *mut Client, pressed: c_int) -> c_int {
     status(|| {
         // SAFETY: as above by the caller's word.
-        unsafe { write(client, "client") }?.held()?.pressed = pressed != 0;
-        Ok(())
+        let held = unsafe { write(client, "client") }?.held()?;
+        held.pressed = pressed != 0;
+        Ok(held.tool.check(held.tool.now_ns())?)
     })
 }
 
@@ -295,6 +311,10 @@ mod tests {
             assert_eq!(palpate_force(null_mut(), null(), null(), &mut force, null_mut()), -1);
             assert_eq!(force, [0.0; 3], "where it fails the force is zero");
             assert_eq!(palpate_clutch(null_mut(), 1), -1);
+            assert_eq!(palpate_state(null_mut(), null_mut()), -1);
+            assert_eq!(watch::palpate_watch_latest(null_mut(), null_mut()), -1);
+            assert_eq!(said(), "watch is NULL");
+            watch::palpate_watch_close(null_mut());
             assert_eq!(palpate_detach(null_mut()), -1);
             assert_eq!(palpate_registration_fit(null(), null(), 3, 1.0, null_mut(), null_mut()), -1);
             assert_eq!(said(), "the points are NULL");

@@ -1,4 +1,4 @@
-//! C programs that link the static library: compiled with the system's compiler and run. Shared by the tests that do so.
+//! C programs that link the client library: compiled with the system's compiler and run. Shared by the tests that do so.
 #![allow(dead_code)] // each of them uses a part
 
 use std::{
@@ -13,25 +13,41 @@ const SYSTEM_LIBRARIES: &[&str] = if cfg!(target_os = "macos") {
     &["-lpthread", "-ldl", "-lm"]
 };
 
-/// The static library that cargo built for this test, beside the test itself: it builds every crate type of a library
-/// that a test needs, and puts a hash into the name. Older builds may lie there too; this one is the newest.
-fn static_library() -> PathBuf {
-    let test = std::env::current_exe().unwrap();
-    let candidates = std::fs::read_dir(test.parent().unwrap()).unwrap().filter_map(|entry| {
-        let entry = entry.unwrap();
-        let name = entry.file_name().into_string().unwrap();
-        let ours = name.starts_with("libpalpate_sdk") && name.ends_with(".a");
-        ours.then(|| (entry.metadata().unwrap().modified().unwrap(), entry.path()))
-    });
-    candidates.max().expect("cargo leaves the static library beside the tests").1
+/// Which library a program links.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Linked {
+    Shared,
+    Static,
 }
 
-/// Compiles `examples/touch.c` of the client library in the folder `sdk` into `program`, without a single warning.
-pub fn compile_example(sdk: &Path, program: &Path) {
+/// The library that cargo built for this test, beside the test itself: it builds every crate type of a library that a test
+/// needs, and may put a hash into the name. Older builds may lie there too; this one is the newest.
+fn library(linked: Linked) -> PathBuf {
+    let extension = match linked {
+        Linked::Static => "a",
+        Linked::Shared if cfg!(target_os = "macos") => "dylib",
+        Linked::Shared => "so",
+    };
+    let test = std::env::current_exe().unwrap();
+    let candidates = std::fs::read_dir(test.parent().unwrap()).unwrap().filter_map(|entry| {
+        let path = entry.unwrap().path();
+        let ours = path.file_name().unwrap().to_string_lossy().starts_with("libpalpate_sdk");
+        let ours = ours && path.extension().is_some_and(|e| e == extension);
+        ours.then(|| (path.metadata().unwrap().modified().unwrap(), path))
+    });
+    candidates.max().expect("cargo leaves the library beside the tests").1
+}
+
+/// Compiles `examples/{example}.c` of the client library in the folder `sdk` into `program`, without a single warning.
+pub fn compile_example(sdk: &Path, example: &str, linked: Linked, program: &Path) {
     let mut compile = Command::new("cc");
     compile.args(["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-I"]).arg(sdk.join("include"));
-    compile.arg(sdk.join("examples/touch.c")).arg(static_library()).args(SYSTEM_LIBRARIES).arg("-o").arg(program);
-    run(&mut compile);
+    compile.arg(sdk.join(format!("examples/{example}.c"))).arg(library(linked));
+    match linked {
+        Linked::Static => compile.args(SYSTEM_LIBRARIES),
+        Linked::Shared => compile.arg("-lm"),
+    };
+    run(compile.arg("-o").arg(program));
 }
 
 /// Runs a command to its end; its output, or a panic that shows what it said.

@@ -4,7 +4,7 @@ use super::{Moment, SourceError, Subject, forces};
 use mcap::records::Record;
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use palpate_sdk::proto::{Message, RecordingStart, SurfaceFrame, SurfaceTopology, keys::topics};
-use palpate_sdk::{Surface, SurfaceDecoder};
+use palpate_sdk::{SdkError, Surface, SurfaceDecoder};
 use std::collections::{BTreeMap, VecDeque};
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
@@ -171,7 +171,7 @@ impl Recording {
                 match decoder.receive(&frame) {
                     Ok(Some(moment)) if moment.tick >= self.frames[wanted.start].tick => moments.push(moment.into()),
                     Ok(_) => {}
-                    Err(e) => fault = Some(e.into()),
+                    Err(e) => fault = Some(SdkError::from(e).into()),
                 }
             })
             .map_err(|_| self.changed())?;

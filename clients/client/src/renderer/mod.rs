@@ -13,7 +13,7 @@ pub use mode::RenderMode;
 
 use nalgebra::Vector3;
 
-use crate::{Device, Wrench, wrench::watchdog_scale};
+use crate::{Device, Wrench, watchdog_scale};
 use model::Model;
 use passivity::PassivityController;
 
@@ -146,17 +146,17 @@ impl Renderer {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use palpate_proto::ToolPhase;
     use proptest::prelude::*;
 
     use super::*;
     use crate::LocalModel;
 
-    pub(super) const MS: u64 = 1_000_000;
+    pub(crate) const MS: u64 = 1_000_000;
     const REST: [f64; 3] = [0.0; 3];
 
-    pub(super) fn held(sequence: u64, force: [f64; 3]) -> Wrench {
+    pub(crate) fn held(sequence: u64, force: [f64; 3]) -> Wrench {
         Wrench {
             sequence,
             tick: sequence,

@@ -2,15 +2,10 @@
 
 use palpate_proto::{ToolPhase, ToolWrench};
 
-use crate::SdkError;
+use crate::ClientError;
 
 /// Encoded size of a wrench in contact [bytes]: a bare round trip of this many bytes is what the network alone costs.
 pub const WRENCH_BYTES: usize = 220;
-
-/// Age of the newest wrench [ns] up to which its force is felt in full.
-const HOLD_NS: u64 = 20_000_000;
-/// Age of the newest wrench [ns] from which no force is felt.
-const SILENT_NS: u64 = 70_000_000;
 
 /// One `ToolWrench` of the contract. Forces act on the tool, in the world frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -21,7 +16,7 @@ pub struct Wrench {
     pub tick: u64,
     /// The newest pose this wrench answers; 0 before the first.
     pub pose_sequence: u32,
-    /// That pose's time [ns] on this client's clock, see [`Connection::now_ns`](crate::Connection::now_ns).
+    /// That pose's time [ns] on this client's clock, the one that was sent with it.
     pub pose_time_ns: u64,
     /// Ticks since that pose reached the server.
     pub pose_age_ticks: u32,
@@ -64,10 +59,10 @@ pub struct LocalModel {
 }
 
 impl TryFrom<&ToolWrench> for Wrench {
-    type Error = SdkError;
+    type Error = ClientError;
 
     /// Checks lengths and the phase; numbers are taken as they are, finite or not.
-    fn try_from(message: &ToolWrench) -> Result<Self, SdkError> {
+    fn try_from(message: &ToolWrench) -> Result<Self, ClientError> {
         Ok(Wrench {
             sequence: message.sequence,
             tick: message.tick,
@@ -89,16 +84,7 @@ impl TryFrom<&ToolWrench> for Wrench {
     }
 }
 
-/// How much of a wrench is still felt, from its age since arrival [ns]: 1 up to 20 ms, falling linearly to 0 at 70 ms.
-///
-/// The client's mirror of the server's watchdog: should the network fall silent in contact, the hand is let go gently
-/// instead of being pushed by an old force.
-pub fn watchdog_scale(age_ns: u64) -> f64 {
-    let faded = age_ns.saturating_sub(HOLD_NS) as f64 / (SILENT_NS - HOLD_NS) as f64;
-    (1.0 - faded).max(0.0)
-}
-
-fn model(message: &ToolWrench) -> Result<LocalModel, SdkError> {
+fn model(message: &ToolWrench) -> Result<LocalModel, ClientError> {
     let [xx, yy, zz, yz, zx, xy] = array("model_stiffness", &message.model_stiffness)?;
     Ok(LocalModel {
         position: array("model_position", &message.model_position)?,
@@ -110,14 +96,14 @@ fn model(message: &ToolWrench) -> Result<LocalModel, SdkError> {
 }
 
 /// `values` as an array of `N`; errors with the field's name when the length differs.
-fn array<const N: usize>(field: &str, values: &[f32]) -> Result<[f64; N], SdkError> {
+fn array<const N: usize>(field: &str, values: &[f32]) -> Result<[f64; N], ClientError> {
     let values: [f32; N] =
         values.try_into().map_err(|_| undecodable(format!("{field} has {} numbers, not {N}", values.len())))?;
     Ok(values.map(f64::from))
 }
 
-fn undecodable(reason: String) -> SdkError {
-    SdkError::Undecodable { message: "ToolWrench", reason }
+fn undecodable(reason: String) -> ClientError {
+    ClientError::Undecodable { message: "ToolWrench", reason }
 }
 
 #[cfg(test)]
@@ -150,15 +136,6 @@ mod tests {
             model_stiffness: vec![200.0, 200.0, 400.0, 0.0, 0.0, 1.0],
             model_range: 0.005,
         }
-    }
-
-    #[test]
-    fn the_watchdog_holds_20_ms_and_is_silent_at_70_ms() {
-        assert_eq!(watchdog_scale(0), 1.0);
-        assert_eq!(watchdog_scale(20_000_000), 1.0);
-        assert!((watchdog_scale(45_000_000) - 0.5).abs() < 1e-12);
-        assert_eq!(watchdog_scale(70_000_000), 0.0);
-        assert_eq!(watchdog_scale(u64::MAX), 0.0);
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use crate::SdkError;
+use crate::ClientError;
 
 /// What a link does to what is sent over it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -16,9 +16,9 @@ pub struct LinkConditions {
 }
 
 impl LinkConditions {
-    /// Errors: [`SdkError::Link`] when the loss is no share of the whole.
-    pub fn check(&self) -> Result<(), SdkError> {
-        if (0.0..=1.0).contains(&self.loss) { Ok(()) } else { Err(SdkError::Link { loss: self.loss }) }
+    /// Errors: [`ClientError::Link`] when the loss is no share of the whole.
+    pub fn check(&self) -> Result<(), ClientError> {
+        if (0.0..=1.0).contains(&self.loss) { Ok(()) } else { Err(ClientError::Link { loss: self.loss }) }
     }
 }
 

@@ -2,7 +2,7 @@
 
 use std::str::FromStr;
 
-use crate::SdkError;
+use crate::ClientError;
 
 /// How the force is made from the wrenches.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -53,12 +53,12 @@ impl RenderMode {
 }
 
 impl FromStr for RenderMode {
-    type Err = SdkError;
+    type Err = ClientError;
 
     /// The mode of that name, in whatever case. Errors: no such mode; the error lists those there are.
-    fn from_str(name: &str) -> Result<Self, SdkError> {
+    fn from_str(name: &str) -> Result<Self, ClientError> {
         MODES.iter().find(|(known, _)| known.eq_ignore_ascii_case(name)).map(|&(_, mode)| mode).ok_or_else(|| {
-            SdkError::Unknown { what: "render mode", name: name.to_owned(), known: Self::names().join(", ") }
+            ClientError::Unknown { what: "render mode", name: name.to_owned(), known: Self::names().join(", ") }
         })
     }
 }

@@ -8,8 +8,8 @@ use palpate_proto::surface::EVERY;
 use palpate_proto::{Message, SURFACE_MINOR, SurfaceFrame, VERSION_MAJOR, VERSION_MINOR, keys};
 use zenoh::{Wait, bytes::ZBytes, pubsub::Subscriber};
 
-use super::{Moment, Surface, SurfaceDecoder};
 use crate::{Connection, SdkError, error::reason};
+use palpate_client::{ClientError, Moment, Surface, SurfaceDecoder};
 
 /// Messages that may wait for the decoding thread; more are lost, as on a bad network.
 const WAITING: usize = 64;
@@ -61,14 +61,21 @@ pub struct SurfaceWatch {
 }
 
 impl Connection {
+    /// The surface of the body. Errors: [`SdkError::NoAnswer`] after 2 s, [`ClientError::Undecodable`] when what comes is
+    /// no surface.
+    pub fn surface_topology(&self) -> Result<Surface, SdkError> {
+        let key = keys::surface_topology(&self.endpoints().session);
+        Ok(Surface::from_parts(self.ask_all(key, None, "SurfaceTopology")?)?)
+    }
+
     /// Watches the surface: at once with the newest key frame, then with every frame that comes. After a lost key frame,
     /// a lost connection or a restart of the server it goes on by itself. Errors: [`SdkError::Version`],
-    /// [`SdkError::NoAnswer`] after 2 s, [`SdkError::Unknown`] when there is no such stream, [`SdkError::Undecodable`],
+    /// [`SdkError::NoAnswer`] after 2 s, [`ClientError::Unknown`] when there is no such stream, [`ClientError::Undecodable`],
     /// [`SdkError::Zenoh`].
     pub fn watch_surface(&self, options: WatchOptions) -> Result<SurfaceWatch, SdkError> {
         if !EVERY.contains(&options.every) {
             let (name, known) = (options.every.to_string(), format!("{EVERY:?}"));
-            return Err(SdkError::Unknown { what: "stream of frames with every", name, known });
+            return Err(ClientError::Unknown { what: "stream of frames with every", name, known }.into());
         }
         let session = self.session()?;
         if session.version_minor < SURFACE_MINOR {

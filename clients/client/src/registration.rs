@@ -15,7 +15,7 @@
 
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 
-use crate::{Device, PoseSample, SdkError};
+use crate::{ClientError, Device, PoseSample};
 
 /// How far points must lie off a common line, relative to their extent along it. Below that the rotation about the line
 /// would be a guess from measurement errors.
@@ -59,8 +59,8 @@ impl Default for Registration {
 impl Registration {
     /// From scale, rotation (4: x, y, z, w) and translation (3) [m].
     ///
-    /// Errors: [`SdkError::Registration`] when the scale is not above 0, the quaternion is zero or a number not finite.
-    pub fn new(scale: f64, [x, y, z, w]: [f64; 4], translation: [f64; 3]) -> Result<Self, SdkError> {
+    /// Errors: [`ClientError::Registration`] when the scale is not above 0, the quaternion is zero or a number not finite.
+    pub fn new(scale: f64, [x, y, z, w]: [f64; 4], translation: [f64; 3]) -> Result<Self, ClientError> {
         let rotation = UnitQuaternion::try_new(Quaternion::new(w, x, y, z), 1e-9);
         match rotation {
             _ if !(scale > 0.0 && scale.is_finite()) => Err(unfit("the scale must be above 0")),
@@ -74,8 +74,8 @@ impl Registration {
     /// Fits rotation and translation to pairs of a point of device space and the point of body space it is (3 each)
     /// [m]: three or more that do not lie on one line. Fits the scale too, unless it is given.
     ///
-    /// Errors: [`SdkError::Registration`] for fewer points, points on a line, numbers that are not finite.
-    pub fn fit(pairs: &[([f64; 3], [f64; 3])], scale: Option<f64>) -> Result<Fit, SdkError> {
+    /// Errors: [`ClientError::Registration`] for fewer points, points on a line, numbers that are not finite.
+    pub fn fit(pairs: &[([f64; 3], [f64; 3])], scale: Option<f64>) -> Result<Fit, ClientError> {
         if pairs.len() < 3 {
             return Err(unfit("it takes three pairs of points or more"));
         }
@@ -200,8 +200,8 @@ impl Registration {
     }
 }
 
-fn unfit(reason: &str) -> SdkError {
-    SdkError::Registration(reason.to_owned())
+fn unfit(reason: &str) -> ClientError {
+    ClientError::Registration(reason.to_owned())
 }
 
 /// A registration that the hand can shift: while the clutch is pressed the tool stays where it is in the body, the hand

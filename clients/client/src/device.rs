@@ -4,7 +4,7 @@ use std::{borrow::Cow, path::Path};
 
 use serde::Deserialize;
 
-use crate::SdkError;
+use crate::ClientError;
 
 /// What a device can do.
 ///
@@ -114,20 +114,20 @@ const TOUCH_X: Device = Device {
 
 impl Device {
     /// The device called `name`, in whatever case. Errors: no such device; the error lists those there are.
-    pub fn by_name(name: &str) -> Result<Device, SdkError> {
+    pub fn by_name(name: &str) -> Result<Device, ClientError> {
         DEVICES.iter().find(|device| device.name.eq_ignore_ascii_case(name)).cloned().ok_or_else(|| {
             let known = DEVICES.each_ref().map(|device| format!("\"{}\"", device.name)).join(", ");
-            SdkError::Unknown { what: "device", name: name.to_owned(), known }
+            ClientError::Unknown { what: "device", name: name.to_owned(), known }
         })
     }
 
     /// Reads a device from a TOML file: the fields of this struct as keys, in the units given there. `mass` and
     /// `friction` may be left out, and `max_torque` with `max_angular_stiffness` where there is no torque feedback.
     ///
-    /// Errors: [`SdkError::DeviceFile`], which names the file, and the line or the key.
-    pub fn from_file(path: impl AsRef<Path>) -> Result<Device, SdkError> {
+    /// Errors: [`ClientError::DeviceFile`], which names the file, and the line or the key.
+    pub fn from_file(path: impl AsRef<Path>) -> Result<Device, ClientError> {
         let path = path.as_ref();
-        let fault = |reason: String| SdkError::DeviceFile { file: path.display().to_string(), reason };
+        let fault = |reason: String| ClientError::DeviceFile { file: path.display().to_string(), reason };
         let text = std::fs::read_to_string(path).map_err(|error| fault(error.to_string()))?;
         let device: Device = toml::from_str(&text).map_err(|error| fault(error.to_string().trim_end().to_owned()))?;
         device.check().map_err(fault)?;

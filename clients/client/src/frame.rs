@@ -22,7 +22,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::SdkError;
+use crate::ClientError;
 
 /// The axes, unit and quaternion order of another system.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -55,10 +55,10 @@ const FRAMES: [Frame; 7] = [
 
 impl Frame {
     /// The preset called `name`, in whatever case. Errors: there is none; the error lists those there are.
-    pub fn by_name(name: &str) -> Result<Frame, SdkError> {
+    pub fn by_name(name: &str) -> Result<Frame, ClientError> {
         FRAMES.into_iter().find(|frame| frame.name.eq_ignore_ascii_case(name)).ok_or_else(|| {
             let known = FRAMES.map(|frame| frame.name).join(", ");
-            SdkError::Unknown { what: "frame", name: name.to_owned(), known }
+            ClientError::Unknown { what: "frame", name: name.to_owned(), known }
         })
     }
 

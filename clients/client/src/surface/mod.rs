@@ -1,19 +1,18 @@
 //! What there is to see: the surface of the body as it moves.
 //!
-//! [`Connection::watch_surface`] does all that a viewer needs. Whoever has frames from elsewhere, such as a recording,
-//! makes a [`Surface`] of the messages of its topology and gives the frames to a [`SurfaceDecoder`].
+//! Whoever has the messages, from a server or a recording, makes a [`Surface`] of those of its topology and gives the
+//! frames to a [`SurfaceDecoder`].
 
 mod decoder;
-mod watch;
 
 pub use decoder::{Moment, SurfaceDecoder};
-pub use watch::{SurfaceWatch, WatchCounters, WatchOptions};
 
+use nalgebra::Vector3;
 use palpate_proto::surface::SurfaceCode;
-use palpate_proto::{Organ, SurfaceTopology, keys};
+use palpate_proto::{Organ, SurfaceTopology};
 use std::ops::Range;
 
-use crate::{Connection, SdkError};
+use crate::ClientError;
 
 /// The triangulated surface of the body at rest.
 #[derive(Clone, Debug, PartialEq)]
@@ -33,13 +32,13 @@ pub struct Surface {
 
 impl Surface {
     /// The surface of `triangles` (n, 3) with vertices `rest_positions` [m]; vertices of its frames stand on a grid of `step`
-    /// [m]. Errors: [`SdkError::Undecodable`] when a triangle names a vertex that does not exist, or the step is not positive.
+    /// [m]. Errors: [`ClientError::Undecodable`] when a triangle names a vertex that does not exist, or the step is not positive.
     pub fn new(
         topology: u32,
         triangles: Vec<[u32; 3]>,
         rest_positions: Vec<[f32; 3]>,
         step: f64,
-    ) -> Result<Self, SdkError> {
+    ) -> Result<Self, ClientError> {
         let code = SurfaceCode::new(&triangles, &rest_positions, step).ok_or_else(|| {
             undecodable(format!("a triangle names a vertex that does not exist, or a grid of {step} m is none"))
         })?;
@@ -48,9 +47,9 @@ impl Surface {
         Ok(Self { topology, triangles, rest_positions, step, organs: vec![organ], code })
     }
 
-    /// The surface whose topology came in `parts`, in any order. Errors: [`SdkError::Undecodable`] when some are missing
+    /// The surface whose topology came in `parts`, in any order. Errors: [`ClientError::Undecodable`] when some are missing
     /// or do not fit together, or when a triangle names a vertex that does not exist.
-    pub fn from_parts(mut parts: Vec<SurfaceTopology>) -> Result<Self, SdkError> {
+    pub fn from_parts(mut parts: Vec<SurfaceTopology>) -> Result<Self, ClientError> {
         parts.sort_by_key(|part| part.part);
         let Some(first) = parts.first() else { return Err(undecodable("no parts of it came".into())) };
         let (topology, vertices, step) = (first.topology, first.vertices, first.step);
@@ -99,23 +98,26 @@ impl Surface {
         })
     }
 
+    /// Normals of the vertices at `positions` (vertices) [m]: unit, out of the body, the mean of those of the triangles around
+    /// by their areas; zero where these cancel.
+    pub fn normals(&self, positions: &[[f32; 3]]) -> Vec<[f32; 3]> {
+        let mut normals = vec![Vector3::zeros(); positions.len()];
+        for triangle in &self.triangles {
+            let [a, b, c] = triangle.map(|v| Vector3::from(positions[v as usize]));
+            let normal = (b - a).cross(&(c - a));
+            triangle.iter().for_each(|v| normals[*v as usize] += normal);
+        }
+        normals.into_iter().map(|n| n.try_normalize(0.0).unwrap_or_default().into()).collect()
+    }
+
     /// Messages that each of its frames comes in.
     pub fn parts(&self) -> usize {
         self.code.parts()
     }
 }
 
-impl Connection {
-    /// The surface of the body. Errors: [`SdkError::NoAnswer`] after 2 s, [`SdkError::Undecodable`] when what comes is
-    /// no surface.
-    pub fn surface_topology(&self) -> Result<Surface, SdkError> {
-        let key = keys::surface_topology(&self.endpoints().session);
-        Surface::from_parts(self.ask_all(key, None, "SurfaceTopology")?)
-    }
-}
-
-fn undecodable(reason: String) -> SdkError {
-    SdkError::Undecodable { message: "SurfaceTopology", reason }
+fn undecodable(reason: String) -> ClientError {
+    ClientError::Undecodable { message: "SurfaceTopology", reason }
 }
 
 /// `bytes` as triples of four-byte numbers; `None` when they are not whole.
@@ -156,6 +158,17 @@ pub(super) mod tests {
         assert_eq!(surface.rest_positions[2], [0.0, 1.0, 0.5]);
         assert_eq!((surface.topology, surface.step), (4, 1e-4));
         assert_eq!(surface.organs.len(), 1, "what says nothing of organs is one");
+    }
+
+    #[test]
+    fn normals_point_out_of_the_body() {
+        let surface = Surface::from_parts(one_triangle()).unwrap();
+        let length = (0.5f32 * 0.5 + 1.0).sqrt();
+        for normal in surface.normals(&surface.rest_positions) {
+            let expected = [0.0, -0.5 / length, 1.0 / length];
+            assert!(normal.iter().zip(expected).all(|(n, e)| (n - e).abs() < 1e-6), "{normal:?}");
+        }
+        assert_eq!(surface.normals(&[[0.0; 3]; 3]), [[0.0; 3]; 3]);
     }
 
     #[test]

@@ -6,7 +6,7 @@ use palpate_proto::surface::{CodeError, GridPoint};
 use palpate_proto::{SurfaceFrame, ToolState};
 
 use super::Surface;
-use crate::SdkError;
+use crate::ClientError;
 
 /// The surface at one tick.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -60,9 +60,9 @@ impl SurfaceDecoder {
     }
 
     /// Takes a frame, or a part of one; gives the moment that it completes. `None`: its key frame has not come, or not
-    /// all of its parts have. Errors: [`SdkError::Undecodable`] when it is no frame of this surface.
-    pub fn receive(&mut self, frame: &SurfaceFrame) -> Result<Option<Moment>, SdkError> {
-        self.decode(frame).map_err(|reason| SdkError::Undecodable { message: "SurfaceFrame", reason })
+    /// all of its parts have. Errors: [`ClientError::Undecodable`] when it is no frame of this surface.
+    pub fn receive(&mut self, frame: &SurfaceFrame) -> Result<Option<Moment>, ClientError> {
+        self.decode(frame).map_err(|reason| ClientError::Undecodable { message: "SurfaceFrame", reason })
     }
 
     fn decode(&mut self, frame: &SurfaceFrame) -> Result<Option<Moment>, String> {
@@ -109,7 +109,7 @@ impl SurfaceDecoder {
     }
 
     /// True when the part of `frame` cannot be decoded before its key frame has come.
-    pub(super) fn lacks_key(&self, frame: &SurfaceFrame) -> bool {
+    pub fn lacks_key(&self, frame: &SurfaceFrame) -> bool {
         frame.key != frame.sequence && self.key.get(frame.part as usize) != Some(&Some(frame.key))
     }
 }

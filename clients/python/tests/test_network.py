@@ -1,0 +1,63 @@
+"""Tools and views of a server."""
+
+import time
+
+import numpy as np
+import pytest
+
+import palpate
+from test_simulation import RADIUS, TOP, press
+
+
+def wait_for(ready, seconds=60):
+    begun = time.monotonic()
+    while not ready():
+        assert time.monotonic() - begun < seconds, "waited in vain"
+        time.sleep(0.005)
+
+
+def test_a_tool_is_felt_and_seen_and_given_back(server):
+    connection = server.connect()
+    about = connection.session()
+    assert about["body"] == "cube" and about["tools"][0]["name"] == "ball"
+    watch = connection.watch(levels=True)
+    with connection.attach("ball", device="omega", client="pytest") as tool:
+        felt = tool.follow(press(0.008, 1500))
+        assert felt.force.shape == (1500, 3) and np.all(felt.force[:10] == 0.0)
+        assert felt.force[:, 2].max() > 0.3, "the body is pressed"
+        assert np.linalg.norm(felt.force, axis=1).max() <= 12.0, "the greatest force of the device"
+        wait_for(lambda: tool.state["hold"] == "held")
+        assert tool.state["phase"] == "engaged" and tool.wrench.contact_points > 0
+        wait_for(lambda: tool.force[2] > 0.3)
+        wait_for(lambda: watch.latest() and watch.latest()["tools"])
+        frame = watch.latest()
+        under = np.linalg.norm(watch.rest_vertices - TOP, axis=1).argmin()
+        wait_for(lambda: watch.latest()["vertices"][under, 2] < 0.1 - 0.003)
+        assert frame["vertices"].shape == watch.rest_vertices.shape and len(frame["levels"]) == len(frame["vertices"])
+        with pytest.raises(ConnectionError, match="held by pytest"):
+            connection.attach("ball")
+        # Outside the workspace nothing is taken, and the client is told.
+        tool.move(TOP + [0.0, 0.0, 5.0])
+        wait_for(lambda: tool.state["hold"] == "refused")
+    wait_for(lambda: not connection.session()["tools"][0]["taken"])
+    with pytest.raises(ConnectionError, match="given back"):
+        tool.move(TOP)
+
+
+def test_a_tool_whose_server_is_gone_says_so(server):
+    connection = server.connect()
+    tool = connection.attach()
+    tool.move(TOP + [0.0, 0.0, 2 * RADIUS])
+    wait_for(lambda: tool.state["hold"] == "held" and tool.wrench is not None)
+    server.stop()
+    wait_for(lambda: tool.state["hold"] == "gone", 10)
+    for call in (lambda: tool.force, lambda: tool.move(TOP), lambda: tool.follow(press(0.001, 10))):
+        with pytest.raises(ConnectionError, match="the tool is gone"):
+            call()
+
+
+def test_nobody_there_is_an_error_that_says_where():
+    with pytest.raises(ConnectionError, match="cannot connect to nowhere"):
+        palpate.connect(force="nowhere")
+    with pytest.raises(ConnectionError, match="cannot be a session name"):
+        palpate.connect(session="a/b")
