@@ -4,13 +4,14 @@
 //! makes a [`Surface`] of the messages of its topology and gives the frames to a [`SurfaceDecoder`].
 
 mod decoder;
+mod relay;
 mod watch;
 
 pub use decoder::{Moment, SurfaceDecoder};
 pub use watch::{SurfaceWatch, WatchCounters, WatchOptions};
 
 use palpate_proto::surface::SurfaceCode;
-use palpate_proto::{Organ, SurfaceTopology, keys};
+use palpate_proto::{Organ, SurfaceTopology};
 use std::ops::Range;
 
 use crate::{Connection, SdkError};
@@ -109,8 +110,7 @@ impl Connection {
     /// The surface of the body. Errors: [`SdkError::NoAnswer`] after 2 s, [`SdkError::Undecodable`] when what comes is
     /// no surface.
     pub fn surface_topology(&self) -> Result<Surface, SdkError> {
-        let key = keys::surface_topology(&self.endpoints().session);
-        Surface::from_parts(self.ask_all(key, None, "SurfaceTopology")?)
+        Surface::from_parts(self.topology_parts()?)
     }
 }
 
