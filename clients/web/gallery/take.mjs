@@ -21,7 +21,7 @@ const children = [];
 process.on('exit', () => children.forEach((child) => child.kill('SIGKILL')));
 
 function start(...args) {
-    const child = spawn(palpate, [...args, ...endpoints], { stdio: ['ignore', 'pipe', 'inherit'] });
+    const child = spawn(palpate, [...args, ...endpoints], { stdio: ['ignore', 'pipe', 'pipe'] });
     children.push(child);
     return child;
 }
@@ -29,7 +29,8 @@ function start(...args) {
 const sleep = (ms) => new Promise((done) => setTimeout(done, ms));
 const quantile = (list, q) => (list.length ? [...list].sort((a, b) => a - b)[Math.floor(q * (list.length - 1))].toFixed(2) : '–');
 
-start('serve', '--scene', 'organs');
+const server = start('serve', '--scene', 'liver');
+const serving = new Promise((done) => createInterface({ input: server.stderr }).on('line', (line) => line.includes('reachable') && done()));
 const web = start('web', '--listen', `127.0.0.1:${PORTS[2]}`);
 const lines = createInterface({ input: web.stdout })[Symbol.asyncIterator]();
 const operator = (await lines.next()).value.replace('to touch: ', '');
@@ -79,7 +80,8 @@ const sent = [];
 const devtools = await context.newCDPSession(desk);
 await devtools.send('Network.enable');
 devtools.on('Network.loadingFinished', ({ encodedDataLength }) => sent.push(encodedDataLength));
-await sleep(3000); // the server builds its organ
+await serving; // the server has built its organ
+await sleep(2500); // palpate web has found it
 await open(desk, operator);
 console.log(`page: ${(sent.reduce((sum, size) => sum + size, 0) / 1000).toFixed(0)} kB in ${sent.length} answers`);
 

@@ -6,13 +6,13 @@
 // | wire.js, surface.js | messages of the contract; frames to positions |
 // | deformation.js | normals, strain, displacement, colours |
 // | view.js, orbit.js, tools.js | the picture, the camera around it, what tools look like |
-// | hand.js | a tool moved by mouse or finger |
+// | hand.js | a tool moved by mouse or finger, in the worker; the place that they mean |
 // | headset.js | a tool in each controller |
 // | panel.js | buttons, plots, what is wrong |
 //
 // `globalThis.palpate` tells what was measured.
 
-import { Hand, pick } from './hand.js';
+import { pick } from './hand.js';
 import { Headset } from './headset.js';
 import { Orbit } from './orbit.js';
 import { Panel } from './panel.js';
@@ -88,13 +88,13 @@ function free(hand) {
     own.delete(held.get(hand));
     held.delete(hand);
     if (hand === 'mouse') {
-        mouse.hand = mouse.press = null;
+        mouse.finger = mouse.press = null;
         panel.setTouch('off');
     }
 }
 
 // The mouse's or a finger's tool; `press`: { point, normal, depth } on the surface as it was when the press began.
-const mouse = { hand: null, press: null, surface: null, finger: null, depth: DEPTH, stepped: 0 };
+const mouse = { press: null, surface: null, finger: null, depth: DEPTH };
 
 function setDepth(depth) {
     mouse.depth = Math.min(Math.max(depth, 0), DEEPEST);
@@ -106,12 +106,12 @@ function target(event) {
     const at = new Vector2((2 * event.clientX) / innerWidth - 1, 1 - (2 * event.clientY) / innerHeight);
     const origin = new Vector3().setFromMatrixPosition(view.camera.matrixWorld);
     const through = new Vector3(at.x, at.y, 0.5).unproject(view.camera);
-    return pick(origin, through.sub(origin).normalize(), mouse.surface);
+    return pick(origin.toArray(), through.sub(origin).normalize().toArray(), mouse.surface);
 }
 
 // True where a press begins on the organ while the mouse holds a tool.
 function press(event) {
-    if (!mouse.hand || mouse.finger !== null || event.button !== 0 || orbit.fingers.size > 0 || !view.organ?.visible) return false;
+    if (!Number.isInteger(held.get('mouse')) || mouse.finger !== null || event.button !== 0 || orbit.fingers.size > 0 || !view.organ?.visible) return false;
     mouse.surface = view.surface;
     const place = target(event);
     if (!place) return false;
@@ -137,23 +137,6 @@ canvas.addEventListener('wheel', (event) => {
     if (mouse.press) setDepth(mouse.depth - Math.sign(event.deltaY) * 0.001);
     else orbit.nearer(Math.exp(-event.deltaY * 0.001));
 }, { passive: false });
-
-function moveMouse(now) {
-    if (!mouse.hand) return;
-    // After a pause the hand goes on from where it was.
-    const dt = Math.min((now - mouse.stepped) / 1000, 0.1);
-    mouse.stepped = now;
-    mouse.hand.step(mouse.press, dt);
-    const position = mouse.hand.position.toArray(), orientation = mouse.hand.orientation.toArray();
-    worker.postMessage({ pose: { hand: 'mouse', position, orientation, buttons: 0 } });
-}
-
-function givenToMouse(tool) {
-    const { bounds, size } = surface, description = session.tools.find((known) => known.tool === tool);
-    const middle = new Vector3((bounds[0] + bounds[3]) / 2, (bounds[1] + bounds[4]) / 2, (bounds[2] + bounds[5]) / 2);
-    mouse.hand = new Hand(middle, size / 2, description?.radius ?? 0.01);
-    mouse.stepped = performance.now();
-}
 
 // ---- the headset ----
 
@@ -245,10 +228,7 @@ const heard = {
         if (held.get(hand) !== 'asked') return;
         held.set(hand, tool);
         panel.say('tool', null);
-        if (hand === 'mouse') {
-            givenToMouse(tool);
-            panel.setTouch('on');
-        }
+        if (hand === 'mouse') panel.setTouch('on');
     },
     free({ hand, fault }) {
         if (!fault) return;
@@ -288,7 +268,7 @@ view.renderer.setAnimationLoop((_, frame) => {
         for (const [hand, newtons] of shaken) headset.shake(hand, newtons, limit);
         shaken.clear();
     } else {
-        moveMouse(now);
+        worker.postMessage({ press: mouse.press });
     }
     view.setStale(now - newest > NO_FRAMES);
     view.draw(now, own);

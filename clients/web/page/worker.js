@@ -1,17 +1,21 @@
 // The socket, the decoder and the loop of poses, where no drawing holds them up.
 //
 // From the page: { colouring }, { take: { hand, tool, rate } }, { release: { hand } }, { pose: { hand, position, orientation,
-// buttons } }, { reset }, { invite: rights }, { buffers }. To the page: { socket }, { notice }, { session }, { surface },
+// buttons } }, { press: { point, normal, depth } or null } with every picture, { reset }, { invite: rights }, { buffers }. To the page: { socket }, { notice }, { session }, { surface },
 // { frame }, { status }, { wrench }, { taken: { hand, … } }, { free: { hand, fault } }, { fault }.
 
 import { Deformation } from './deformation.js';
+import { Hand } from './hand.js';
 import { Decoder, Surface } from './surface.js';
 import * as wire from './wire.js';
 
 // Between two poses of a hand that holds still [ms].
 const REPEAT = 11;
-// A pose that the page has not confirmed for so long is sent no more [ms]: the page is away, and the server lets go.
+// A controller's pose that the page has not confirmed for so long is sent no more [ms]: the server lets go.
 const STALE = 250;
+// The mouse lets go where the page has drawn nothing for so long, and sends no more poses some time later [ms].
+const ASLEEP = 1000;
+const AWAY = 3000;
 // Bytes that may wait in the socket before a pose is left out: some ten poses. The next one is newer.
 const MOST_WAITING = 1024;
 // Between two attempts to connect [ms].
@@ -26,7 +30,9 @@ let session = null;
 let colouring = 'material';
 let lastFrame = null; // { positions, levels, tools } to colour again
 const spare = []; // buffers that the page has drawn from
-const hands = new Map(); // hand: { tool, epoch, sequence, pose, at, sent }
+const hands = new Map(); // hand: { tool, epoch, sequence, pose, at, sent, moved }; `moved`: a Hand, of the mouse
+let press = null; // what the mouse wants
+let drawn = 0; // when the page said so
 let asked = []; // what control requests were for, in their order
 
 function connect() {
@@ -157,13 +163,20 @@ function takeReply({ error, attached }) {
     const request = asked.shift();
     if (request?.take) {
         const { hand } = request.take;
-        if (!attached) return postMessage({ free: { hand, fault: error || 'the server gave no tool' } });
+        if (!attached || !deformation) return postMessage({ free: { hand, fault: error || 'the server gave no tool' } });
         if (request.off) return send(wire.detach(attached.tool, attached.epoch), {});
-        hands.set(hand, { ...attached, sequence: 0, pose: null, at: 0, sent: 0 });
+        const moved = hand === 'mouse' ? besideBody(attached.tool) : null;
+        hands.set(hand, { ...attached, sequence: 0, pose: null, at: 0, sent: 0, moved });
         postMessage({ taken: { hand, tool: attached.tool } });
     } else if (error) {
         postMessage({ fault: error });
     }
+}
+
+// The mouse's hand with the tool of this number, above the body.
+function besideBody(tool) {
+    const { bounds, size } = deformation, radius = session?.tools.find((known) => known.tool === tool)?.radius ?? 0.01;
+    return new Hand([0, 1, 2].map((i) => (bounds[i] + bounds[3 + i]) / 2), size / 2, radius);
 }
 
 const isOpen = () => socket?.readyState === WebSocket.OPEN;
@@ -184,10 +197,20 @@ function sendPose(held, now) {
     socket.send(wire.pose(tool, { epoch, sequence, time: Math.round(now * 1e6), ...pose }));
 }
 
+let looked = performance.now();
+
 setInterval(() => {
-    const now = performance.now();
+    const now = performance.now(), dt = Math.min((now - looked) / 1000, 0.05);
+    looked = now;
     for (const held of hands.values()) {
-        if (held.pose && now - held.at < STALE && now - held.sent >= REPEAT - 1) sendPose(held, now);
+        if (held.moved && now - drawn < AWAY) {
+            held.moved.step(now - drawn < ASLEEP ? press : null, dt);
+            const { position, orientation } = held.moved;
+            held.pose = { position, orientation, buttons: 0 };
+            sendPose(held, now);
+        } else if (held.pose && now - held.at < STALE && now - held.sent >= REPEAT - 1) {
+            sendPose(held, now);
+        }
     }
 }, REPEAT);
 
@@ -199,6 +222,8 @@ self.onmessage = ({ data }) => {
         [held.pose, held.at] = [data.pose, now];
         // Two poses in one display frame are one.
         if (now - held.sent > 4) sendPose(held, now);
+    } else if (data.press !== undefined) {
+        [press, drawn] = [data.press, now];
     } else if (data.buffers) {
         if (data.buffers.positions.length === 3 * decoder?.surface.vertices && spare.length < 4) spare.push(data.buffers);
     } else if (data.take) {
