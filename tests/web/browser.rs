@@ -94,6 +94,7 @@ impl Visitor {
 }
 
 /// A message to a page.
+#[allow(clippy::large_enum_variant, reason = "one at a time")]
 #[derive(Debug)]
 pub enum Heard {
     Notice(Notice),

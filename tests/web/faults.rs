@@ -17,7 +17,7 @@ fn garbage(random: &mut Random, hand: (u32, u32)) -> Vec<u8> {
     let pose = ToolPose {
         epoch: hand.1,
         sequence: random.bits() as u32,
-        position: vec![f32::from_bits(random.bits() as u32), 0.05, 0.14],
+        position: vec![f32::from_bits(random.bits() as u32), random.between(-0.2, 0.2) as f32, 0.14],
         orientation: vec![0.0, 0.0, f32::from_bits(random.bits() as u32), 1.0],
         ..Default::default()
     };

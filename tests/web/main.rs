@@ -92,7 +92,9 @@ impl Web {
 
 impl Drop for Web {
     fn drop(&mut self) {
-        self.gateway.take().map(|gateway| self.runtime.block_on(gateway.stop()));
+        if let Some(gateway) = self.gateway.take() {
+            self.runtime.block_on(gateway.stop());
+        }
     }
 }
 

@@ -58,7 +58,9 @@ impl Access {
         self.visitors.retain(|_, (_, since)| now.duration_since(*since) < VISIT);
         if self.visitors.len() >= MOST_VISITORS {
             let oldest = self.visitors.iter().min_by_key(|(_, (_, since))| *since).map(|(cookie, _)| cookie.clone());
-            oldest.map(|cookie| self.visitors.remove(&cookie));
+            if let Some(oldest) = oldest {
+                self.visitors.remove(&oldest);
+            }
         }
         let cookie = secret();
         self.visitors.insert(cookie.clone(), (rights, now));
