@@ -175,9 +175,19 @@ fn every_import_follows_the_map() {
             let first = inside.components().next().unwrap().as_os_str().to_string_lossy();
             let module = first.trim_end_matches(".rs").to_owned();
             // Programs themselves and tests from outside may use everything; the map has no imports.
-            if ["main", "demo", "doctor", "prepare_command", "progress", "writable", "lib", "tests"]
-                .contains(&module.as_str())
-            {
+            let programs = [
+                "main",
+                "companion",
+                "demo",
+                "doctor",
+                "prepare_command",
+                "progress",
+                "web_command",
+                "writable",
+                "lib",
+                "tests",
+            ];
+            if programs.contains(&module.as_str()) {
                 continue;
             }
             let allowed = match &rules {
@@ -410,8 +420,13 @@ fn each_crate_needs_no_more_than_it_may() {
         ("palpate-body", &[], 90, all(&[&network, &pictures, &above[..2], &["rustix", "tracing", "mcap"]])),
         // What clients compute, in whatever language, has no network and no C.
         ("palpate-client", &[], 70, all(&[&["zenoh", "tokio", "palpate-sdk"], &system, &pictures, &above, &C])),
-        // A server of its own draws nothing.
-        ("palpate", &["--no-default-features"], usize::MAX, vec!["plotters", "png", "palpate-viewer", "palpate-study"]),
+        // A server of its own draws nothing and serves no page.
+        (
+            "palpate",
+            &["--no-default-features"],
+            usize::MAX,
+            vec!["plotters", "png", "palpate-viewer", "palpate-web", "axum", "palpate-study"],
+        ),
         ("palpate", &[], usize::MAX, vec!["palpate-study"]),
     ] {
         let crates = crates_of(package, more);
@@ -432,6 +447,7 @@ fn clients_know_no_server_and_nothing_that_only_linux_has() {
         ("clients/sdk", &["rustix", "libc"]),
         ("clients/phantom", &["rustix", "libc"]),
         ("clients/viewer", &["rustix", "libc"]),
+        ("clients/web", &["rustix", "libc", "zenoh"]),
     ] {
         let manifest = fs::read_to_string(root().join(client).join("Cargo.toml")).unwrap();
         for line in manifest.lines() {

@@ -1,10 +1,12 @@
-//! `palpate demo`: server and virtual Phantom in one process, over loopback, watched in a window where there is a display
-//! and in the terminal where there is none.
+//! `palpate demo`: server and virtual Phantom in one process, over loopback, watched in a browser, in a window where there
+//! is a display, or in the terminal.
 //!
-//! The window belongs to a process of its own, `palpate view`: nothing of graphics shares the simulation's process. The
+//! Window and page belong to a process of their own, `palpate view` or `palpate web`: nothing of graphics shares the
+//! simulation's process. The
 //! only place of the program that uses the client libraries beside `record`: the Phantom is a client like any
 //! other, with zenoh sessions of its own.
 
+use crate::companion::Companion;
 use crate::{SceneArgs, ServerArgs, build, log_to_stderr, runtime};
 use anyhow::{Context, anyhow};
 use clap::Args;
@@ -55,9 +57,28 @@ pub struct DemoArgs {
     /// Stay in the terminal, where there is a display too
     #[arg(long)]
     terminal: bool,
+    /// Serve a page, and open it where there is a display: see `palpate web`
+    #[cfg(feature = "web")]
+    #[arg(long, conflicts_with = "terminal")]
+    web: bool,
     /// Print a line a second instead of the live view
     #[arg(long)]
     plain: bool,
+}
+
+impl DemoArgs {
+    /// The command that shows the demo, in a process of its own; `None`: the terminal does.
+    fn companion(&self) -> Option<&'static [&'static str]> {
+        #[cfg(feature = "web")]
+        if self.web {
+            return Some(&["web", "--open"]);
+        }
+        #[cfg(feature = "viewer")]
+        if !self.terminal && !self.plain && palpate_viewer::window::display_is_named() {
+            return Some(&["view"]);
+        }
+        None
+    }
 }
 
 /// Points of the force history: 100 ms each.
@@ -75,10 +96,10 @@ struct View {
 }
 
 pub fn run(args: DemoArgs) -> anyhow::Result<ExitCode> {
-    let window = !args.terminal && !args.plain && window::wanted();
+    let companion = args.companion();
     let live = !args.plain && std::io::stdout().is_terminal();
     // A log line would tear the live view; what matters is in the view itself.
-    if window || !live {
+    if companion.is_some() || !live {
         log_to_stderr();
     }
     args.server.check_writable(&args.scene)?;
@@ -119,13 +140,13 @@ pub fn run(args: DemoArgs) -> anyhow::Result<ExitCode> {
                 }
             };
             let over = || phantom.is_finished() || INTERRUPTED.load(Ordering::Relaxed);
-            if window {
-                let viewer = window::open(&args.server)?;
-                watch_plain(&mut view, &mut refresh, || over() || viewer.has_ended())?;
-                if over() || !viewer.has_failed() {
+            if let Some(command) = companion {
+                let companion = Companion::start(command, &args.server)?;
+                watch_plain(&mut view, &mut refresh, || over() || companion.has_ended())?;
+                if over() || !companion.has_failed() {
                     return Ok(());
                 }
-                tell!("no window: watching in the terminal");
+                tell!("palpate {} failed: watching in the terminal", command[0]);
             }
             if live { watch_live(&mut view, &mut refresh, over) } else { watch_plain(&mut view, &mut refresh, over) }
         });
@@ -179,80 +200,6 @@ fn start_phantom(
             })
         })
         .context("starting the virtual Phantom")
-}
-
-/// The window: a viewer in a process of its own.
-#[cfg(feature = "viewer")]
-mod window {
-    use crate::ServerArgs;
-    use anyhow::Context;
-    use std::cell::RefCell;
-    use std::process::{Child, Command, Stdio};
-
-    /// A viewer that was started; it ends when this is dropped.
-    pub struct Viewer(RefCell<Child>);
-
-    /// True where there is a display to open it on.
-    pub fn wanted() -> bool {
-        palpate_viewer::window::display_is_named()
-    }
-
-    pub fn open(server: &ServerArgs) -> anyhow::Result<Viewer> {
-        let child = Command::new(std::env::current_exe().context("where this program is")?)
-            .arg("view")
-            .args(["--session", &server.session])
-            .args(["--surface-endpoint", &server.surface_endpoint])
-            .args(["--force-endpoint", &server.force_endpoint])
-            .stdin(Stdio::null())
-            .spawn()
-            .context("starting the viewer")?;
-        Ok(Viewer(RefCell::new(child)))
-    }
-
-    impl Viewer {
-        /// True when its window was closed, or never opened.
-        pub fn has_ended(&self) -> bool {
-            self.0.borrow_mut().try_wait().map_or(true, |ended| ended.is_some())
-        }
-
-        /// True when it ended because it could not open its window: it says so itself, on standard error.
-        pub fn has_failed(&self) -> bool {
-            let ended = self.0.borrow_mut().try_wait();
-            ended.is_ok_and(|ended| ended.is_some_and(|status| status.code().is_some_and(|code| code != 0)))
-        }
-    }
-
-    impl Drop for Viewer {
-        fn drop(&mut self) {
-            let child = self.0.get_mut();
-            let _ = child.kill();
-            let _ = child.wait();
-        }
-    }
-}
-
-/// Without a viewer there is no window.
-#[cfg(not(feature = "viewer"))]
-mod window {
-    pub struct Viewer;
-
-    pub fn wanted() -> bool {
-        false
-    }
-
-    pub fn open(_: &crate::ServerArgs) -> anyhow::Result<Viewer> {
-        Ok(Viewer)
-    }
-
-    impl Viewer {
-        pub fn has_ended(&self) -> bool {
-            true
-        }
-
-        pub fn has_failed(&self) -> bool {
-            true
-        }
-    }
 }
 
 fn watch_plain(view: &mut View, refresh: &mut dyn FnMut(&mut View), over: impl Fn() -> bool) -> anyhow::Result<()> {

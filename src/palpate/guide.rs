@@ -7,6 +7,7 @@
 //! | [`commands`] | the command line |
 //! | [`clients`] | devices, headsets, C, other languages |
 //! | [`surface`] | viewers of your own, and the viewer |
+//! | [`web`] | the page for browsers, phones and headsets |
 //! | [`recordings`] | recordings, replay, trajectories |
 //! | [`faults`] | what happens when something goes wrong; limits |
 //! | [`method`] | levels, material, time stepping |
@@ -35,6 +36,7 @@ macro_rules! page {
         /// [`resolution`]: resolution
         /// [`scenes`]: scenes
         /// [`surface`]: surface
+        /// [`web`]: web
         /// [glossary]: palpate_core::glossary
         /// [`palpate_body`]: palpate_body
         /// [`palpate_body::geometry::mesh_io`]: palpate_body::geometry::mesh_io
@@ -59,6 +61,7 @@ macro_rules! page {
         /// [`palpate_sdk::Renderer`]: palpate_sdk::Renderer
         /// [`palpate_sdk::Surface::from_parts`]: palpate_sdk::Surface::from_parts
         /// [`palpate_sdk::SurfaceDecoder`]: palpate_sdk::SurfaceDecoder
+        /// [`palpate_web::message`]: palpate_web::message
         /// [`palpate::offline`]: crate::offline
         /// [`palpate::realtime`]: crate::realtime
         /// [`palpate::recording`]: crate::recording
@@ -81,6 +84,7 @@ page!(remote);
 page!(resolution);
 page!(scenes);
 page!(surface);
+page!(web);
 
 #[cfg(test)]
 mod tests {

@@ -1,9 +1,12 @@
 //! The command line: arguments, start, wait, stop.
 
+mod companion;
 mod demo;
 mod doctor;
 mod prepare_command;
 mod progress;
+#[cfg(feature = "web")]
+mod web_command;
 mod writable;
 
 use anyhow::{Context, bail};
@@ -31,11 +34,14 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
-    /// Build an organ, serve it, and let the virtual Phantom touch it, in a window or with a live view in the terminal
+    /// Build an organ, serve it, and let the virtual Phantom touch it, in a window, a browser or the terminal
     Demo(demo::DemoArgs),
     /// Watch a running server, or play a recording, in a window or into a picture
     #[cfg(feature = "viewer")]
     View(palpate_viewer::Args),
+    /// Serve a page on which browsers and headsets watch and touch what a running server simulates
+    #[cfg(feature = "web")]
+    Web(web_command::WebArgs),
     /// Say what this machine can hold: scheduling, wake-ups, the cost of each part of a tick, elements at 1 kHz
     Doctor(doctor::DoctorArgs),
     /// Serve a scene to remote tools and viewers
@@ -208,6 +214,8 @@ fn main() -> ExitCode {
         Command::Demo(args) => demo::run(args),
         #[cfg(feature = "viewer")]
         Command::View(args) => view(args),
+        #[cfg(feature = "web")]
+        Command::Web(args) => web_command::run(args),
         Command::Doctor(args) => doctor::run(&args),
         Command::Serve(args) => serve(&args),
         Command::Simulate(args) => simulate(&args),

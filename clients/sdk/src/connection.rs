@@ -184,13 +184,21 @@ impl Connection {
         &self,
         callback: impl Fn(Status) + Send + Sync + 'static,
     ) -> Result<Subscription, SdkError> {
-        let key = keys::status(&self.endpoints.session);
+        self.subscribe(keys::status(&self.endpoints.session), callback)
+    }
+
+    /// Calls `callback` with every message of the type `M` that comes on `key` of the surface endpoint.
+    pub(crate) fn subscribe<M: Message + Default>(
+        &self,
+        key: String,
+        callback: impl Fn(M) + Send + Sync + 'static,
+    ) -> Result<Subscription, SdkError> {
         let subscriber = self
             .surface
             .declare_subscriber(&key)
             .callback(move |sample| {
-                if let Ok(status) = Status::decode(&*sample.payload().to_bytes()) {
-                    callback(status);
+                if let Ok(message) = M::decode(&*sample.payload().to_bytes()) {
+                    callback(message);
                 }
             })
             .wait()

@@ -21,6 +21,7 @@ mod c_api;
 mod connection;
 mod echo;
 mod error;
+mod relay;
 mod tool;
 mod watch;
 

@@ -64,8 +64,7 @@ impl Connection {
     /// The surface of the body. Errors: [`SdkError::NoAnswer`] after 2 s, [`ClientError::Undecodable`] when what comes is
     /// no surface.
     pub fn surface_topology(&self) -> Result<Surface, SdkError> {
-        let key = keys::surface_topology(&self.endpoints().session);
-        Ok(Surface::from_parts(self.ask_all(key, None, "SurfaceTopology")?)?)
+        Ok(Surface::from_parts(self.topology_parts()?)?)
     }
 
     /// Watches the surface: at once with the newest key frame, then with every frame that comes. After a lost key frame,
