@@ -224,8 +224,10 @@ fn energy() -> Vec<(u64, Step)> {
     steps
 }
 
-/// The sequences by name, each with the modes that it is for.
-fn sequences() -> [(&'static str, Vec<(u64, Step)>, [RenderMode; 2]); 2] {
+/// A name, times [ns] and steps, and the modes that they are for.
+type Sequence = (&'static str, Vec<(u64, Step)>, [RenderMode; 2]);
+
+fn sequences() -> [Sequence; 2] {
     [
         ("models", models(), [RenderMode::Raw, RenderMode::LocalModel]),
         ("energy", energy(), [RenderMode::Passive, RenderMode::LocalModelPassive]),
@@ -256,7 +258,7 @@ fn render(steps: &[(u64, Step)], modes: &[RenderMode]) -> Vec<Value> {
 }
 
 fn wrench_vectors() -> Value {
-    let sequence = |(name, steps, modes): (&str, Vec<(u64, Step)>, [RenderMode; 2])| json!({ "name": name, "steps": render(&steps, &modes) });
+    let sequence = |(name, steps, modes): Sequence| json!({ "name": name, "steps": render(&steps, &modes) });
     json!({
         "about": "Each sequence is for a fresh renderer: a palpate.v1.ToolWrench in hexadecimal comes, or the force [N] (by mode) \
                   and torque [N·m] are asked for, at_ns [ns] on the client's clock, with the handle at position [m] and velocity [m/s].",
