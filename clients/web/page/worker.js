@@ -123,21 +123,22 @@ function buffers() {
 
 function takeFrame(content) {
     const began = performance.now();
+    const message = wire.decode(content, wire.FRAME);
+    // Also of a frame that cannot be shown: what follows would wait for it.
+    socket.send(wire.seen(message.sequence));
     const { positions, normals, colours } = buffers();
-    const frame = decoder.take(content, positions);
+    const frame = decoder.take(message, positions);
     const decoded = performance.now();
     if (!frame) {
         spare.push({ positions, normals, colours });
         return;
     }
-    socket.send(wire.seen(frame.sequence));
     deformation.normals(positions, normals);
     const touching = frame.tools.map(touch).filter(Boolean);
     lastFrame = { positions: positions.slice(), levels: decoder.levels.slice(), touching };
     deformation.colours(colouring, positions, decoder.levels, touching, colours);
     const times = { decode: decoded - began, prepare: performance.now() - decoded };
-    const message = { frame: { ...frame, positions, normals, colours, times } };
-    postMessage(message, [positions.buffer, normals.buffer, colours.buffer]);
+    postMessage({ frame: { ...frame, positions, normals, colours, times } }, [positions.buffer, normals.buffer, colours.buffer]);
 }
 
 // The part of a tool that touches, where it feels something.
