@@ -23,7 +23,7 @@ const RETRY = [250, 500, 1000, 2000];
 
 let socket = null;
 let attempts = 0;
-let topology = [];
+let incoming = { number: null, parts: [] }; // parts of a topology that is on its way
 let decoder = null;
 let deformation = null;
 let session = null;
@@ -41,6 +41,7 @@ function connect() {
     socket = new WebSocket(address);
     socket.binaryType = 'arraybuffer';
     socket.onopen = () => (attempts = 0);
+    incoming = { number: null, parts: [] };
     socket.onmessage = ({ data }) => {
         try {
             if (typeof data === 'string') notice(JSON.parse(data));
@@ -103,11 +104,12 @@ function message(bytes) {
 }
 
 function takeTopology(content) {
-    const { part, parts } = wire.decode(content, wire.TOPOLOGY);
-    if (part === 0) topology = [];
-    topology.push(content.slice());
-    if (topology.length < parts) return;
-    const surface = new Surface(topology);
+    const { topology, parts } = wire.decode(content, wire.TOPOLOGY);
+    if (incoming.number !== topology) incoming = { number: topology, parts: [] };
+    incoming.parts.push(content.slice());
+    if (incoming.parts.length < parts) return;
+    const surface = new Surface(incoming.parts);
+    incoming = { number: null, parts: [] };
     decoder = new Decoder(surface);
     deformation = new Deformation(surface);
     lastFrame = null;
