@@ -18,6 +18,8 @@ const ASLEEP = 1000;
 const AWAY = 3000;
 // Bytes that may wait in the socket before a pose is left out: some ten poses. The next one is newer.
 const MOST_WAITING = 1024;
+// Phase of a tool that gives no force before it has been outside the body: the mouse goes out by itself.
+const WAITING = 1;
 // Between two attempts to connect [ms].
 const RETRY = [250, 500, 1000, 2000];
 
@@ -156,6 +158,7 @@ function touch({ tool, position, orientation, force }) {
 function takeWrench(wrench) {
     for (const [hand, held] of hands) {
         if (held.tool !== wrench.tool || held.epoch !== wrench.epoch) continue;
+        held.isInside = wrench.phase === WAITING;
         // Times of other poses than the newest are as good: each is from this clock.
         const answer = wrench.poseTime > 0 ? performance.now() - wrench.poseTime / 1e6 : null;
         postMessage({ wrench: { hand, answer, ...wrench } });
@@ -207,7 +210,7 @@ setInterval(() => {
     looked = now;
     for (const held of hands.values()) {
         if (held.moved && now - drawn < AWAY) {
-            held.moved.step(now - drawn < ASLEEP ? press : null, dt);
+            held.moved.step(now - drawn < ASLEEP && !held.isInside ? press : null, dt);
             const { position, orientation } = held.moved;
             held.pose = { position, orientation, buttons: 0 };
             sendPose(held, now);
