@@ -101,7 +101,7 @@ pub enum Heard {
     Session(Session),
     Topology(SurfaceTopology),
     Frame(SurfaceFrame),
-    Status(Status),
+    Status,
     Wrench(ToolWrench),
     Reply(ControlReply),
     Closed(String),
@@ -144,7 +144,7 @@ impl Page {
                     }
                     Heard::Frame(frame)
                 }
-                message::STATUS => Heard::Status(Status::decode(content).unwrap()),
+                message::STATUS => Status::decode(content).map(|_| Heard::Status).unwrap(),
                 message::TOOL_WRENCH => Heard::Wrench(ToolWrench::decode(content).unwrap()),
                 message::CONTROL_REPLY => Heard::Reply(ControlReply::decode(content).unwrap()),
                 kind => panic!("there is no kind {kind}"),

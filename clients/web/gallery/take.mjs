@@ -152,13 +152,14 @@ if (wanted('headset')) {
         // Pointing down: the ray's −z is −y.
         const tilt = -Math.PI / 2.6;
         right.quaternion.set(Math.sin(tilt / 2), 0, 0, Math.cos(tilt / 2));
-        for (let i = 0; i <= 240; i++) {
-            const down = 0.16 * Math.min(i / 200, 1);
-            right.position.set(-0.01, eyes.y - 0.12 - down, -0.42);
-            await new Promise((done) => setTimeout(done, 15));
+        // Slowly down until it is felt, and a little on.
+        for (let i = 0, felt = 0; i <= 400 && felt < 25; i++) {
+            right.position.set(-0.01, eyes.y - 0.12 - 0.0004 * i, -0.42);
+            await new Promise((done) => setTimeout(done, 30));
+            felt += pulses.length > 0 ? 1 : 0;
         }
     });
-    await sleep(1500);
+    await sleep(500);
     await page.screenshot({ path: join(gallery, 'headset.png') });
     await report(page, 'headset, emulated');
     console.log(`vibrations: ${await page.evaluate(() => `${pulses.length}, the strongest ${Math.max(...pulses).toFixed(2)}`)}`);

@@ -12,6 +12,7 @@ const minus = (a, b) => plus(a, b, -1);
 const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
 const length = (a) => Math.hypot(...a);
+const across = (a) => cross(a, Math.abs(a[0]) < 0.5 * length(a) ? [1, 0, 0] : [0, 1, 0]);
 const long = (a, wanted) => a.map((x) => (x * wanted) / length(a));
 
 export class Hand {
@@ -35,7 +36,9 @@ export class Hand {
         } else if (wanted && this.#travel(this.#place(wanted, -HOVER), TRAVEL * dt)) {
             this.on = wanted;
         }
-        const shaft = (this.on ?? wanted)?.normal ?? this.shaft;
+        const normal = (this.on ?? wanted)?.normal ?? this.shaft;
+        // Half a turn begins to either side.
+        const shaft = dot(normal, this.shaft) < -0.999 ? across(this.shaft) : normal;
         // Turns within about a tenth of a second.
         this.shaft = long(plus(this.shaft, minus(shaft, this.shaft), Math.min(10 * dt, 1)), 1);
     }
@@ -69,9 +72,9 @@ export class Hand {
             return false;
         }
         // Along the great circle; from the very opposite side any of them will do.
-        let across = plus(to, from, -dot(to, from) / dot(from, from));
-        if (length(across) < 1e-6) across = cross(from, Math.abs(from[0]) < 0.5 * length(from) ? [1, 0, 0] : [0, 1, 0]);
-        this.position = plus(this.centre, long(plus(from, long(across, step)), this.radius));
+        let way = plus(to, from, -dot(to, from) / dot(from, from));
+        if (length(way) < 1e-6) way = across(from);
+        this.position = plus(this.centre, long(plus(from, long(way, step)), this.radius));
         return false;
     }
 }

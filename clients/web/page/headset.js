@@ -35,9 +35,9 @@ export class Headset {
         return this.#session !== null;
     }
 
-    // How often poses come [Hz].
+    // How often poses come at least [Hz]: with every second picture, as headsets leave some out.
     get rate() {
-        return this.#session?.frameRate || 72;
+        return (this.#session?.frameRate || 72) / 2;
     }
 
     // Enters; `left` is called when the user has come back.

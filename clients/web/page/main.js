@@ -23,7 +23,9 @@ import { View } from './view.js';
 const DEPTH = 0.012;
 const DEEPEST = 0.04;
 const NO_FRAMES = 1500; // after so long the picture is old [ms]
-const POSE_RATE = 90; // of mouse and fingers [Hz]
+// What the server is told of the rate of poses of mouse and fingers [Hz]. Three times as many are sent: a browser that pauses
+// for a tenth of a second has not let go.
+const POSE_RATE = 30;
 const TREMBLE = 80; // between two vibrations of a phone [ms]
 
 const worker = new Worker('worker.js', { type: 'module' });

@@ -63,6 +63,7 @@ function roundNumber(value) {
 
 export class Panel {
     #faults = new Map();
+    #forgetting = new Map();
 
     // `on`: what the buttons do: colouring(name), touch(on), tool(name), depth(m), reset(), invite(), enter(mode).
     constructor(on) {
@@ -101,8 +102,8 @@ export class Panel {
     // Says it for some seconds.
     mention(where, fault) {
         this.say(where, fault);
-        clearTimeout(this.forgetting);
-        this.forgetting = setTimeout(() => this.say(where, null), 6000);
+        clearTimeout(this.#forgetting.get(where));
+        this.#forgetting.set(where, setTimeout(() => this.say(where, null), 6000));
     }
 
     setRights(rights) {

@@ -1,7 +1,7 @@
 // Frames of the surface stream to positions: what src/surface.rs of the contract's crate writes.
 
 import { decompress } from './vendor/fzstd.min.js';
-import { FRAME, TOPOLOGY, decode } from './wire.js';
+import { TOPOLOGY, decode } from './wire.js';
 
 const VERTICES_PER_PART = 4096;
 
@@ -77,8 +77,8 @@ export class Decoder {
 
     // Takes a part of a frame; `positions` (3 n) [m] and `levels` (n) are those of the frame that it makes whole. Gives tick,
     // sequence and tools of that; null where there is none yet. Throws where it is no frame of this surface.
-    take(bytes, positions) {
-        const frame = decode(bytes, FRAME), { part, sequence, key } = frame;
+    take(frame, positions) {
+        const { part, sequence, key } = frame;
         if (frame.topology !== this.surface.topology || part >= this.surface.parts) {
             throw new RangeError('a frame of another surface');
         }

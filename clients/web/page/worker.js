@@ -18,12 +18,14 @@ const ASLEEP = 1000;
 const AWAY = 3000;
 // Bytes that may wait in the socket before a pose is left out: some ten poses. The next one is newer.
 const MOST_WAITING = 1024;
+// Phase of a tool that gives no force before it has been outside the body: the mouse goes out by itself.
+const WAITING = 1;
 // Between two attempts to connect [ms].
 const RETRY = [250, 500, 1000, 2000];
 
 let socket = null;
 let attempts = 0;
-let topology = [];
+let incoming = { number: null, parts: [] }; // parts of a topology that is on its way
 let decoder = null;
 let deformation = null;
 let session = null;
@@ -41,6 +43,7 @@ function connect() {
     socket = new WebSocket(address);
     socket.binaryType = 'arraybuffer';
     socket.onopen = () => (attempts = 0);
+    incoming = { number: null, parts: [] };
     socket.onmessage = ({ data }) => {
         try {
             if (typeof data === 'string') notice(JSON.parse(data));
@@ -103,11 +106,12 @@ function message(bytes) {
 }
 
 function takeTopology(content) {
-    const { part, parts } = wire.decode(content, wire.TOPOLOGY);
-    if (part === 0) topology = [];
-    topology.push(content.slice());
-    if (topology.length < parts) return;
-    const surface = new Surface(topology);
+    const { topology, parts } = wire.decode(content, wire.TOPOLOGY);
+    if (incoming.number !== topology) incoming = { number: topology, parts: [] };
+    incoming.parts.push(content.slice());
+    if (incoming.parts.length < parts) return;
+    const surface = new Surface(incoming.parts);
+    incoming = { number: null, parts: [] };
     decoder = new Decoder(surface);
     deformation = new Deformation(surface);
     lastFrame = null;
@@ -123,21 +127,22 @@ function buffers() {
 
 function takeFrame(content) {
     const began = performance.now();
+    const message = wire.decode(content, wire.FRAME);
+    // Also of a frame that cannot be shown: what follows would wait for it.
+    socket.send(wire.seen(message.sequence));
     const { positions, normals, colours } = buffers();
-    const frame = decoder.take(content, positions);
+    const frame = decoder.take(message, positions);
     const decoded = performance.now();
     if (!frame) {
         spare.push({ positions, normals, colours });
         return;
     }
-    socket.send(wire.seen(frame.sequence));
     deformation.normals(positions, normals);
     const touching = frame.tools.map(touch).filter(Boolean);
     lastFrame = { positions: positions.slice(), levels: decoder.levels.slice(), touching };
     deformation.colours(colouring, positions, decoder.levels, touching, colours);
     const times = { decode: decoded - began, prepare: performance.now() - decoded };
-    const message = { frame: { ...frame, positions, normals, colours, times } };
-    postMessage(message, [positions.buffer, normals.buffer, colours.buffer]);
+    postMessage({ frame: { ...frame, positions, normals, colours, times } }, [positions.buffer, normals.buffer, colours.buffer]);
 }
 
 // The part of a tool that touches, where it feels something.
@@ -153,6 +158,7 @@ function touch({ tool, position, orientation, force }) {
 function takeWrench(wrench) {
     for (const [hand, held] of hands) {
         if (held.tool !== wrench.tool || held.epoch !== wrench.epoch) continue;
+        held.isInside = wrench.phase === WAITING;
         // Times of other poses than the newest are as good: each is from this clock.
         const answer = wrench.poseTime > 0 ? performance.now() - wrench.poseTime / 1e6 : null;
         postMessage({ wrench: { hand, answer, ...wrench } });
@@ -204,7 +210,7 @@ setInterval(() => {
     looked = now;
     for (const held of hands.values()) {
         if (held.moved && now - drawn < AWAY) {
-            held.moved.step(now - drawn < ASLEEP ? press : null, dt);
+            held.moved.step(now - drawn < ASLEEP && !held.isInside ? press : null, dt);
             const { position, orientation } = held.moved;
             held.pose = { position, orientation, buttons: 0 };
             sendPose(held, now);

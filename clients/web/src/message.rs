@@ -19,7 +19,7 @@ use crate::Rights;
 
 /// `Session`: at first, and again when a tool is taken or freed.
 pub const SESSION: u8 = 1;
-/// `SurfaceTopology`: all parts, before the first frame of a surface.
+/// `SurfaceTopology`: all parts in their order, before the first frame of a surface.
 pub const SURFACE_TOPOLOGY: u8 = 2;
 /// `SurfaceFrame`: all parts of one frame after another, with levels. Frames may be left out; the key frame of a frame is not.
 pub const SURFACE_FRAME: u8 = 3;

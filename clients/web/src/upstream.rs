@@ -86,7 +86,9 @@ fn hold(
 ) -> Result<&'static str, SdkError> {
     let connection = if touch { Connection::open(endpoints)? } else { Connection::open_surface(endpoints)? };
     let session = described(&connection)?;
-    let topology = connection.topology_parts()?;
+    let mut topology = connection.topology_parts()?;
+    // Answers come in any order; pages get them in theirs.
+    topology.sort_by_key(|part| part.part);
     let Some(first) = topology.first() else { return Ok("the server has no surface") };
     let number = first.topology;
     let parts = (first.vertices as usize).div_ceil(VERTICES_PER_PART);
