@@ -190,7 +190,7 @@ impl Page {
 
     /// Tool and epoch of the tool called `tool`; why it cannot be had.
     pub fn attach(&mut self, tool: &str) -> Result<(u32, u32), String> {
-        let attach = Attach { client: "test".into(), tool: tool.into(), rate_hz: 90.0, ..Default::default() };
+        let attach = Attach { client: "test".into(), tool: tool.into(), rate_hz: 30.0, ..Default::default() };
         let reply = self.ask(Request::Attach(attach));
         reply.attached.map(|attached| (attached.tool, attached.epoch)).ok_or(reply.error)
     }

@@ -115,7 +115,7 @@ fn the_page_reads_what_the_server_writes_and_writes_what_it_reads() {
     let folder = tempfile::tempdir().unwrap();
     // As many vertices as the bundled liver shows; three parts; and whatever 32 bits can hold.
     let surfaces = [("liver", 74, false), ("parts", 110, false), ("wild", 40, true)];
-    assert!(110 * 110 > 2 * VERTICES_PER_PART);
+    const { assert!(110 * 110 > 2 * VERTICES_PER_PART) };
     let vectors = surfaces.map(|(name, side, wild)| write_vectors(folder.path(), name, side, wild));
     std::fs::write(folder.path().join("index.json"), serde_json::to_string(&vectors).unwrap()).unwrap();
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/web/decoder.mjs");
