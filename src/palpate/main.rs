@@ -9,7 +9,7 @@ mod writable;
 use anyhow::{Context, bail};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand};
-use palpate::offline::{self, SampleWriter, Trajectory, TrajectoryWriter};
+use palpate::offline::{self, SampleWriter, Trajectory};
 use palpate::recording::{Recording, RecordingWriter, replay};
 use palpate::scene::LoadedScene;
 use palpate::server::{self, Server};
@@ -451,18 +451,6 @@ fn replay_file(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
 }
 
 fn write_trajectory(path: &Path, recording: &Recording) -> anyhow::Result<()> {
-    use palpate_core::contact::tool::ToolEvent;
-    let write = || {
-        let mut out = TrajectoryWriter::create(path)?;
-        let first = recording.inputs.first().map_or(1, |i| i.0);
-        for (tick, inputs) in &recording.inputs {
-            for (tool, event) in inputs.tools.iter().enumerate() {
-                if let Some(ToolEvent::Pose(sample)) = event {
-                    out.write(tick - first + 1, tool, sample)?;
-                }
-            }
-        }
-        out.finish()
-    };
-    write().with_context(|| path.display().to_string())
+    let trajectory = Trajectory::recorded(recording.start.tick, &recording.start.tools, &recording.inputs);
+    trajectory.write(path).with_context(|| path.display().to_string())
 }
