@@ -2,7 +2,7 @@
 
 mod trajectory;
 
-pub use trajectory::{EVENT_COLUMNS, TRAJECTORY_HEADER, Trajectory, TrajectoryError};
+pub use trajectory::{BUDGET_COLUMNS, EVENT_COLUMNS, TRAJECTORY_HEADER, Trajectory, TrajectoryError};
 
 use crate::output::Output;
 use crate::scene::Scene;

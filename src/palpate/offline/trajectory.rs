@@ -3,7 +3,7 @@
 use crate::output::Output;
 use palpate_core::contact::tool::{Coupling, MOST_TOOLS, Phase, PoseSample, ToolEvent, ToolState};
 use palpate_core::math::{Pose, Real, Vec3, normalized_quaternion};
-use palpate_core::simulation::{Inputs, TICK};
+use palpate_core::simulation::{Budget, Inputs, Prices, TICK};
 use std::io;
 use std::path::Path;
 
@@ -14,6 +14,8 @@ pub struct Trajectory {
     events: Vec<(u64, usize, ToolEvent)>,
     /// Ticks that begin with a reset of the body, ascending.
     resets: Vec<u64>,
+    /// Budgets of the machine that it was recorded on, and new prices of work: each from a tick on, ascending.
+    budgets: Vec<(u64, Budget, Option<Prices>)>,
 }
 
 /// Why a trajectory cannot be used.
@@ -34,6 +36,9 @@ pub const TRAJECTORY_HEADER: &str = "time_s,tool,x_m,y_m,z_m,qx,qy,qz,qw,buttons
 /// compliances of its virtual coupling, a detachment or a reset of the body.
 pub const EVENT_COLUMNS: &str = "event,period_s,coupling_m_per_N,angular_coupling_rad_per_Nm";
 
+/// And after those, where rows say the budget of a machine: four times, and what each part of a tick costs, separated by spaces.
+pub const BUDGET_COLUMNS: &str = "budget_ns,prices_ps";
+
 /// Places of columns.
 const POSITION: usize = 2;
 const ORIENTATION: usize = 5;
@@ -42,13 +47,15 @@ const EVENT: usize = 10;
 const PERIOD: usize = 11;
 const COUPLING: usize = 12;
 const ANGULAR_COUPLING: usize = 13;
+const BUDGET: usize = 14;
+const PRICES: usize = 15;
 
 /// Longest period of poses [s]: that of a client that sends one in ten seconds.
 const LONGEST_PERIOD: Real = 10.0;
 
 impl Trajectory {
-    /// Reads a trajectory: CSV with the columns of [`TRAJECTORY_HEADER`], or those and [`EVENT_COLUMNS`]; times ascend from 0,
-    /// and a row of time `t` acts in the first tick that ends later.
+    /// Reads a trajectory: CSV with the columns of [`TRAJECTORY_HEADER`], or those and [`EVENT_COLUMNS`], or those and
+    /// [`BUDGET_COLUMNS`]; times ascend from 0, and a row of time `t` acts in the first tick that ends later.
     ///
     /// With poses alone each tool is attached just before its first pose, rigidly, with the median time between its rows as
     /// its period.
@@ -69,10 +76,10 @@ impl Trajectory {
             text[..at + blank].matches('\n').count() + 1
         };
         let fault_at = |line: usize, what: String| TrajectoryError { origin: origin.to_owned(), line, what };
-        let all_columns = format!("{TRAJECTORY_HEADER},{EVENT_COLUMNS}");
+        let all_columns = format!("{TRAJECTORY_HEADER},{EVENT_COLUMNS},{BUDGET_COLUMNS}");
         let names: Vec<&str> = all_columns.split(',').collect();
         let header = records.next().and_then(Result::ok).unwrap_or_default();
-        let columns = if header == names { names.len() } else { EVENT };
+        let columns = [names.len(), BUDGET, EVENT].into_iter().find(|n| header == names[..*n]).unwrap_or(EVENT);
         if header != names[..columns] {
             let expected =
                 format!("the first line must be \"{TRAJECTORY_HEADER}\", or go on with \",{EVENT_COLUMNS}\"");
@@ -102,7 +109,7 @@ impl Trajectory {
                     }
                     Row::Attach { .. } => attached[tool] = true,
                     Row::Detach => attached[tool] = false,
-                    Row::Pose(_) | Row::Reset => {}
+                    Row::Pose(_) | Row::Reset | Row::Budget(..) => {}
                 }
             }
             rows.push((tick, tool, row));
@@ -135,7 +142,10 @@ impl Trajectory {
         let (mut epoch, mut sequence) = ([0; MOST_TOOLS], [0; MOST_TOOLS]);
         for (tick, tool, row) in rows {
             let Some(tool) = tool else {
-                trajectory.resets.push(tick);
+                match row {
+                    Row::Budget(budget, prices) => trajectory.budgets.push((tick, budget, prices)),
+                    _ => trajectory.resets.push(tick),
+                }
                 continue;
             };
             let event = match row {
@@ -144,7 +154,7 @@ impl Trajectory {
                     sequence[tool] = 0;
                     ToolEvent::Attach { epoch: epoch[tool], period_ticks, coupling }
                 }
-                Row::Detach | Row::Reset => ToolEvent::Detach,
+                Row::Detach | Row::Reset | Row::Budget(..) => ToolEvent::Detach,
                 Row::Pose(sample) => {
                     sequence[tool] += 1;
                     ToolEvent::Pose(PoseSample { sequence: sequence[tool], ..sample })
@@ -164,12 +174,17 @@ impl Trajectory {
             let (epoch, period_ticks, coupling) = (state.epoch, state.period_ticks, state.coupling);
             (1, tool, ToolEvent::Attach { epoch, period_ticks, coupling })
         };
-        let mut trajectory = Self { events: held.into_iter().map(attach).collect(), resets: Vec::new() };
+        let mut trajectory = Self { events: held.into_iter().map(attach).collect(), ..Self::default() };
+        let mut before = Budget::UNLIMITED;
         for (tick, inputs) in inputs {
             let tick = tick - first + later;
             let events = inputs.tools.iter().enumerate();
             trajectory.events.extend(events.filter_map(|(tool, event)| event.map(|event| (tick, tool, event))));
             trajectory.resets.extend(inputs.reset.then_some(tick));
+            if inputs.budget != before || inputs.prices.is_some() {
+                before = inputs.budget;
+                trajectory.budgets.push((tick, before, inputs.prices));
+            }
         }
         trajectory
     }
@@ -177,6 +192,10 @@ impl Trajectory {
     /// The inputs of tick `tick` (from 1).
     pub fn inputs(&self, tick: u64) -> Inputs {
         let mut inputs = Inputs { reset: self.resets.binary_search(&tick).is_ok(), ..Inputs::default() };
+        let now = self.budgets.partition_point(|budget| budget.0 <= tick).checked_sub(1);
+        if let Some((from, budget, prices)) = now.map(|now| &self.budgets[now]) {
+            (inputs.budget, inputs.prices) = (*budget, prices.filter(|_| *from == tick));
+        }
         let first = self.events.partition_point(|e| e.0 < tick);
         for (_, tool, event) in self.events[first..].iter().take_while(|e| e.0 == tick) {
             inputs.tools[*tool] = Some(*event);
@@ -190,45 +209,46 @@ impl Trajectory {
         self.resets.last().map_or(event, |reset| event.max(*reset))
     }
 
-    /// Writes it as [`Trajectory::parse`] reads it, with [`EVENT_COLUMNS`].
+    /// Writes it as [`Trajectory::parse`] reads it, with [`EVENT_COLUMNS`], and [`BUDGET_COLUMNS`] where it has budgets.
     ///
     /// # Errors
     /// Those of the file system.
     pub fn write(&self, path: &Path) -> io::Result<()> {
         let mut out = csv::Writer::from_writer(Output::create(path)?);
-        out.write_record(TRAJECTORY_HEADER.split(',').chain(EVENT_COLUMNS.split(',')))?;
-        let mut resets = self.resets.iter().copied().peekable();
-        let mut row = |tick: u64, tool: Option<usize>, event: &str, cells: &[(usize, String)]| {
-            let mut fields = vec![String::new(); ANGULAR_COUPLING + 1];
-            fields[0] = format!("{:.3}", tick.saturating_sub(1) as Real * TICK);
-            fields[1] = tool.map_or_else(String::new, |tool| tool.to_string());
-            fields[EVENT] = event.to_owned();
-            cells.iter().for_each(|(at, cell)| fields[*at].clone_from(cell));
-            out.write_record(fields)
-        };
+        let all_columns = format!("{TRAJECTORY_HEADER},{EVENT_COLUMNS},{BUDGET_COLUMNS}");
+        let columns = if self.budgets.is_empty() { BUDGET } else { PRICES + 1 };
+        out.write_record(all_columns.split(',').take(columns))?;
+        let none = |tick: &u64, event: &'static str| (*tick, None, event, Vec::new());
+        let mut rows: Vec<_> = self.resets.iter().map(|tick| none(tick, "reset")).collect();
+        for (tick, Budget { limit, planned, frame, change }, prices) in &self.budgets {
+            let prices = prices.map_or_else(String::new, |prices| prices.0.map(|price| price.to_string()).join(" "));
+            let cells = vec![(BUDGET, format!("{limit} {planned} {frame} {change}")), (PRICES, prices)];
+            rows.push((*tick, None, "budget", cells));
+        }
         for (tick, tool, event) in &self.events {
-            while let Some(reset) = resets.next_if(|reset| reset <= tick) {
-                row(reset, None, "reset", &[])?;
-            }
-            match event {
+            let (event, cells) = match event {
                 ToolEvent::Attach { period_ticks, coupling, .. } => {
                     let period = format!("{:.3}", Real::from(*period_ticks) * TICK);
-                    let compliances = [coupling.compliance, coupling.angular_compliance].map(|c| c.to_string());
-                    let [linear, angular] = compliances;
-                    let cells = [(PERIOD, period), (COUPLING, linear), (ANGULAR_COUPLING, angular)];
-                    row(*tick, Some(*tool), "attach", &cells)?;
+                    let [linear, angular] = [coupling.compliance, coupling.angular_compliance].map(|c| c.to_string());
+                    ("attach", vec![(PERIOD, period), (COUPLING, linear), (ANGULAR_COUPLING, angular)])
                 }
-                ToolEvent::Detach => row(*tick, Some(*tool), "detach", &[])?,
+                ToolEvent::Detach => ("detach", Vec::new()),
                 ToolEvent::Pose(sample) => {
                     let Pose { position, orientation } = &sample.pose;
                     let numbers = position.iter().chain(orientation).map(Real::to_string);
-                    let cells = numbers.chain([sample.buttons.to_string()]);
-                    row(*tick, Some(*tool), "pose", &(POSITION..).zip(cells).collect::<Vec<_>>())?;
+                    ("pose", (POSITION..).zip(numbers.chain([sample.buttons.to_string()])).collect())
                 }
-            }
+            };
+            rows.push((*tick, Some(*tool), event, cells));
         }
-        for reset in resets {
-            row(reset, None, "reset", &[])?;
+        rows.sort_by_key(|row| (row.0, row.1));
+        for (tick, tool, event, cells) in rows {
+            let mut fields = vec![String::new(); columns];
+            fields[0] = format!("{:.3}", tick.saturating_sub(1) as Real * TICK);
+            fields[1] = tool.map_or_else(String::new, |tool| tool.to_string());
+            fields[EVENT] = event.to_owned();
+            cells.into_iter().for_each(|(at, cell)| fields[at] = cell);
+            out.write_record(fields)?;
         }
         out.into_inner().map_err(|e| e.into_error())?.finish()
     }
@@ -241,6 +261,7 @@ enum Row {
     Attach { period_ticks: u32, coupling: Coupling },
     Detach,
     Reset,
+    Budget(Budget, Option<Prices>),
 }
 
 impl Row {
@@ -252,7 +273,7 @@ impl Row {
 /// Of several poses of a tool in one tick the newest counts, as in a mailbox; rows of a tool and tick stand together.
 fn keep_newest(rows: &mut Vec<(u64, Option<usize>, Row)>) {
     rows.reverse();
-    rows.dedup_by_key(|row| (row.0, row.1));
+    rows.dedup_by(|a, b| a.1.is_some() && (a.0, a.1) == (b.0, b.1));
     rows.reverse();
 }
 
@@ -275,9 +296,10 @@ impl Cells<'_> {
         let event = self.fields.get(EVENT).copied().unwrap_or("pose");
         let used: &[std::ops::Range<usize>] = match event {
             "pose" => &[1..EVENT],
-            "attach" => &[1..2, PERIOD..ANGULAR_COUPLING + 1],
+            "attach" => &[1..2, PERIOD..BUDGET],
             "detach" => &[1..2],
             "reset" => &[],
+            "budget" if expected > BUDGET => &[BUDGET..PRICES + 1],
             _ => return Err(format!("event {event:?}: pose, attach, detach or reset is expected")),
         };
         let unused = |at: &usize| *at != EVENT && !used.iter().any(|range| range.contains(at));
@@ -286,6 +308,11 @@ impl Cells<'_> {
         }
         if event == "reset" {
             return Ok((tick, None, Row::Reset));
+        }
+        if event == "budget" {
+            let [limit, planned, frame, change] = self.whole_numbers(BUDGET)?;
+            let prices = if self.fields[PRICES].is_empty() { None } else { Some(Prices(self.whole_numbers(PRICES)?)) };
+            return Ok((tick, None, Row::Budget(Budget { limit, planned, frame, change }, prices)));
         }
         let tool = self.fields[1].parse::<usize>().ok().filter(|tool| *tool < tools);
         let tool = tool.ok_or_else(|| {
@@ -325,6 +352,13 @@ impl Cells<'_> {
             pose: Pose { position: Vec3::new(x, y, z), orientation },
             buttons: self.within(BUTTONS, 0.0..=Real::from(u32::MAX))? as u32,
         })
+    }
+
+    /// So many whole numbers, separated by spaces.
+    fn whole_numbers<const N: usize>(&self, at: usize) -> Result<[u32; N], String> {
+        let numbers: Option<Vec<u32>> = self.fields[at].split_whitespace().map(|number| number.parse().ok()).collect();
+        let numbers = numbers.and_then(|numbers| <[u32; N]>::try_from(numbers).ok());
+        numbers.ok_or_else(|| format!("{}: {N} whole numbers are expected, with a space between", self.names[at]))
     }
 
     fn number(&self, at: usize) -> Result<Real, String> {
@@ -399,6 +433,17 @@ mod tests {
         let written = std::fs::read_to_string(&file).unwrap();
         assert_eq!(Trajectory::parse(&written, "t.csv", 1).unwrap(), trajectory);
         assert_eq!(trajectory.last_tick(), 51);
+        let budgets =
+            vec![(41, Budget::of(700), None), (42, Budget { change: 3, ..Budget::of(800) }, Some(Prices::COMMON))];
+        let budgeted = Trajectory { budgets, ..trajectory };
+        budgeted.write(&file).unwrap();
+        let again = Trajectory::parse(&std::fs::read_to_string(&file).unwrap(), "t.csv", 1).unwrap();
+        assert_eq!(again, budgeted);
+        // From a tick on; prices are told once.
+        assert_eq!(again.inputs(40).budget, Budget::UNLIMITED);
+        assert_eq!((again.inputs(41).budget, again.inputs(41).prices), (Budget::of(700), None));
+        assert_eq!(again.inputs(42).prices, Some(Prices::COMMON));
+        assert_eq!((again.inputs(90).budget.change, again.inputs(90).prices), (3, None));
     }
 
     #[test]
@@ -441,6 +486,7 @@ mod tests {
             ("0.1,0,,,,,,,,,reset,,,", "tool: a row \"reset\" has none"),
             ("0.1,0,,,,,,,,,attach,,,", "period_s: \"\" is not a finite number"),
             ("0.1,0,,,,,,,,,attach,0.001,-1,", "coupling_m_per_N: -1 is not within"),
+            ("0.1,,,,,,,,,,budget,,,", "event \"budget\""),
             ("0.0004,0,,,,,,,,,detach,,,", "another event in the same millisecond"),
         ] {
             let e = refused(&with_events(&format!("{attach}\n{bad}\n")));
