@@ -52,6 +52,7 @@ macro_rules! page {
         /// [`palpate_core::stepping::work`]: palpate_core::stepping::work
         /// [`palpate_proto::surface`]: palpate_proto::surface
         /// [`palpate_sdk::Clutch`]: palpate_sdk::Clutch
+        /// [`palpate_sdk::Connection::surface_pictures`]: palpate_sdk::Connection::surface_pictures
         /// [`palpate_sdk::Frame`]: palpate_sdk::Frame
         /// [`palpate_sdk::Link`]: palpate_sdk::Link
         /// [`palpate_sdk::Registration`]: palpate_sdk::Registration

@@ -41,6 +41,6 @@ pub use palpate_proto::{
 };
 pub use registration::{Clutch, Fit, Registration};
 pub use renderer::{RenderMode, Renderer};
-pub use surface::{Moment, Surface, SurfaceDecoder, SurfaceWatch, WatchCounters, WatchOptions};
+pub use surface::{Material, Moment, Picture, Surface, SurfaceDecoder, SurfaceWatch, WatchCounters, WatchOptions};
 pub use tool::{Attachment, Counters, PoseSample, Received, Tool};
 pub use wrench::{LocalModel, WRENCH_BYTES, Wrench, watchdog_scale};
