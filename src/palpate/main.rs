@@ -249,6 +249,8 @@ fn build(scene: &SceneArgs) -> anyhow::Result<(LoadedScene, Arc<palpate_core::mo
     let mut progress = progress::Progress::new();
     let body = Arc::new(loaded.build(&mut |what, done, of| progress.show(what, done, of))?);
     let start = loaded.scene.settled(&body, &mut |what, done, of| progress.show(what, done, of));
+    loaded.scene.check_settled(&body, &start).with_context(|| loaded.origin.clone())?;
+    loaded.scene.display(&body).map_err(|e| anyhow::anyhow!("{}: {e}", loaded.origin))?;
     let levels: Vec<String> = body.levels().iter().map(|l| format!("{}", l.mesh.nodes.len())).collect();
     progress.finish(&format!(
         "{}: {:.2} kg, {} levels of {} nodes; starts with {} active",

@@ -109,11 +109,13 @@ pub struct WorldKeys {
     /// How long the body comes to rest under its load before it is served [s].
     #[garde(range(min = 0.0, max = 60.0))]
     pub settle: Real,
+    /// It may start before it is at rest, crushed, or away from where it was put.
+    pub unsettled: bool,
 }
 
 impl Default for WorldKeys {
     fn default() -> Self {
-        Self { gravity: [0.0, 0.0, -9.81], settle: 2.0 }
+        Self { gravity: [0.0, 0.0, -9.81], settle: 2.0, unsettled: false }
     }
 }
 

@@ -9,6 +9,7 @@ pub mod keys;
 pub mod organ_keys;
 pub mod prepared;
 pub mod tool_keys;
+pub mod unsettled;
 
 pub use keys::Scene;
 

@@ -12,8 +12,9 @@ pub use decoder::{Moment, SurfaceDecoder};
 pub use watch::{SurfaceWatch, WatchCounters, WatchOptions};
 
 use palpate_proto::surface::SurfaceCode;
-use palpate_proto::{Organ, SurfaceTopology, keys};
+use palpate_proto::{Organ, SurfaceFrame, SurfaceTopology, keys};
 use std::ops::Range;
+use std::sync::Arc;
 
 use crate::{Connection, SdkError};
 
@@ -135,6 +136,20 @@ impl Connection {
     pub fn surface_topology(&self) -> Result<Surface, SdkError> {
         let key = keys::surface_topology(&self.endpoints().session);
         Surface::from_parts(self.ask_all(key, None, "SurfaceTopology")?)
+    }
+
+    /// The surface of the body, and how it was half a second ago at most: the newest key frame. Errors: as
+    /// [`Connection::surface_topology`]; [`SdkError::NoAnswer`] also when no frame comes within 2 s.
+    pub fn surface_now(&self) -> Result<(Arc<Surface>, Moment), SdkError> {
+        let surface = Arc::new(self.surface_topology()?);
+        let key = keys::surface_key(&self.endpoints().session);
+        let mut decoder = SurfaceDecoder::new(surface.clone());
+        let mut newest = None;
+        for part in self.ask_all::<SurfaceFrame>(key.clone(), None, "SurfaceFrame")? {
+            newest = decoder.receive(&part)?.or(newest);
+        }
+        let endpoint = self.endpoints().surface.clone();
+        newest.map(|moment| (surface, moment)).ok_or(SdkError::NoAnswer { key, endpoint })
     }
 }
 
