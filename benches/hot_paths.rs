@@ -3,6 +3,7 @@
 //! Absolute times are this machine's; a claim about speed is a ratio of two rows of one run.
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
+use palpate::display::Display;
 use palpate::scene::LoadedScene;
 use palpate::wire;
 use palpate::wire::surface::SurfaceEncoder;
@@ -110,7 +111,7 @@ fn ticks(c: &mut Criterion) {
             palpated.push(outputs.clone());
         }
     }
-    let mut encoder = SurfaceEncoder::new(&body, 1);
+    let mut encoder = SurfaceEncoder::new(Display::touched(&body).into(), 1);
     let mut turn = palpated.iter().cycle();
     frame.bench_function(format!("encode surface, {} vertices", vertices.len()), |b| {
         b.iter(|| {

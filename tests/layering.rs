@@ -50,9 +50,11 @@ const PRODUCT: Rules = &[
     ("output", &[]),
     ("terminal", &[]),
     ("picture", &["output"]),
+    ("display", &["core::geometry", "core::model", "body::geometry"]),
     (
         "scene",
         &[
+            "display",
             "core::geometry",
             "core::model",
             "core::adaptation",
@@ -63,8 +65,11 @@ const PRODUCT: Rules = &[
         ],
     ),
     ("offline", &["core::geometry", "core::model", "core::contact", "core::simulation", "output", "scene"]),
-    ("wire", &["core::model", "core::contact", "core::simulation", "core::feedback", "scene"]),
-    ("recording", &["core::model", "core::contact", "core::simulation", "scene", "wire"]),
+    (
+        "wire",
+        &["core::model", "core::contact", "core::simulation", "core::feedback", "body::geometry", "display", "scene"],
+    ),
+    ("recording", &["core::model", "core::contact", "core::simulation", "display", "scene", "wire"]),
     ("realtime", &["core::model", "core::stepping", "core::adaptation", "core::contact", "core::simulation"]),
     (
         "server",
@@ -73,6 +78,7 @@ const PRODUCT: Rules = &[
             "core::contact",
             "core::simulation",
             "core::feedback",
+            "display",
             "scene",
             "wire",
             "recording",

@@ -1,5 +1,6 @@
 //! Bodies of several organs: each moves as it would alone, and all share the clock, the tools and the work budget.
 
+use palpate::display::Display;
 use palpate::recording::{Recording, RecordingWriter, replay};
 use palpate::scene::LoadedScene;
 use palpate_body::prepare::body_file::{BodyFile, Provenance};
@@ -452,7 +453,8 @@ fn session_and_surface_say_whose_what_is() {
     let body = build(&loaded);
     let session = palpate::wire::session::describe(&loaded.scene, &body);
     let told = session.body.unwrap().organs;
-    let surface = palpate_sdk::Surface::from_parts(palpate::wire::surface::topology(&body, 1)).unwrap();
+    let surface =
+        palpate_sdk::Surface::from_parts(palpate::wire::surface::topology(&body, &Display::touched(&body), 1)).unwrap();
     assert_eq!(surface.organs, told);
     assert_eq!(told.iter().map(|organ| organ.name.as_str()).collect::<Vec<_>>(), ["large", "small"]);
     assert!(
@@ -465,5 +467,5 @@ fn session_and_surface_say_whose_what_is() {
     }
     // A body of one says so, too.
     let [(one, _), _] = alone(&loaded);
-    assert_eq!(palpate::wire::session::organs(&one).len(), 1);
+    assert_eq!(palpate::wire::session::organs(&one, &Display::touched(&one).organs).len(), 1);
 }

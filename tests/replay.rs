@@ -1,17 +1,18 @@
-//! Recorded tool trajectories, run again: against force traces, which a change of the physics may move a little, and
-//! bit for bit, which nothing may.
+//! Recorded tool trajectories, run again: against traces of force and torque, which a change of the physics may move a
+//! little, and bit for bit, which nothing may.
 //!
-//! The trajectories under `tests/trajectories` were recorded from the virtual Phantom in closed loop with the bundled
-//! cube (250 poses a second). After a change of the physics that is meant, write the traces and hashes anew with
-//! `PALPATE_WRITE_TRACES=1 cargo test --release --test replay`.
+//! `tests/trajectories/README.md` says where each trajectory comes from. After a change of the physics that is meant, write
+//! the traces and hashes anew with `PALPATE_WRITE_TRACES=1 cargo test --release --test replay`.
 
 use assert_cmd::Command;
 use palpate::offline::{self, Trajectory};
 use palpate::recording::{FORMAT, Recording, RecordingWriter, replay};
 use palpate::scene::LoadedScene;
-use palpate_core::model::Body;
+use palpate_core::contact::tool::{Coupling, PoseSample, ToolEvent};
+use palpate_core::math::{Pose, Vec3};
 use palpate_core::model::element_kernel::Path as KernelPath;
-use palpate_core::simulation::{Simulation, Snapshot};
+use palpate_core::model::{Body, State};
+use palpate_core::simulation::{Budget, Inputs, Simulation, Snapshot, ToolOutput};
 use palpate_proto::keys::topics;
 use palpate_proto::{Message, RecordingStart};
 use std::collections::BTreeMap;
@@ -21,8 +22,50 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-const NAMES: [&str; 5] = ["press", "palpate", "stroke", "tap", "tremor"];
-/// Ticks between two points of a force trace.
+/// Bodies that the trajectories touch: bundled scenes, the organs with coarser levels and fewer vertices.
+const BODIES: [(&str, &str, &[&str]); 5] = [
+    ("cube", "cube", &[]),
+    ("level", "cube", &["body.active_level=1"]),
+    ("liver", "liver", &["body.spacings=[0.03, 0.019, 0.012]", "body.display_vertices=1500"]),
+    ("toy", "toy", &TOY),
+    ("organs", "organs", &ORGANS),
+];
+const TOY: [&str; 4] =
+    ["body.spacings=[0.02, 0.013]", "body.display_vertices=1500", "world.gravity=[0.0, 0.0, 0.0]", "world.settle=0"];
+const ORGANS: [&str; 4] = [
+    "body.spacings=[0.03, 0.019]",
+    "body.display_vertices=1200",
+    "organ.0.body.spacings=[0.02, 0.013]",
+    "organ.0.body.display_vertices=600",
+];
+const BALL: &str = "tool=[{name=\"ball\", radius=0.01, friction=0.5}]";
+/// Half open: a shaft and two jaws.
+const FORCEPS: &str = "tool=[{name=\"forceps\", shape=\"compound\", friction=0.3, part=[\
+    {shape=\"cylinder\", radius=0.004, length=0.06, rounding=0.001, position=[0.0, 0.0, 0.03]}, \
+    {radius=0.003, length=0.03, position=[0.007, 0.0, 0.0]}, \
+    {radius=0.003, length=0.03, position=[-0.007, 0.0, 0.0]}]}]";
+
+/// Name of the trajectory, the body it touches, and its tools where they are not those of the scene.
+const RUNS: [(&str, &str, &str); 17] = [
+    ("press", "level", ""),
+    ("press", "cube", ""),
+    ("palpate", "cube", ""),
+    ("stroke", "level", ""),
+    ("tap", "cube", ""),
+    ("tremor", "cube", ""),
+    ("friction", "cube", BALL),
+    ("forceps", "cube", FORCEPS),
+    ("release", "cube", ""),
+    ("reentry", "cube", ""),
+    ("headset", "cube", ""),
+    ("far", "cube", ""),
+    ("palpate_liver", "liver", ""),
+    ("capsule_turned", "liver", ""),
+    ("two_tools", "organs", ""),
+    ("stroke_organs", "organs", ""),
+    ("press_toy", "toy", ""),
+];
+/// Ticks between two points of a trace.
 const TRACE: u64 = 20;
 
 fn folder(name: &str) -> PathBuf {
@@ -35,125 +78,238 @@ fn writing() -> bool {
 
 fn trajectory(name: &str) -> Trajectory {
     let file = folder("trajectories").join(format!("{name}.csv"));
-    Trajectory::parse(&fs::read_to_string(&file).unwrap(), &file.display().to_string(), 1).unwrap()
+    Trajectory::parse(&fs::read_to_string(&file).unwrap(), &file.display().to_string(), 2).unwrap()
 }
 
-struct Cube {
+/// A body come to rest under gravity, and the scene that its tools are of.
+#[derive(Clone)]
+struct Stage {
     loaded: LoadedScene,
     body: Arc<Body>,
-    start: Snapshot,
+    start: State,
 }
 
-/// The bundled cube with its middle level moving, come to rest under gravity.
-fn cube() -> Cube {
-    cube_with(&["body.active_level=1"])
+fn overrides(of: &[&str]) -> Vec<String> {
+    of.iter().map(|s| (*s).to_owned()).collect()
 }
 
-/// The same with all its levels, between which it adapts itself.
-fn adaptive_cube() -> Cube {
-    cube_with(&[])
-}
-
-fn cube_with(overrides: &[&str]) -> Cube {
-    let overrides: Vec<String> = overrides.iter().map(|s| (*s).to_owned()).collect();
-    let loaded = LoadedScene::load(Path::new("cube"), &overrides).unwrap();
-    let body = Arc::new(loaded.build(&mut |_, _, _| {}).unwrap());
-    let start = loaded.scene.settled(&body, &mut |_, _, _| {});
-    Cube { loaded, body, start }
-}
-
-impl Cube {
-    fn simulation(&self, path: KernelPath) -> Simulation {
-        Simulation::new(self.body.clone(), self.loaded.scene.settings(), self.start.clone()).unwrap().with_path(path)
+impl Stage {
+    fn new(name: &str) -> Self {
+        let (_, scene, given) = BODIES.into_iter().find(|body| body.0 == name).unwrap();
+        let loaded = LoadedScene::load(Path::new(scene), &overrides(given)).unwrap();
+        let body = Arc::new(loaded.build(&mut |_, _, _| {}).unwrap());
+        let start = loaded.scene.settled(&body, &mut |_, _, _| {}).body;
+        Self { loaded, body, start }
     }
 
-    /// Force on the tool along z [N] every [`TRACE`] ticks, every frame's hash, and the final hash.
-    fn run(&self, path: KernelPath, trajectory: &Trajectory) -> (Vec<f64>, Vec<u64>, u64) {
+    /// With the tools that the override `tools` says, if it says any.
+    fn with_tools(mut self, scene: &str, tools: &str) -> Self {
+        if !tools.is_empty() {
+            let of = LoadedScene::load(Path::new(scene), &overrides(&[tools])).unwrap();
+            self.loaded.scene.tool = of.scene.tool;
+        }
+        self
+    }
+
+    fn start(&self) -> Snapshot {
+        Snapshot::with_state(self.start.clone(), self.loaded.scene.tool.len())
+    }
+
+    fn simulation(&self, path: KernelPath) -> Simulation {
+        Simulation::new(self.body.clone(), self.loaded.scene.settings(), self.start()).unwrap().with_path(path)
+    }
+
+    /// Each tool's force [N] and torque [N·m] on it every [`TRACE`] ticks, every frame's hash, and the final hash.
+    fn run(&self, path: KernelPath, trajectory: &Trajectory) -> Ran {
         let mut simulation = self.simulation(path);
-        let (mut forces, mut hashes) = (Vec::new(), Vec::new());
+        let mut ran = Ran::default();
         offline::run(&mut simulation, trajectory, trajectory.last_tick(), |_, outputs| {
             if outputs.tick.is_multiple_of(TRACE) {
-                forces.push(outputs.tools[0].state.physical_force.z);
+                let wrench = |tool: &ToolOutput| [tool.state.physical_force, tool.state.physical_torque];
+                ran.trace.push(outputs.tools.iter().flat_map(wrench).flat_map(<[f64; 3]>::from).collect());
             }
             if outputs.frame {
-                hashes.push(outputs.hash);
+                ran.frames.push(outputs.hash);
             }
             Ok::<(), Infallible>(())
         })
         .unwrap();
-        (forces, hashes, simulation.hash())
+        ran.hash = simulation.hash();
+        ran
     }
 
-    /// Records the trajectory into `file`.
-    fn record(&self, trajectory: &Trajectory, file: &Path) -> u64 {
+    /// Records what `inputs` of each of `ticks` ticks bring about, into `file`.
+    fn record(&self, inputs: impl Fn(u64) -> Inputs, ticks: u64, file: &Path) {
         let mut simulation = self.simulation(KernelPath::best());
         let scene = &self.loaded.scene;
-        let mut writer = RecordingWriter::create(file, scene, &self.body, &self.start, &self.start.body).unwrap();
-        offline::run(&mut simulation, trajectory, trajectory.last_tick(), |_, o| {
-            let inputs = trajectory.inputs(o.tick);
-            writer.tick(o.tick, &inputs, &o.tools, o.flags(), o.frame.then_some(o.hash))?;
+        let mut writer = RecordingWriter::create(file, scene, &self.body, &self.start(), &self.start).unwrap();
+        for tick in 1..=ticks {
+            let inputs = inputs(tick);
+            let o = simulation.advance(&inputs);
+            writer.tick(o.tick, &inputs, &o.tools, o.flags(), o.frame.then_some(o.hash)).unwrap();
             if o.frame {
                 let tools: Vec<_> = o.tools.iter().map(|t| t.state).collect();
-                writer.frame(o.tick, &o.skin, &o.levels, &tools)?;
+                writer.frame(o.tick, &o.skin, &o.levels, &tools).unwrap();
             }
-            Ok::<(), palpate::recording::RecordingError>(())
-        })
-        .unwrap();
-        writer.finish().unwrap().ticks
+        }
+        assert_eq!(writer.finish().unwrap().ticks, ticks);
+    }
+
+    fn record_trajectory(&self, trajectory: &Trajectory, file: &Path) -> u64 {
+        self.record(|tick| trajectory.inputs(tick), trajectory.last_tick(), file);
+        trajectory.last_tick()
     }
 }
 
-#[test]
-fn recorded_trajectories_give_their_forces_and_their_bits_again() {
-    let hash_file = folder("regressions").join("hashes.txt");
-    let mut hashes = String::new();
-    let known = fs::read_to_string(&hash_file).unwrap_or_default();
-    for (kind, cube) in [("", cube()), ("adaptive.", adaptive_cube())] {
-        for name in NAMES {
-            let trajectory = trajectory(name);
-            let (forces, frames, hash) = cube.run(KernelPath::best(), &trajectory);
-            writeln!(hashes, "{kind}{name} {hash:016x}").unwrap();
-            let trace_file = folder("trajectories").join(format!("{name}.{kind}force.csv"));
-            if writing() {
-                let mut out = csv::Writer::from_path(&trace_file).unwrap();
-                out.write_record(["tick", "force_z_N"]).unwrap();
-                for (i, f) in forces.iter().enumerate() {
-                    out.write_record([((i as u64 + 1) * TRACE).to_string(), format!("{f:.6}")]).unwrap();
-                }
-                out.flush().unwrap();
-            }
-            let trace: Vec<(u64, f64)> =
-                csv::Reader::from_path(&trace_file).unwrap().into_deserialize().map(Result::unwrap).collect();
-            let trace: Vec<f64> = trace.into_iter().map(|(_, force)| force).collect();
-            assert_eq!(trace.len(), forces.len(), "{kind}{name}");
-            let peak = trace.iter().copied().fold(0.0, f64::max);
-            assert!(peak > 0.05, "{kind}{name} touches: {peak} N");
-            let worst = trace.iter().zip(&forces).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-            println!("{kind}{name}: peak {peak:.3} N, largest difference from the trace {worst:.6} N");
-            assert!(worst <= 0.03 * peak + 0.002, "{kind}{name}: {worst} N of {peak} N");
+/// What a run gave.
+#[derive(Clone, Debug, Default, PartialEq)]
+struct Ran {
+    trace: Vec<Vec<f64>>,
+    frames: Vec<u64>,
+    hash: u64,
+}
 
-            // The other forms of the kernel give the same bits at every frame.
-            for path in KernelPath::available() {
-                let again = cube.run(path, &trajectory);
-                assert_eq!(again, (forces.clone(), frames.clone(), hash), "{kind}{name} on {path:?}");
-            }
+/// Largest length of the vectors that begin at column `at` of each row.
+fn peak(trace: &[Vec<f64>], at: usize) -> f64 {
+    trace.iter().map(|row| row[at..at + 3].iter().map(|c| c * c).sum::<f64>().sqrt()).fold(0.0, f64::max)
+}
+
+/// Compares what `stage` gives under `trajectory` with its trace, or writes the trace anew; gives the final hash.
+fn check_run(name: &str, stage: &Stage, trajectory: &Trajectory) -> u64 {
+    let ran = stage.run(KernelPath::best(), trajectory);
+    let file = folder("trajectories").join(format!("{name}.trace.csv"));
+    if writing() {
+        let mut out = csv::Writer::from_path(&file).unwrap();
+        let axes = ["force_x_N", "force_y_N", "force_z_N", "torque_x_Nm", "torque_y_Nm", "torque_z_Nm"];
+        let columns = stage.loaded.scene.tool.iter().flat_map(|t| axes.map(|axis| format!("{}_{axis}", t.name)));
+        out.write_record(["tick".to_owned()].into_iter().chain(columns)).unwrap();
+        for (row, tick) in ran.trace.iter().zip(1..) {
+            let numbers = row.iter().map(|x| format!("{x:.6}"));
+            out.write_record([(tick * TRACE).to_string()].into_iter().chain(numbers)).unwrap();
+        }
+        out.flush().unwrap();
+    }
+    let rows = csv::Reader::from_path(&file).unwrap().into_deserialize::<Vec<f64>>();
+    let trace: Vec<Vec<f64>> = rows.map(|row| row.unwrap()[1..].to_vec()).collect();
+    assert_eq!(trace.len(), ran.trace.len(), "{name}");
+    let mut touched = 0.0;
+    for tool in (0..ran.trace[0].len()).step_by(6) {
+        for (quantity, unit, at, least) in [("force", "N", tool, 0.002), ("torque", "N·m", tool + 3, 5e-5)] {
+            let peak = peak(&trace, at);
+            touched = f64::max(touched, if at == tool { peak } else { 0.0 });
+            let off = |(a, b): (&Vec<f64>, &Vec<f64>)| {
+                a[at..at + 3].iter().zip(&b[at..at + 3]).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+            };
+            let worst = trace.iter().zip(&ran.trace).map(off).fold(0.0, f64::max);
+            println!("{name}: tool {}: {quantity} up to {peak:.4} {unit}, off by {worst:.6}", tool / 6);
+            assert!(worst <= 0.03 * peak + least, "{name}: {quantity} off by {worst} of {peak} {unit}");
         }
     }
+    assert!(touched > 0.05, "{name} touches: {touched} N");
+    // The other forms of the kernel give the same bits at every frame.
+    for path in KernelPath::available().into_iter().filter(|path| *path != KernelPath::best()) {
+        assert_eq!(stage.run(path, trajectory), ran, "{name} on {path:?}");
+    }
+    ran.hash
+}
+
+#[test]
+fn recorded_trajectories_give_their_wrenches_and_their_bits_again() {
+    let on_body = |(body, scene, _): (&str, &str, &[&str])| {
+        let stage = Stage::new(body);
+        let runs = RUNS.into_iter().filter(|run| run.1 == body);
+        runs.map(|(name, _, tools)| {
+            let file = format!("{name}.{body}");
+            let hash = check_run(&file, &stage.clone().with_tools(scene, tools), &trajectory(name));
+            (file, hash)
+        })
+        .collect::<Vec<_>>()
+    };
+    let ran: Vec<(String, u64)> = std::thread::scope(|scope| {
+        let threads = BODIES.map(|body| scope.spawn(move || on_body(body)));
+        threads.into_iter().flat_map(|thread| thread.join().unwrap()).collect()
+    });
+    assert_eq!(ran.len(), RUNS.len(), "each run names a body");
+    let mut hashes = String::new();
+    ran.iter().for_each(|(name, hash)| writeln!(hashes, "{name} {hash:016x}").unwrap());
+    let hash_file = folder("regressions").join("hashes.txt");
     if writing() {
         fs::create_dir_all(folder("regressions")).unwrap();
         fs::write(&hash_file, &hashes).unwrap();
         return;
     }
     // Written by an optimised build; this one may have another profile.
+    let known = fs::read_to_string(&hash_file).unwrap_or_default();
     assert_eq!(hashes, known, "the bits have changed: see the head of this file");
+}
+
+/// A hand that presses the cube through a soft coupling, turns, lets go at depth, and comes again, with a reset between.
+fn visit(tick: u64) -> Inputs {
+    let mut inputs = Inputs { reset: tick == 900, ..Inputs::default() };
+    let coupling = Coupling { compliance: 1.0 / 700.0, angular_compliance: 1.0 / 0.4 };
+    let angle = 0.5 * (tick as f64 / 400.0).sin();
+    let depth = 0.012 * (0.5 - 0.5 * (tick as f64 * std::f64::consts::TAU / 700.0).cos());
+    let pose = Pose {
+        position: Vec3::new(0.045 + 0.01 * angle, 0.05, 0.1225 - depth),
+        orientation: [0.0, (0.5 * angle).sin(), 0.0, (0.5 * angle).cos()],
+    };
+    inputs.tools[0] = match tick {
+        1 | 1000 => Some(ToolEvent::Attach { epoch: 5, period_ticks: 2, coupling }),
+        420 => Some(ToolEvent::Detach),
+        421..=999 => None,
+        _ => tick.is_multiple_of(2).then(|| {
+            ToolEvent::Pose(PoseSample {
+                sequence: tick as u32,
+                time_ns: 7 * tick,
+                pose,
+                buttons: u32::from(tick > 300),
+            })
+        }),
+    };
+    inputs
+}
+
+#[test]
+fn a_trajectory_made_of_a_recording_gives_its_forces_again() {
+    let cube = Stage::new("cube");
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let ticks = 1500;
+    // As a server records: each tick has a budget.
+    for (kind, limit, most_off) in [("unlimited", u32::MAX, 1e-6), ("as a slow server has it", 150_000, 0.02)] {
+        let budget = Budget { limit, ..Budget::UNLIMITED };
+        cube.record(|tick| Inputs { budget, ..visit(tick) }, ticks, Path::new(&path("visit.mcap")));
+        let palpate = |arguments: &[&str]| {
+            let done = Command::new(env!("CARGO_BIN_EXE_palpate")).args(arguments).assert().success();
+            String::from_utf8_lossy(&done.get_output().stdout).into_owned()
+        };
+        let said = palpate(&["replay", &path("visit.mcap"), "--trajectory-out", &path("visit.csv")]);
+        assert!(said.contains("identical") && !said.contains("differs"), "{said}");
+        let (csv, out) = (path("visit.csv"), path("out"));
+        palpate(&["simulate", "cube", "--seconds", "1.5", "--trajectory", &csv, "--out", &out]);
+        let mut samples = csv::Reader::from_path(folder.path().join("out/samples.csv")).unwrap();
+        let rows: Vec<Vec<f64>> = samples.deserialize().map(Result::unwrap).collect();
+        let recording = Recording::read(Path::new(&path("visit.mcap"))).unwrap();
+        let (mut peak, mut worst) = (0.0, 0.0);
+        for (row, tick) in rows.iter().zip(1..) {
+            let Some(recorded) = recording.wrenches.get(&(tick, 0)) else { continue };
+            for (recorded, again) in recorded.physical_force.iter().chain(&recorded.force).zip(&row[1..7]) {
+                peak = f64::max(peak, again.abs());
+                worst = f64::max(worst, (f64::from(*recorded) - again).abs());
+            }
+        }
+        println!("{kind}: up to {peak:.3} N, off by {worst:e} N");
+        assert!(rows.len() == ticks as usize && peak > 0.2, "{} ticks, {peak} N", rows.len());
+        assert!(worst <= most_off * peak, "{kind}: off by {worst} N of {peak} N");
+    }
 }
 
 #[test]
 fn a_recording_replays_identical_in_the_library_and_on_the_command_line() {
-    let cube = adaptive_cube();
+    let cube = Stage::new("cube");
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("tap.mcap");
-    let ticks = cube.record(&trajectory("tap"), &file);
+    let ticks = cube.record_trajectory(&trajectory("tap"), &file);
     let recording = Recording::read(&file).unwrap();
     for path in KernelPath::available() {
         let report = replay(&recording, path).unwrap();
@@ -167,21 +323,21 @@ fn a_recording_replays_identical_in_the_library_and_on_the_command_line() {
         .success();
     let text = String::from_utf8_lossy(&output.get_output().stdout).into_owned();
     assert!(text.contains("identical") && !text.contains("differs"), "{text}");
-    // The trajectory that comes out is the one that went in, one tick (the attaching) later.
+    // The trajectory that comes out is the one that went in.
     let text = fs::read_to_string(&again).unwrap();
     let (before, after) = (trajectory("tap"), Trajectory::parse(&text, "again", 1).unwrap());
-    assert_eq!(after.last_tick(), before.last_tick() + 1);
+    assert_eq!((after.last_tick(), after.inputs(1)), (before.last_tick(), before.inputs(1)));
 }
 
 #[test]
 fn a_changed_input_is_found_with_its_tick_and_its_size() {
-    let cube = cube();
+    let cube = Stage::new("level");
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("press.mcap");
-    cube.record(&trajectory("press"), &file);
+    cube.record_trajectory(&trajectory("press"), &file);
     let mut recording = Recording::read(&file).unwrap();
     let (_, inputs) = recording.inputs.iter_mut().find(|(tick, i)| *tick > 1400 && i.tools[0].is_some()).unwrap();
-    let Some(palpate_core::contact::tool::ToolEvent::Pose(pose)) = &mut inputs.tools[0] else { panic!("a pose") };
+    let Some(ToolEvent::Pose(pose)) = &mut inputs.tools[0] else { panic!("a pose") };
     pose.pose.position.z += 1e-4;
     let changed = pose.sequence;
     let report = replay(&recording, KernelPath::best()).unwrap();
@@ -195,10 +351,10 @@ fn a_changed_input_is_found_with_its_tick_and_its_size() {
 
 #[test]
 fn a_recording_cut_short_replays_up_to_the_cut() {
-    let cube = cube();
+    let cube = Stage::new("level");
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("stroke.mcap");
-    let ticks = cube.record(&trajectory("stroke"), &file);
+    let ticks = cube.record_trajectory(&trajectory("stroke"), &file);
     let bytes = fs::read(&file).unwrap();
     for percent in [97, 70, 50] {
         let cut = folder.path().join(format!("cut{percent}.mcap"));

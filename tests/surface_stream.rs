@@ -1,5 +1,6 @@
 //! The coded surface on bodies that move: how far it is off, how many bytes it takes, what is decodable from what.
 
+use palpate::display::Display;
 use palpate::scene::LoadedScene;
 use palpate::wire::surface::{SurfaceEncoder, topology};
 use palpate_core::contact::tool::{Coupling, PoseSample, ToolEvent};
@@ -97,8 +98,9 @@ fn watch(scene: &str, overrides: &[&str], ticks: u64, place: impl Fn(&Body, u64)
     let mut ends = None;
     run(scene, overrides, ticks, place, |body, outputs| {
         let (encoder, decoder) = ends.get_or_insert_with(|| {
-            let surface = Surface::from_parts(topology(body, 3)).unwrap();
-            (SurfaceEncoder::new(body, 3), SurfaceDecoder::new(Arc::new(surface)))
+            let display = Arc::new(Display::touched(body));
+            let surface = Surface::from_parts(topology(body, &display, 3)).unwrap();
+            (SurfaceEncoder::new(display, 3), SurfaceDecoder::new(Arc::new(surface)))
         });
         let tools: Vec<_> = outputs.tools.iter().map(|t| t.state).collect();
         let mut moment = None;

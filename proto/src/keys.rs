@@ -44,6 +44,10 @@ pub fn session_of_any_version(session: &str) -> String {
 pub fn control(session: &str) -> String {
     format!("palpate/v1/{session}/control")
 }
+/// Queryable: every part of every picture on the surface.
+pub fn surface_pictures(session: &str) -> String {
+    format!("palpate/v1/{session}/surface/picture/*")
+}
 /// Queryable: every part of the surface topology.
 pub fn surface_topology(session: &str) -> String {
     format!("palpate/v1/{session}/surface/topology/*")
@@ -100,6 +104,8 @@ pub mod topics {
     pub const HASH: &str = "palpate/hash";
     /// `SurfaceTopology`, one per part.
     pub const TOPOLOGY: &str = "palpate/surface/topology";
+    /// `SurfacePicture`, one per part.
+    pub const PICTURE: &str = "palpate/surface/picture";
     /// `SurfaceFrame` with levels, one per part and frame.
     pub const SURFACE: &str = "palpate/surface/frame";
 }

@@ -8,7 +8,7 @@
 
 use crate::companion::Companion;
 use crate::{SceneArgs, ServerArgs, build, log_to_stderr, runtime};
-use anyhow::{Context, anyhow};
+use anyhow::{Context, anyhow, bail};
 use clap::Args;
 use palpate::scene::Scene;
 use palpate::server::Server;
@@ -157,7 +157,15 @@ pub fn run(args: DemoArgs) -> anyhow::Result<ExitCode> {
         let status = server.stop().await?;
         watched?;
         say!("{}\n", summary(&status))?;
-        say!("{}", report.context("the virtual Phantom")?)?;
+        let report = report.context("the virtual Phantom")?;
+        say!("{report}")?;
+        if report.should_have_touched() && report.contact_wrenches == 0 {
+            bail!(
+                "the virtual hand touched nothing in {:.1} s: the body is not where its surface was, or nothing of it \
+                 faces up. Remedy: see how it starts with `palpate view`; `palpate-phantom --site` takes another place",
+                report.seconds
+            );
+        }
         Ok(ExitCode::SUCCESS)
     })
 }

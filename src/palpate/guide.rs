@@ -55,6 +55,7 @@ macro_rules! page {
         /// [`contract.md`]: palpate_proto
         /// [`palpate_proto::surface`]: palpate_proto::surface
         /// [`palpate_sdk::Clutch`]: palpate_sdk::Clutch
+        /// [`palpate_sdk::Connection::surface_pictures`]: palpate_sdk::Connection::surface_pictures
         /// [`palpate_sdk::Frame`]: palpate_sdk::Frame
         /// [`palpate_sdk::Link`]: palpate_sdk::Link
         /// [`palpate_sdk::Registration`]: palpate_sdk::Registration

@@ -26,6 +26,7 @@
 //! | [`output`] | files that come to be as a whole, or not at all | what is in them |
 //! | [`terminal`] | lines for people, whose readers may be gone | what they say |
 //! | `picture` | panels of a picture, and cuts through the levels of a body on them | scenes |
+//! | [`display`] | the surface that viewers get, on the one that is touched | scenes, messages |
 //! | [`scene`] | scene text to checked parameters, a body and settings | networks |
 //! | [`offline`] | a simulation under a trajectory, as fast as it goes | networks; clocks, but to say how fast that was |
 //! | [`wire`] | messages to core types and back; what is refused and why | zenoh, threads |
@@ -41,6 +42,7 @@
 
 #![allow(rustdoc::broken_intra_doc_links, reason = "units stand in square brackets, as in `[m]`")]
 
+pub mod display;
 pub mod guide;
 pub mod offline;
 pub mod output;

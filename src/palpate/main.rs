@@ -12,7 +12,7 @@ mod writable;
 use anyhow::{Context, bail};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand};
-use palpate::offline::{self, SampleWriter, Trajectory, TrajectoryWriter};
+use palpate::offline::{self, SampleWriter, Trajectory};
 use palpate::recording::{Recording, RecordingWriter, replay};
 use palpate::scene::LoadedScene;
 use palpate::server::{self, Server};
@@ -257,6 +257,8 @@ fn build(scene: &SceneArgs) -> anyhow::Result<(LoadedScene, Arc<palpate_core::mo
     let mut progress = progress::Progress::new();
     let body = Arc::new(loaded.build(&mut |what, done, of| progress.show(what, done, of))?);
     let start = loaded.scene.settled(&body, &mut |what, done, of| progress.show(what, done, of));
+    loaded.scene.check_settled(&body, &start).with_context(|| loaded.origin.clone())?;
+    loaded.scene.display(&body).map_err(|e| anyhow::anyhow!("{}: {e}", loaded.origin))?;
     let levels: Vec<String> = body.levels().iter().map(|l| format!("{}", l.mesh.nodes.len())).collect();
     progress.finish(&format!(
         "{}: {:.2} kg, {} levels of {} nodes; starts with {} active",
@@ -459,18 +461,6 @@ fn replay_file(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
 }
 
 fn write_trajectory(path: &Path, recording: &Recording) -> anyhow::Result<()> {
-    use palpate_core::contact::tool::ToolEvent;
-    let write = || {
-        let mut out = TrajectoryWriter::create(path)?;
-        let first = recording.inputs.first().map_or(1, |i| i.0);
-        for (tick, inputs) in &recording.inputs {
-            for (tool, event) in inputs.tools.iter().enumerate() {
-                if let Some(ToolEvent::Pose(sample)) = event {
-                    out.write(tick - first + 1, tool, sample)?;
-                }
-            }
-        }
-        out.finish()
-    };
-    write().with_context(|| path.display().to_string())
+    let trajectory = Trajectory::recorded(recording.start.tick, &recording.start.tools, &recording.inputs);
+    trajectory.write(path).with_context(|| path.display().to_string())
 }

@@ -7,3 +7,5 @@ mod look;
 mod pictures;
 #[path = "../../clients/viewer/tests/interface/screen.rs"]
 mod screen;
+#[path = "../common/textured_cube.rs"]
+mod textured_cube;

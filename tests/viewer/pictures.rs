@@ -1,6 +1,7 @@
 //! Pictures of a recording, drawn without a display.
 
 use crate::look::{all, is_coarse, is_fine, is_force, is_second_tissue, is_tissue, mean, part};
+use crate::textured_cube::textured_cube;
 use assert_cmd::Command;
 use palpate_viewer::app::App;
 use palpate_viewer::colour::Colouring;
@@ -74,6 +75,32 @@ fn a_press_shows_the_tool_the_dent_and_the_force() {
     let foot = |picture: &Snapshot| mean(picture.region(0.3, 0.8, 0.7, 0.95));
     let moved = (0..3).map(|c| (foot(&rest)[c] - foot(&pressed)[c]).abs()).fold(0.0, f32::max);
     assert!(moved < 3.0, "{moved}");
+}
+
+#[test]
+fn a_surface_of_ones_own_has_its_picture_on_it_unless_colours_mean_numbers() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = textured_cube(folder.path(), 16);
+    let recording = folder.path().join("shown.mcap");
+    palpate(&[
+        "simulate",
+        scene.to_str().unwrap(),
+        "--seconds",
+        "0.1",
+        "--out",
+        folder.path().join("out").to_str().unwrap(),
+        "--record",
+        recording.to_str().unwrap(),
+    ])
+    .success();
+    let is_green = |[r, g, b]: [u8; 3]| g > 90 && i32::from(g) > i32::from(r) + 50 && i32::from(g) > i32::from(b) + 50;
+    let is_yellow = |[r, g, b]: [u8; 3]| r > 110 && g > 100 && i32::from(b) < i32::from(g) - 50 && r.abs_diff(g) < 60;
+    let shown = picture_of(&recording, 0.0, |_| ());
+    let (green, yellow) = (part(all(&shown), is_green), part(all(&shown), is_yellow));
+    assert!(green > 0.01 && yellow > 0.01, "{green} green, {yellow} yellow");
+    // Colours that mean numbers cover it.
+    let level = picture_of(&recording, 0.0, |app| app.colouring = Colouring::Strain);
+    assert!(part(all(&level), is_green) < 1e-3);
 }
 
 #[test]

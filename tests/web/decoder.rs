@@ -48,6 +48,7 @@ fn write_vectors(folder: &Path, name: &str, side: u32, wild: bool) -> serde_json
             } else {
                 vec![]
             },
+            ..SurfaceTopology::default()
         };
         put(format!("{name}-topology-{part}"), &topology.encode_to_vec())
     });

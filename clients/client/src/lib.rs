@@ -33,6 +33,6 @@ pub use palpate_proto as proto;
 pub use pose::PoseSample;
 pub use registration::{Clutch, Fit, Registration};
 pub use renderer::{RenderMode, Renderer};
-pub use surface::{Moment, Surface, SurfaceDecoder};
+pub use surface::{Material, Moment, Picture, Surface, SurfaceDecoder};
 pub use watchdog::{Grip, Hold, watchdog_scale};
 pub use wrench::{LocalModel, WRENCH_BYTES, Wrench};

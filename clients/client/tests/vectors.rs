@@ -170,6 +170,7 @@ fn floor(sequence: u64, k: f32, z: f32, range: f32) -> ToolWrench {
 }
 
 /// What happens to a renderer: a wrench comes, or a force is asked for at (position, velocity).
+#[allow(clippy::large_enum_variant, reason = "there are some hundred of them")]
 enum Step {
     Wrench(ToolWrench),
     Force([f64; 3], [f64; 3]),

@@ -43,6 +43,9 @@ impl Distribution {
     }
 }
 
+/// Every pattern has reached its depth by then [s].
+const TOUCHED_BY: f64 = 2.5;
+
 /// What one run did and measured. Times are in microseconds, forces in newtons.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Report {
@@ -116,6 +119,11 @@ pub struct Report {
 }
 
 impl Report {
+    /// True when the hand had the time to go to its depth: a run without contact has missed the body.
+    pub fn should_have_touched(&self) -> bool {
+        self.seconds >= TOUCHED_BY
+    }
+
     /// The report as indented JSON.
     pub fn to_json(&self) -> String {
         serde_json::to_string_pretty(self).expect("a struct of numbers and strings can be written")

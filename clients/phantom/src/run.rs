@@ -62,7 +62,7 @@ pub struct Options {
     pub seconds: Option<f64>,
     /// Tool to take, by name; empty for any free one.
     pub tool: String,
-    /// Surface point [m] and outward normal to touch at; `None` takes the top of the body.
+    /// Surface point [m] and outward normal to touch at; `None` takes the top of the body as it is at the start.
     pub site: Option<(Vec3, Vec3)>,
     /// Whether to measure the bare round trip meanwhile, 100 times a second.
     pub echo: bool,
@@ -364,7 +364,10 @@ fn beside_echo(mut probe: EchoProbe, work: impl FnOnce() -> Result<Report>) -> R
 fn find_site(options: &Options, connection: &Connection, tool: &ToolDescription) -> Result<Site> {
     let (surface_point, normal) = match options.site {
         Some((point, normal)) => (point, normal.try_normalize(0.0).context("the normal must not be zero")?),
-        None => top_of_surface(&connection.surface_topology()?)?,
+        None => {
+            let (surface, now) = connection.surface_now()?;
+            top_of_surface(&surface, &now.positions)?
+        }
     };
     // How far the tool reaches below its reference point, against the normal. It is held upright: a capsule's axis goes
     // up from the reference point, and reaches below it only where the surface faces down.

@@ -1,4 +1,4 @@
-//! Where to touch a body one has never seen: its top.
+//! Where to touch a body one has never seen: its top, as it is now.
 
 use anyhow::{Result, ensure};
 use palpate_sdk::Surface;
@@ -9,13 +9,13 @@ use crate::Vec3;
 /// must not slip between its triangles.
 const EDGE: f64 = 1e-6;
 
-/// The topmost surface point [m] of the column along z through the middle of the bounds, and the outward unit normal
-/// there (vertex normals, interpolated). Where that column misses the body, it goes through the upward facing
+/// The topmost point [m] of `surface` with its vertices at `positions` [m], in the column along z through the middle of
+/// their bounds, and the outward unit normal there (vertex normals, interpolated). Where that column misses the body, it goes through the upward facing
 /// vertex nearest to it instead.
 ///
 /// Errors: the surface has no upward facing part.
-pub fn top_of_surface(surface: &Surface) -> Result<(Vec3, Vec3)> {
-    let positions: Vec<Vec3> = surface.rest_positions.iter().map(|p| Vec3::from(p.map(f64::from))).collect();
+pub fn top_of_surface(surface: &Surface, positions: &[[f32; 3]]) -> Result<(Vec3, Vec3)> {
+    let positions: Vec<Vec3> = positions.iter().map(|p| Vec3::from(p.map(f64::from))).collect();
     let normals = vertex_normals(&positions, &surface.triangles);
     let upward = |vertex: &usize| normals[*vertex].z > 0.5;
     ensure!((0..positions.len()).any(|vertex| upward(&vertex)), "the surface has no upward facing part to touch");
@@ -85,23 +85,35 @@ mod tests {
         one
     }
 
+    fn top(surface: &Surface) -> Result<(Vec3, Vec3)> {
+        top_of_surface(surface, &surface.rest_positions)
+    }
+
     #[test]
     fn the_top_of_a_box_is_the_middle_of_its_upper_face() {
-        let (point, normal) = top_of_surface(&box_surface([-1.0, -2.0, 0.0], [3.0, 4.0, 5.0])).unwrap();
+        let (point, normal) = top(&box_surface([-1.0, -2.0, 0.0], [3.0, 4.0, 5.0])).unwrap();
         assert!((point - Vec3::new(1.0, 1.0, 5.0)).norm() < 1e-12);
         assert!((normal - Vec3::z()).norm() < 1e-6);
     }
 
     #[test]
+    fn a_body_that_has_sunk_is_touched_where_it_is_now() {
+        let surface = box_surface([0.0; 3], [1.0, 1.0, 2.0]);
+        let sunk: Vec<[f32; 3]> = surface.rest_positions.iter().map(|[x, y, z]| [x + 3.0, *y, 0.5 * z]).collect();
+        let (point, normal) = top_of_surface(&surface, &sunk).unwrap();
+        assert!((point - Vec3::new(3.5, 0.5, 1.0)).norm() < 1e-6 && (normal - Vec3::z()).norm() < 1e-6);
+    }
+
+    #[test]
     fn the_top_of_two_bodies_is_that_of_the_upper_one() {
         let stacked = both(box_surface([0.0; 3], [2.0, 2.0, 1.0]), box_surface([0.0, 0.0, 2.0], [2.0, 2.0, 3.0]));
-        assert!((top_of_surface(&stacked).unwrap().0.z - 3.0).abs() < 1e-12);
+        assert!((top(&stacked).unwrap().0.z - 3.0).abs() < 1e-12);
     }
 
     #[test]
     fn where_the_middle_is_empty_the_nearest_upward_vertex_is_touched() {
         let apart = both(box_surface([0.0; 3], [1.0; 3]), box_surface([3.0, 0.0, 0.0], [5.0, 1.0, 0.5]));
-        let (point, normal) = top_of_surface(&apart).unwrap();
+        let (point, normal) = top(&apart).unwrap();
         // The middle is at x = 2.5: nearest is the second box's edge at x = 3, height 0.5.
         assert!((point - Vec3::new(3.0, point.y, 0.5)).norm() < 1e-6);
         assert!(normal.z > 0.5);
@@ -111,7 +123,7 @@ mod tests {
     fn a_surface_without_an_upper_side_is_refused() {
         let corners = vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
         let below = Surface::new(1, vec![[0, 2, 1]], corners, 1e-5).unwrap();
-        assert!(top_of_surface(&below).is_err());
-        assert!(top_of_surface(&Surface::new(1, vec![], vec![], 1e-5).unwrap()).is_err());
+        assert!(top(&below).is_err());
+        assert!(top(&Surface::new(1, vec![], vec![], 1e-5).unwrap()).is_err());
     }
 }

@@ -176,10 +176,10 @@ impl Hand {
                     None => (desk.device, false),
                 }
             };
-            if let Some((position, velocity, orientation)) = device {
-                if let Err(error) = self.touch(shared, position, velocity, orientation, followed) {
-                    break Some(error.to_string());
-                }
+            if let Some((position, velocity, orientation)) = device
+                && let Err(error) = self.touch(shared, position, velocity, orientation, followed)
+            {
+                break Some(error.to_string());
             }
             shared.desk().status = Some(self.tool.status(self.tool.now_ns()));
             due += period;

@@ -32,7 +32,7 @@ impl Recording {
     }
 
     fn surface(&self) -> PyResult<Arc<Surface>> {
-        let parts = palpate::wire::surface::topology(&self.0.body, TOPOLOGY);
+        let parts = palpate::wire::surface::topology(&self.0.body, &self.0.display, TOPOLOGY);
         Surface::from_parts(parts).map(Arc::new).map_err(bad_file)
     }
 }

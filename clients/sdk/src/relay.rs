@@ -2,7 +2,6 @@
 
 use palpate_proto::{SurfaceFrame, SurfaceTopology, keys};
 
-
 use crate::{Connection, SdkError, Subscription, WatchOptions};
 
 impl Connection {

@@ -9,7 +9,7 @@ use palpate_proto::{Message, SURFACE_MINOR, SurfaceFrame, VERSION_MAJOR, VERSION
 use zenoh::{Wait, bytes::ZBytes, pubsub::Subscriber};
 
 use crate::{Connection, SdkError, error::reason};
-use palpate_client::{ClientError, Moment, Surface, SurfaceDecoder};
+use palpate_client::{ClientError, Moment, Picture, Surface, SurfaceDecoder};
 
 /// Messages that may wait for the decoding thread; more are lost, as on a bad network.
 const WAITING: usize = 64;
@@ -65,6 +65,27 @@ impl Connection {
     /// no surface.
     pub fn surface_topology(&self) -> Result<Surface, SdkError> {
         Ok(Surface::from_parts(self.topology_parts()?)?)
+    }
+
+    /// The surface of the body, and how it was half a second ago at most: the newest key frame. Errors: as
+    /// [`Connection::surface_topology`]; [`SdkError::NoAnswer`] also when no frame comes within 2 s.
+    pub fn surface_now(&self) -> Result<(Arc<Surface>, Moment), SdkError> {
+        let surface = Arc::new(self.surface_topology()?);
+        let mut decoder = SurfaceDecoder::new(surface.clone());
+        let mut newest = None;
+        for part in self.key_frame()? {
+            newest = decoder.receive(&part)?.or(newest);
+        }
+        let key = keys::surface_key(&self.endpoints().session);
+        let endpoint = self.endpoints().surface.clone();
+        newest.map(|moment| (surface, moment)).ok_or(SdkError::NoAnswer { key, endpoint })
+    }
+
+    /// The pictures on the surface `topology`, for one whose materials name some. Errors: [`SdkError::NoAnswer`] after 2 s,
+    /// as of a server before 1.4; [`SdkError::Undecodable`] when parts are missing.
+    pub fn surface_pictures(&self, topology: u32) -> Result<Vec<Picture>, SdkError> {
+        let key = keys::surface_pictures(&self.endpoints().session);
+        Ok(Picture::from_parts(self.ask_all(key, None, "SurfacePicture")?, topology)?)
     }
 
     /// Watches the surface: at once with the newest key frame, then with every frame that comes. After a lost key frame,

@@ -1,8 +1,9 @@
 //! How a surface has moved and stretched against its rest shape, vertex by vertex.
 
 use palpate_sdk::Surface;
+use std::collections::BTreeMap;
 use std::sync::Arc;
-use three_d::{InnerSpace, Vec3, vec3};
+use three_d::{InnerSpace, Quat, Rotation, Vec3, vec3};
 
 /// What of the rest shape every frame is compared with.
 pub struct Deformation {
@@ -10,6 +11,11 @@ pub struct Deformation {
     triangles: Vec<RestTriangle>,
     /// (vertices) sum of the rest areas around each [m²].
     area: Vec<f32>,
+    /// (vertices) the first vertex at the same place with the same normal: where texture coordinates have a seam, the surface
+    /// is smooth all the same.
+    same: Vec<u32>,
+    /// (vertices) normals of the triangles around each at rest, where the surface has normals of its own.
+    rest_normals: Vec<Vec3>,
 }
 
 /// A triangle at rest, in its own plane: the first edge along +x.
@@ -30,7 +36,22 @@ impl Deformation {
             rest
         });
         let triangles = triangles.collect();
-        Self { surface: surface.clone(), triangles, area }
+        let mut first = BTreeMap::new();
+        let mut place = |v: usize| {
+            let normal = surface.normals.get(v).copied().unwrap_or_default();
+            let key = (surface.rest_positions[v].map(f32::to_bits), normal.map(f32::to_bits));
+            *first.entry(key).or_insert(v as u32)
+        };
+        // Without a seam each vertex is its own.
+        let own = |v: usize| v as u32;
+        let vertices = 0..surface.rest_positions.len();
+        let has_seams = !surface.uvs.is_empty();
+        let same = if has_seams { vertices.map(&mut place).collect() } else { vertices.map(own).collect() };
+        let mut deformation = Self { surface: surface.clone(), triangles, area, same, rest_normals: Vec::new() };
+        if !surface.normals.is_empty() {
+            deformation.rest_normals = deformation.normals_of_triangles(&surface.rest_positions);
+        }
+        deformation
     }
 
     /// The surface at rest.
@@ -38,13 +59,27 @@ impl Deformation {
         &self.surface
     }
 
-    /// (vertices) unit normals out of the body: those of the triangles around each, weighted by area.
+    /// (vertices) unit normals out of the body: those of the triangles around each, weighted by area; where the surface has
+    /// normals of its own, these, turned as those of the triangles have.
     pub fn normals(&self, positions: &[[f32; 3]]) -> Vec<Vec3> {
+        let mut normals = self.normals_of_triangles(positions);
+        for ((now, rest), own) in normals.iter_mut().zip(&self.rest_normals).zip(&self.surface.normals) {
+            if *own != [0.0; 3] {
+                *now = Quat::between_vectors(*rest, *now).rotate_vector(Vec3::from(*own));
+            }
+        }
+        normals
+    }
+
+    fn normals_of_triangles(&self, positions: &[[f32; 3]]) -> Vec<Vec3> {
         let mut normals = vec![vec3(0.0, 0.0, 0.0); positions.len()];
         for &corners in &self.surface.triangles {
             let [a, b] = edges(positions, corners);
             let normal = a.cross(b);
-            corners.iter().for_each(|&v| normals[v as usize] += normal);
+            corners.iter().for_each(|&v| normals[self.same[v as usize] as usize] += normal);
+        }
+        for v in 0..normals.len() {
+            normals[v] = normals[self.same[v] as usize];
         }
         for normal in &mut normals {
             let length = normal.magnitude();
@@ -151,6 +186,30 @@ mod tests {
             assert!((normal.magnitude() - 1.0).abs() < 1e-6);
             assert!(normal.dot(Vec3::from(position) - centre) > 0.0);
         }
+    }
+
+    #[test]
+    fn a_seam_of_texture_coordinates_is_smooth_and_own_normals_turn_with_the_surface() {
+        // Two triangles that meet at an edge of 90°, whose ends stand twice.
+        let rest = vec![[0.0; 3], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0; 3], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0]];
+        let triangles = vec![[0, 1, 2], [3, 5, 4]];
+        let mut surface = Surface::new(0, triangles, rest, 1e-4).unwrap();
+        let normals =
+            |surface: &Surface, positions: &[[f32; 3]]| Deformation::new(&Arc::new(surface.clone())).normals(positions);
+        let rest = surface.rest_positions.clone();
+        assert!(
+            normals(&surface, &rest)[0].dot(normals(&surface, &rest)[3]).abs() < 1e-6,
+            "an edge without a seam is sharp"
+        );
+        surface.uvs = vec![[0.0; 2]; 6];
+        let smooth = normals(&surface, &rest);
+        assert!(smooth[0] == smooth[3] && smooth[1] == smooth[4] && smooth[0].magnitude() - 1.0 < 1e-6);
+        surface.normals = vec![[0.0, 0.0, 1.0]; 6];
+        surface.normals[5] = [0.0; 3];
+        assert!(normals(&surface, &rest)[0].dot(Vec3::unit_z()) > 1.0 - 1e-6);
+        let turned: Vec<[f32; 3]> = rest.iter().map(|[x, y, z]| [*z, *y, -x]).collect();
+        let now = normals(&surface, &turned);
+        assert!(now[0].dot(Vec3::unit_x()) > 1.0 - 1e-5, "{:?}", now[0]);
     }
 
     #[test]

@@ -3,13 +3,14 @@
 use crate::app::App;
 use crate::colour::Colouring;
 use crate::contact::PlacedTool;
-use crate::shading::{Backdrop, Shaded, linear};
-use crate::source::Subject;
+use crate::shading::{Backdrop, Painted, Shaded, TISSUE, linear};
+use crate::source::{Picture, Subject};
 use crate::tool_shape::ToolShape;
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use three_d::{
-    Camera, Context, CpuMesh, Geometry, Indices, InnerSpace, Mat4, Mesh, Positions, Quat, Rotation, Srgba, Vec3, Vec4,
-    apply_screen_material, vec3,
+    Camera, Context, CpuMesh, CpuTexture, Geometry, Indices, InnerSpace, Mat4, Mesh, Positions, Quat, Rotation, Srgba,
+    Texture2D, TextureData, Vec3, Vec4, apply_screen_material, vec2, vec3, vec4,
 };
 
 /// Length of an arrow for the largest force that a tool renders, in diagonals of the body.
@@ -30,8 +31,10 @@ const SIDES: u32 = 32;
 /// Meshes on the graphics card.
 pub struct Scene {
     context: Context,
-    /// With what it is made from: the subject, and which organs are hidden.
-    organs: Option<(Arc<Subject>, Vec<bool>, Mesh)>,
+    /// With what they are made from: the subject, and which organs are hidden.
+    organs: Option<(Arc<Subject>, Vec<bool>, Vec<Group>)>,
+    /// Whether materials are shown, and no numbers by colours.
+    painted: bool,
     tools: Vec<Mesh>,
     cylinder: Mesh,
     cone: Mesh,
@@ -44,6 +47,7 @@ impl Scene {
         Self {
             context: context.clone(),
             organs: None,
+            painted: true,
             tools: Vec::new(),
             cylinder: mesh(CpuMesh::cylinder(SIDES)),
             cone: mesh(CpuMesh::cone(SIDES)),
@@ -55,21 +59,15 @@ impl Scene {
         let Some(body) = app.body() else { return };
         let moment = app.moment();
         let vertices = moment.positions.len();
-        let same = |(subject, hidden, _): &(Arc<Subject>, Vec<bool>, Mesh)| {
+        let same = |(subject, hidden, _): &(Arc<Subject>, Vec<bool>, Vec<Group>)| {
             Arc::ptr_eq(subject, &body.subject) && *hidden == app.hidden
         };
         if !self.organs.as_ref().is_some_and(same) {
-            let mesh = CpuMesh {
-                positions: Positions::F32(vec![vec3(0.0, 0.0, 0.0); vertices]),
-                indices: Indices::U32(app.shown_triangles().concat()),
-                normals: Some(vec![Vec3::unit_z(); vertices]),
-                colors: Some(vec![Srgba::WHITE; vertices]),
-                ..Default::default()
-            };
-            self.organs = Some((body.subject.clone(), app.hidden.clone(), Mesh::new(&self.context, &mesh)));
+            let groups = groups(&self.context, &body.subject, &app.shown_triangles());
+            self.organs = Some((body.subject.clone(), app.hidden.clone(), groups));
             self.tools = body.tools.iter().map(|shape| tool_mesh(&self.context, shape)).collect();
         }
-        let Some((.., mesh)) = &mut self.organs else { return };
+        let Some((.., groups)) = &mut self.organs else { return };
         let positions: Vec<Vec3> = moment.positions.iter().map(|&position| position.into()).collect();
         let mut touch = vec![0.0; vertices];
         for tool in app.tools() {
@@ -84,18 +82,32 @@ impl Scene {
             (touched + faded * (GREY - touched)).extend(1.0)
         });
         let colours: Vec<Vec4> = colours.collect();
-        // Of an indexed mesh three-d counts corners instead of vertices, so that only partial updates fit.
-        let fits = mesh.set_positions_partially(0, &positions).is_ok()
-            && mesh.set_normals_partially(0, &body.deformation.normals(&moment.positions)).is_ok()
-            && mesh.set_colors_partially(0, &colours).is_ok();
-        debug_assert!(fits, "the mesh was made for this surface");
+        // The same over a material of its own: what covers it, and how far.
+        let covers = touch.iter().map(|touch| {
+            let (touched, cover) = (strength * touch, 1.0 - (1.0 - strength * touch) * (1.0 - faded));
+            let sum = touched * (1.0 - faded) * mark + faded * GREY;
+            (sum / cover.max(1e-6)).extend(cover)
+        });
+        let covers: Vec<Vec4> = covers.collect();
+        let normals = body.deformation.normals(&moment.positions);
+        self.painted = app.colouring == Colouring::Material;
+        for group in groups {
+            let colours = if self.painted && group.painted.is_some() { &covers } else { &colours };
+            group.update(&positions, &normals, colours);
+        }
     }
 
     /// Draws into the render target that is being written: the backdrop behind all of `whole`, the rest as `camera` sees it.
     pub fn draw(&mut self, app: &App, whole: &Camera, camera: &Camera) {
         apply_screen_material(&self.context, Backdrop, whole, &[]);
-        if let Some((.., organs)) = &self.organs {
-            organs.render_with_material(&Shaded { colour: Srgba::WHITE, gloss: 0.5, wrap: 0.3 }, camera, &[]);
+        for group in self.organs.iter().flat_map(|(.., groups)| groups) {
+            match &group.painted {
+                Some(painted) if self.painted => group.mesh.render_with_material(painted, camera, &[]),
+                _ => {
+                    let (gloss, wrap) = TISSUE;
+                    group.mesh.render_with_material(&Shaded { colour: Srgba::WHITE, gloss, wrap }, camera, &[]);
+                }
+            }
         }
         let Some(body) = app.body() else { return };
         let mut brush = Brush { scene: self, camera };
@@ -106,6 +118,80 @@ impl Scene {
             }
         }
     }
+}
+
+/// Triangles of one material.
+struct Group {
+    mesh: Mesh,
+    /// Numbers of its vertices in the surface.
+    vertices: Vec<u32>,
+    /// What it looks like; `None`: as its vertices are coloured.
+    painted: Option<Painted>,
+}
+
+impl Group {
+    /// Places, normals and colours of all vertices of the surface are now these.
+    fn update(&mut self, positions: &[Vec3], normals: &[Vec3], colours: &[Vec4]) {
+        let own = |of: &[Vec3]| self.vertices.iter().map(|v| of[*v as usize]).collect::<Vec<_>>();
+        let (positions, normals) = (own(positions), own(normals));
+        let colours: Vec<Vec4> = self.vertices.iter().map(|v| colours[*v as usize]).collect();
+        // Of an indexed mesh three-d counts corners instead of vertices, so that only partial updates fit.
+        let fits = self.mesh.set_positions_partially(0, &positions).is_ok()
+            && self.mesh.set_normals_partially(0, &normals).is_ok()
+            && self.mesh.set_colors_partially(0, &colours).is_ok();
+        debug_assert!(fits, "the mesh was made for this surface");
+    }
+}
+
+/// The `triangles` of the surface of `subject`, of which those without area are hidden, one group for each material.
+fn groups(context: &Context, subject: &Subject, triangles: &[[u32; 3]]) -> Vec<Group> {
+    let texture = |picture: &Picture| {
+        let image = CpuTexture {
+            data: TextureData::RgbaU8(picture.pixels.clone()),
+            width: picture.width,
+            height: picture.height,
+            ..Default::default()
+        };
+        (picture.number, Arc::new(Texture2D::new(context, &image)))
+    };
+    let pictures: BTreeMap<u32, Arc<Texture2D>> = subject.pictures.iter().map(texture).collect();
+    let surface = &subject.surface;
+    let (mut groups, mut rest) = (Vec::new(), triangles);
+    let mut add = |triangles: &[[u32; 3]], painted: Option<Painted>| {
+        let mut number = BTreeMap::new();
+        let mut vertices = Vec::new();
+        let mut indices = Vec::new();
+        for v in triangles.iter().filter(|[a, b, _]| a != b).flatten() {
+            indices.push(*number.entry(*v).or_insert_with(|| {
+                vertices.push(*v);
+                vertices.len() as u32 - 1
+            }));
+        }
+        if vertices.is_empty() {
+            return;
+        }
+        let uv = |v: &u32| surface.uvs.get(*v as usize).map_or(vec2(0.0, 0.0), |[u, v]| vec2(*u, *v));
+        let mesh = CpuMesh {
+            positions: Positions::F32(vec![vec3(0.0, 0.0, 0.0); vertices.len()]),
+            indices: Indices::U32(indices),
+            normals: Some(vec![Vec3::unit_z(); vertices.len()]),
+            uvs: Some(vertices.iter().map(uv).collect()),
+            colors: Some(vec![Srgba::WHITE; vertices.len()]),
+            ..Default::default()
+        };
+        groups.push(Group { mesh: Mesh::new(context, &mesh), vertices, painted });
+    };
+    for material in &surface.materials {
+        let own;
+        (own, rest) = rest.split_at(material.triangles.min(rest.len()));
+        let painted = material.colour.map(|[r, g, b]| Painted {
+            colour: vec4(r, g, b, 1.0),
+            picture: material.picture.and_then(|number| pictures.get(&number).cloned()),
+        });
+        add(own, painted);
+    }
+    add(rest, None);
+    groups
 }
 
 /// A force as it is drawn.

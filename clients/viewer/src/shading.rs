@@ -1,8 +1,9 @@
-//! How light falls on things: two shaders.
+//! How light falls on things: in one colour, from a picture, and behind everything.
 
+use std::sync::Arc;
 use three_d::{
-    DepthTest, EffectMaterialId, InnerSpace, Light, Material, MaterialType, Program, RenderStates, Srgba, Vec3, Vec4,
-    Viewer, WriteMask, vec3, vec4,
+    DepthTest, EffectMaterialId, InnerSpace, Light, Material, MaterialType, Program, RenderStates, Srgba, Texture2D,
+    Vec3, Vec4, Viewer, WriteMask, vec3, vec4,
 };
 
 /// Smooth surfaces under a key light beside the eye and a dim sky, in the colours of their vertices.
@@ -18,19 +19,26 @@ pub struct Shaded {
     pub wrap: f32,
 }
 
+/// As [`Shaded`], in a colour and the colours of a picture; the colours of the vertices cover them as far as their alpha says.
+pub struct Painted {
+    /// Linear: a factor on the picture.
+    pub colour: Vec4,
+    /// The picture, where there is one.
+    pub picture: Option<Arc<Texture2D>>,
+}
+
 /// Light grey behind everything, a little lighter above.
 pub struct Backdrop;
 
-const SHADED: &str = "
+/// Each shader says the colour of the thing itself before these lines.
+const LIT: &str = "
 uniform vec3 eye;
 uniform vec3 key;
 uniform vec3 fill;
-uniform vec4 surface;
 uniform float gloss;
 uniform float wrap;
 in vec3 pos;
 in vec3 nor;
-in vec4 col;
 layout (location = 0) out vec4 result;
 
 void main() {
@@ -49,8 +57,32 @@ void main() {
     near *= near * near;
     away *= away;
     float shine = gloss * (0.35 * near + 0.22 * away * away);
-    vec3 linear = surface.rgb * col.rgb * light + vec3(shine);
+    vec3 linear = own() * light + vec3(shine);
     result = vec4(sqrt(clamp(linear, 0.0, 1.0)), 1.0);
+}
+";
+
+const SHADED: &str = "
+uniform vec4 surface;
+in vec4 col;
+vec3 own() { return surface.rgb * col.rgb; }
+";
+
+const PAINTED: &str = "
+uniform vec4 surface;
+in vec4 col;
+vec3 own() { return mix(surface.rgb, col.rgb, col.a); }
+";
+
+/// Pictures are as the screen is told.
+const PICTURED: &str = "
+uniform vec4 surface;
+uniform sampler2D picture;
+in vec2 uvs;
+in vec4 col;
+vec3 own() {
+    vec3 seen = texture(picture, uvs).rgb;
+    return mix(surface.rgb * seen * seen, col.rgb, col.a);
 }
 ";
 
@@ -65,7 +97,7 @@ void main() {
 
 impl Material for Shaded {
     fn fragment_shader_source(&self, _: &[&dyn Light]) -> String {
-        SHADED.into()
+        [SHADED, LIT].concat()
     }
 
     fn id(&self) -> EffectMaterialId {
@@ -73,15 +105,34 @@ impl Material for Shaded {
     }
 
     fn use_uniforms(&self, program: &Program, viewer: &dyn Viewer, _: &[&dyn Light]) {
-        // The lights go with the eye: whatever side is looked at is lit from above its left shoulder.
-        let view = viewer.view();
-        let (right, up, back) = (row(&view, 0), row(&view, 1), row(&view, 2));
-        program.use_uniform("eye", viewer.position());
-        program.use_uniform("key", (-0.42 * right + 0.62 * up + 0.8 * back).normalize());
-        program.use_uniform("fill", (0.9 * right - 0.1 * up + 0.4 * back).normalize());
+        light(program, viewer, self.gloss, self.wrap);
         program.use_uniform("surface", linear(self.colour));
-        program.use_uniform("gloss", self.gloss);
-        program.use_uniform("wrap", self.wrap);
+    }
+
+    fn render_states(&self) -> RenderStates {
+        RenderStates::default()
+    }
+
+    fn material_type(&self) -> MaterialType {
+        MaterialType::Opaque
+    }
+}
+
+impl Material for Painted {
+    fn fragment_shader_source(&self, _: &[&dyn Light]) -> String {
+        [if self.picture.is_some() { PICTURED } else { PAINTED }, LIT].concat()
+    }
+
+    fn id(&self) -> EffectMaterialId {
+        EffectMaterialId(if self.picture.is_some() { 4 } else { 3 })
+    }
+
+    fn use_uniforms(&self, program: &Program, viewer: &dyn Viewer, _: &[&dyn Light]) {
+        light(program, viewer, TISSUE.0, TISSUE.1);
+        program.use_uniform("surface", self.colour);
+        if let Some(picture) = &self.picture {
+            program.use_texture("picture", picture);
+        }
     }
 
     fn render_states(&self) -> RenderStates {
@@ -111,6 +162,20 @@ impl Material for Backdrop {
     fn material_type(&self) -> MaterialType {
         MaterialType::Opaque
     }
+}
+
+/// Gloss and wrap of moist tissue.
+pub const TISSUE: (f32, f32) = (0.5, 0.3);
+
+/// The lights go with the eye: whatever side is looked at is lit from above its left shoulder.
+fn light(program: &Program, viewer: &dyn Viewer, gloss: f32, wrap: f32) {
+    let view = viewer.view();
+    let (right, up, back) = (row(&view, 0), row(&view, 1), row(&view, 2));
+    program.use_uniform("eye", viewer.position());
+    program.use_uniform("key", (-0.42 * right + 0.62 * up + 0.8 * back).normalize());
+    program.use_uniform("fill", (0.9 * right - 0.1 * up + 0.4 * back).normalize());
+    program.use_uniform("gloss", gloss);
+    program.use_uniform("wrap", wrap);
 }
 
 /// How bright a colour is, as the shader counts: the square root that it ends with gives the same colour back.

@@ -1,6 +1,7 @@
 //! Runs a recording again, as fast as it goes, and compares bit for bit.
 
 use super::{FORMAT, RecordingError};
+use crate::display::Display;
 use crate::scene::{self, Scene};
 use crate::wire;
 use palpate_core::math::{Real, Vec3};
@@ -29,6 +30,8 @@ pub struct Recording {
     pub hashes: BTreeMap<u64, u64>,
     /// Wrenches, by tick and tool.
     pub wrenches: BTreeMap<(u64, u32), proto::ToolWrench>,
+    /// What was shown, and how it hangs on what was touched.
+    pub display: Display,
     /// Surfaces in parts, by tick.
     pub frames: BTreeMap<u64, Vec<proto::SurfaceFrame>>,
     /// Why reading ended before the end of the file, when it did.
@@ -51,6 +54,7 @@ impl Recording {
         let mut start = None;
         let (mut inputs, mut hashes) = (Vec::<(u64, Inputs)>::new(), BTreeMap::new());
         let (mut wrenches, mut frames) = (BTreeMap::new(), BTreeMap::<u64, Vec<_>>::new());
+        let (mut rest, mut triangles) = (Vec::new(), Vec::new());
         let mut cut = None;
         for message in stream {
             let message = match message {
@@ -78,6 +82,11 @@ impl Recording {
                 topics::WRENCH => {
                     let wrench = proto::ToolWrench::decode(data).map_err(broken)?;
                     wrenches.insert((wrench.tick, wrench.tool), wrench);
+                }
+                topics::TOPOLOGY => {
+                    let part = proto::SurfaceTopology::decode(data).map_err(broken)?;
+                    rest.extend(triples(&part.rest_positions, f32::from_le_bytes));
+                    triangles.extend(triples(&part.triangles, u32::from_le_bytes));
                 }
                 topics::SURFACE => {
                     let frame = proto::SurfaceFrame::decode(data).map_err(broken)?;
@@ -113,8 +122,18 @@ impl Recording {
             }
             last = *tick;
         }
-        Ok(Self { scene, body: Arc::new(body), start: snapshot, reset, inputs, hashes, wrenches, frames, cut })
+        if triangles.iter().flatten().any(|v| *v as usize >= rest.len()) {
+            return Err(content("the surface that it shows is damaged".into()));
+        }
+        let (display, body) = (Display::recorded(&body, rest, triangles), Arc::new(body));
+        Ok(Self { scene, body, start: snapshot, reset, inputs, hashes, wrenches, display, frames, cut })
     }
+}
+
+/// `bytes` as triples of little-endian numbers of four bytes.
+fn triples<T: Copy>(bytes: &[u8], number: impl Fn([u8; 4]) -> T) -> Vec<[T; 3]> {
+    let numbers: Vec<T> = bytes.as_chunks().0.iter().map(|bytes| number(*bytes)).collect();
+    numbers.as_chunks().0.to_vec()
 }
 
 /// What a replay found.
@@ -211,11 +230,13 @@ fn wrench_difference(tool: usize, recorded: &proto::ToolWrench, again: &proto::T
     )
 }
 
-/// Largest distance [m] of `skin` from the recorded vertices of `tick`, where their frame and its key frame are whole.
+/// Largest distance [m] of what is shown with the touched vertices at `skin` [m] from the recorded vertices of `tick`, where their frame and its key frame are whole.
 fn farthest(recording: &Recording, tick: u64, skin: &[Vec3]) -> Option<Real> {
     let frame = recording.frames.get(&tick)?;
     let key = frame.first()?.key;
     let key = recording.frames.values().find(|parts| parts.first().is_some_and(|part| part.sequence == key))?;
-    let recorded = wire::surface::vertices(&recording.body, key, frame)?;
-    Some(recorded.iter().zip(skin).map(|(a, b)| (a - b).norm()).fold(0.0, Real::max))
+    let recorded = wire::surface::vertices(&recording.display, key, frame)?;
+    Some(
+        recorded.iter().zip(recording.display.positions(skin).iter()).map(|(a, b)| (a - b).norm()).fold(0.0, Real::max),
+    )
 }

@@ -15,6 +15,7 @@ use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// A recording being written.
 pub struct RecordingWriter {
@@ -35,7 +36,7 @@ impl RecordingWriter {
     /// of a frame; `reset` what a reset returns to.
     ///
     /// # Errors
-    /// Those of the file system.
+    /// Those of the file system, and when the surface to look at is far from the body.
     pub fn create(
         path: &Path,
         scene: &Scene,
@@ -58,6 +59,7 @@ impl RecordingWriter {
             (topics::WRENCH, "ToolWrench"),
             (topics::HASH, "StateHash"),
             (topics::TOPOLOGY, "SurfaceTopology"),
+            (topics::PICTURE, "SurfacePicture"),
             (topics::SURFACE, "SurfaceFrame"),
         ] {
             let schema = mcap
@@ -66,6 +68,9 @@ impl RecordingWriter {
             let channel = mcap.add_channel(schema, topic, "protobuf", &BTreeMap::new()).map_err(|e| fault(path, e))?;
             channels.insert(topic, channel);
         }
+        let shown = scene.display(body);
+        let shown = shown.map_err(|what| RecordingError::Content { path: path.display().to_string(), what })?;
+        let display = Arc::new(shown);
         let mut writer = Self {
             path: path.to_owned(),
             mcap,
@@ -73,7 +78,7 @@ impl RecordingWriter {
             wrenches: vec![0; start.tools.len()],
             first_tick: start.tick + 1,
             ticks: 0,
-            surface: SurfaceEncoder::new(body, TOPOLOGY),
+            surface: SurfaceEncoder::new(display.clone(), TOPOLOGY),
         };
         let content =
             |e: postcard::Error| RecordingError::Content { path: path.display().to_string(), what: e.to_string() };
@@ -89,8 +94,11 @@ impl RecordingWriter {
             session: Some(wire::session::describe(scene, body)),
         };
         writer.message(topics::START, start.tick, &opening)?;
-        for part in wire::surface::topology(body, TOPOLOGY) {
+        for part in wire::surface::topology(body, &display, TOPOLOGY) {
             writer.message(topics::TOPOLOGY, start.tick, &part)?;
+        }
+        for part in wire::surface::pictures(&display, TOPOLOGY) {
+            writer.message(topics::PICTURE, start.tick, &part)?;
         }
         writer.mcap.flush().map_err(|e| fault(path, e))?;
         Ok(writer)
@@ -123,7 +131,7 @@ impl RecordingWriter {
         Ok(())
     }
 
-    /// Adds a frame's surface: display vertices [m] (vertices), their levels (vertices), and the tools.
+    /// Adds a frame's surface: touched vertices [m] (vertices), their levels (vertices), and the tools.
     ///
     /// # Errors
     /// Those of the file system, or when there is no memory.

@@ -70,6 +70,12 @@ pub struct BodyKeys {
     /// Level whose nodes are all active, all the time; left out: the resolution adapts itself.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub active_level: Option<u32>,
+    /// Surface that viewers are shown instead of the one that is touched; relative to the scene's file.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub display: Option<PathBuf>,
+    /// Unit of its coordinates; left out: `unit`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub display_unit: Option<LengthUnit>,
     /// Which labels of the volume files regions of the material go by, where there are several.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub labels: Option<String>,

@@ -3,14 +3,16 @@
 use super::body_keys::{BodyKeys, HoldKeys, MaterialKeys, RegionKeys};
 use super::organ_keys::{OrganKeys, TissueKeys};
 use super::tool_keys::{ToolKeys, centimetre};
+use crate::display::Display;
 use garde::Validate;
+use palpate_body::geometry::textured::TexturedMesh;
 use palpate_body::prepare::inclusions::Inclusion;
 use palpate_core::adaptation::{Adaptivity, finest_steppable};
 use palpate_core::contact::safety::ForceLimits;
 use palpate_core::contact::tool::{Following, MOST_TOOLS};
 use palpate_core::geometry::locate::{Host, Locator};
 use palpate_core::ids::Element;
-use palpate_core::math::{Bounds, Real, Vec3};
+use palpate_core::math::{Bounds, Pose, Real, Vec3};
 use palpate_core::model::element_pool::CLASSES;
 use palpate_core::model::organ::MOST_ORGANS;
 use palpate_core::model::step_class::step_of;
@@ -62,6 +64,9 @@ pub struct Scene {
     #[serde(default)]
     #[garde(dive, length(max = 64))]
     pub probe: Vec<ProbeKeys>,
+    /// What the files of `display` hold [m], by organ and in its frame; empty before they are read.
+    #[serde(skip)]
+    pub shown: Vec<Option<Arc<TexturedMesh>>>,
 }
 
 /// `[resolution]`.
@@ -104,11 +109,13 @@ pub struct WorldKeys {
     /// How long the body comes to rest under its load before it is served [s].
     #[garde(range(min = 0.0, max = 60.0))]
     pub settle: Real,
+    /// It may start before it is at rest, crushed, or away from where it was put.
+    pub unsettled: bool,
 }
 
 impl Default for WorldKeys {
     fn default() -> Self {
-        Self { gravity: [0.0, 0.0, -9.81], settle: 2.0 }
+        Self { gravity: [0.0, 0.0, -9.81], settle: 2.0, unsettled: false }
     }
 }
 
@@ -252,6 +259,26 @@ impl Scene {
                 1e6 * step_of(CLASSES - 1)
             )
         })
+    }
+
+    /// What viewers are shown of `body`.
+    ///
+    /// # Errors
+    /// When a surface to look at is not where its organ is, in words.
+    pub fn display(&self, body: &Body) -> Result<Display, String> {
+        let poses = std::iter::once(Pose::default()).chain(self.organ.iter().map(OrganKeys::pose));
+        let own: Vec<_> = self.shown.iter().cloned().zip(poses).map(|(mesh, pose)| Some((mesh?, pose))).collect();
+        Display::new(body, &own).map_err(|(organ, far)| format!("{}: {far}", body.organs()[organ].name))
+    }
+
+    /// (organs) vertices and triangles that viewers are shown of each organ of `body`.
+    pub fn shown_counts(&self, body: &Body) -> Vec<[usize; 2]> {
+        let own = |i: usize| self.shown.get(i).and_then(Option::as_ref).map(|mesh| &mesh.surface);
+        let counts = body.organs().iter().enumerate().map(|(i, organ)| match own(i) {
+            Some(surface) => [surface.vertices.len(), surface.triangles.len()],
+            None => [organ.vertices.len(), organ.triangles.len()],
+        });
+        counts.collect()
     }
 
     /// The box that poses must lie in [m].

@@ -9,12 +9,14 @@ pub mod keys;
 pub mod organ_keys;
 pub mod prepared;
 pub mod tool_keys;
+pub mod unsettled;
 
 pub use keys::Scene;
 
 use body_keys::Source;
 use garde::Validate;
 use palpate_body::geometry::mesh_io::{self, Solid};
+use palpate_body::geometry::textured::TexturedMesh;
 use palpate_body::geometry::{LabelledMesh, MeshError, primitives};
 use palpate_body::prepare::bodies::one_body;
 use palpate_body::prepare::body_file::{self, BodyFileError};
@@ -28,6 +30,7 @@ use palpate_core::geometry::primitives::box_mesh;
 use palpate_core::math::{Pose, Real, Vec3};
 use palpate_core::model::Body;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// Scenes that come with the program: name and text.
 pub const BUNDLED: [(&str, &str); 5] = [
@@ -99,6 +102,18 @@ pub enum SceneError {
         /// The key.
         key: String,
         /// The shape's file.
+        path: PathBuf,
+        /// Why.
+        reason: String,
+    },
+    /// A surface to look at that cannot be used.
+    #[error("{origin}: {key}: {}: {reason}", path.display())]
+    Display {
+        /// File or bundled scene.
+        origin: String,
+        /// The key.
+        key: String,
+        /// The surface's file.
         path: PathBuf,
         /// Why.
         reason: String,
@@ -203,13 +218,17 @@ impl LoadedScene {
             scene = named(parse(&text, &origin)?);
         }
         load_tools(&mut scene, &origin, &folder)?;
+        load_displays(&mut scene, &origin, &folder)?;
         Ok(Self { scene, origin, folder })
     }
 
     /// The files of bodies that it reads.
     pub fn files(&self) -> Vec<PathBuf> {
         let bodies = [&self.scene.body].into_iter().chain(self.scene.organ.iter().map(|organ| &organ.body));
-        bodies.flat_map(|body| body.file.iter().chain(&body.files)).map(|file| self.folder.join(file)).collect()
+        bodies
+            .flat_map(|body| body.file.iter().chain(&body.files).chain(&body.display))
+            .map(|file| self.folder.join(file))
+            .collect()
     }
 
     /// Builds the body; `progress` hears what is done next, and its place among how many.
@@ -419,6 +438,32 @@ fn load_tools(scene: &mut Scene, origin: &str, folder: &Path) -> Result<(), Scen
             Ok(part.hull().0.into_iter().map(Into::into).collect())
         })?;
     }
+    Ok(())
+}
+
+/// Reads the surfaces to look at.
+fn load_displays(scene: &mut Scene, origin: &str, folder: &Path) -> Result<(), SceneError> {
+    let organs = scene.organ.iter().enumerate().map(|(i, organ)| (format!("organ[{i}].body"), &organ.body));
+    let read = |(key, keys): (String, &body_keys::BodyKeys)| {
+        let Some(file) = &keys.display else { return Ok(None) };
+        let path = folder.join(file);
+        let failed = |reason: String| SceneError::Display {
+            origin: origin.to_owned(),
+            key: format!("{key}.display"),
+            path: path.clone(),
+            reason,
+        };
+        let unit = keys.display_unit.or(keys.unit);
+        let unit =
+            unit.ok_or_else(|| failed(format!("give {key}.display_unit, one of \"m\", \"cm\", \"mm\", \"in\"")))?;
+        let mut mesh = TexturedMesh::read(&path, unit).map_err(|e| failed(e.to_string()))?;
+        mesh.surface.vertices.iter_mut().for_each(|v| *v *= keys.scale);
+        Ok(Some(Arc::new(mesh)))
+    };
+    let all = std::iter::once(("body".to_owned(), &scene.body)).chain(organs);
+    let shown = all.map(read).collect::<Result<Vec<_>, _>>()?;
+    // Without any, a scene is as its text says.
+    scene.shown = if shown.iter().any(Option::is_some) { shown } else { Vec::new() };
     Ok(())
 }
 

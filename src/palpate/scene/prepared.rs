@@ -58,9 +58,11 @@ fn complete(
     origin: &str,
     folder: &Path,
 ) -> Result<(), SceneError> {
-    let kept = BodyKeys { file: keys.file.clone(), active_level: keys.active_level, ..body_keys() };
+    let BodyKeys { file, active_level, display, display_unit, .. } = keys.clone();
+    let kept = BodyKeys { file, active_level, display, display_unit, ..body_keys() };
     if *keys != kept {
-        let fault = "body: a prepared body is as it was prepared: leave out all keys but source, file and active_level";
+        let fault = "body: a prepared body is as it was prepared: leave out all keys but source, file, \
+                     active_level, display and display_unit";
         return Err(SceneError::Values(vec![format!("{origin}: {fault}")]));
     }
     let file = keys.file.as_ref().ok_or_else(|| SceneError::Missing {

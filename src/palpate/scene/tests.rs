@@ -32,6 +32,8 @@ fn the_reference_names_every_key_with_its_default() {
             unit: None,
             active_level: None,
             labels: None,
+            display: None,
+            display_unit: None,
             ..scene.body.clone()
         },
         tool: vec![scene.tool[0].clone()],
@@ -51,6 +53,8 @@ fn the_reference_names_every_key_with_its_default() {
         "file",
         "files",
         "unit",
+        "display",
+        "display_unit",
         "active_level",
         "finest_level",
         "stiffness",

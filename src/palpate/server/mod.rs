@@ -11,6 +11,7 @@ mod status;
 mod surface_output;
 mod tool_input;
 
+use crate::display::Display;
 use crate::realtime::clock::Monotonic;
 use crate::realtime::mailbox::{Command, ServerEnds, mailboxes};
 use crate::realtime::scheduling::{self, Granted};
@@ -117,6 +118,8 @@ fn listen_remedy(reason: &str, option: &str) -> String {
 struct Shared {
     scene: Scene,
     body: Arc<Body>,
+    /// What viewers are shown of it.
+    display: Arc<Display>,
     /// What a reset returns to.
     reset: State,
     options: Options,
@@ -170,6 +173,7 @@ impl Server {
             return Err(ServerError::SessionName(options.session));
         }
         let simulation = Simulation::new(body.clone(), scene.settings(), start).map_err(ServerError::Simulation)?;
+        let display = Arc::new(scene.display(&body).map_err(ServerError::Simulation)?);
         let reset = simulation.reset_state().clone();
         let (sim_ends, ends) = mailboxes(scene.tool.len(), body.surface().vertices.len(), || {
             Snapshot::with_room(&body, simulation.settings())
@@ -198,6 +202,7 @@ impl Server {
             commands: Mutex::new(commands),
             scene,
             body,
+            display,
             options,
         });
         if let Some(path) = shared.options.record.clone() {

@@ -1,11 +1,11 @@
 //! The surface out: every frame, encoded away from the simulation thread, on the streams that viewers choose from; and
-//! the topology and the newest key frame for those who ask.
+//! the topology, its pictures and the newest key frame for those who ask.
 //!
 //! A message that does not fit a viewer's queue is dropped for that viewer: a slow one holds up nobody.
 
 use super::{ServerError, Shared, lock, network};
 use crate::realtime::mailbox::Frame;
-use crate::wire::surface::{SurfaceEncoder, topology};
+use crate::wire::surface::{SurfaceEncoder, pictures, topology};
 use palpate_proto::surface::EVERY;
 use palpate_proto::{self as proto, Message, keys};
 use std::sync::atomic::Ordering;
@@ -38,7 +38,7 @@ pub(super) async fn publish(
     let answering = answer(shared, session, run, newest_key.clone()).await?;
     let shared = shared.clone();
     let publishing = tokio::spawn(async move {
-        let mut encoder = SurfaceEncoder::new(&shared.body, run);
+        let mut encoder = SurfaceEncoder::new(shared.display.clone(), run);
         let mut interval = tokio::time::interval(POLL);
         interval.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
         loop {
@@ -101,7 +101,7 @@ impl Streams {
     }
 }
 
-/// Answers queries for the topology and for the newest key frame.
+/// Answers queries for the topology, its pictures and the newest key frame.
 async fn answer(
     shared: &Shared,
     session: &zenoh::Session,
@@ -110,13 +110,18 @@ async fn answer(
 ) -> Result<JoinHandle<()>, ServerError> {
     let name = &shared.options.session;
     let (topology_key, frame_key) = (keys::surface_topology(name), keys::surface_key(name));
+    let picture_key = keys::surface_pictures(name);
     let topologies = session.declare_queryable(&topology_key).await.map_err(network)?;
     let key_frames = session.declare_queryable(&frame_key).await.map_err(network)?;
-    let surface: Vec<ZBytes> = topology(&shared.body, run).iter().map(|part| part.encode_to_vec().into()).collect();
+    let picture_queries = session.declare_queryable(&picture_key).await.map_err(network)?;
+    let on_it: Vec<ZBytes> = pictures(&shared.display, run).iter().map(|part| part.encode_to_vec().into()).collect();
+    let surface = topology(&shared.body, &shared.display, run);
+    let surface: Vec<ZBytes> = surface.iter().map(|part| part.encode_to_vec().into()).collect();
     Ok(tokio::spawn(async move {
         loop {
             let (query, key, parts) = tokio::select! {
                 Ok(query) = topologies.recv_async() => (query, topology_key.clone(), surface.clone()),
+                Ok(query) = picture_queries.recv_async() => (query, picture_key.clone(), on_it.clone()),
                 Ok(query) = key_frames.recv_async() => (query, frame_key.clone(), lock(&newest_key).clone()),
                 else => return,
             };

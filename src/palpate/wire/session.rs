@@ -29,7 +29,7 @@ pub fn describe(scene: &Scene, body: &Body) -> proto::Session {
             poisson_ratio: material.poisson_ratio(),
             bounds: corners(body.surface().bounds()),
             checksum: body.checksum(),
-            organs: organs(body),
+            organs: organs(body, &scene.shown_counts(body)),
         }),
         tools: (0..).zip(scene.tool.iter().take(MOST_TOOLS)).map(|(number, keys)| tool(number, keys)).collect(),
         limits: Some(proto::Limits {
@@ -43,14 +43,14 @@ pub fn describe(scene: &Scene, body: &Body) -> proto::Session {
     }
 }
 
-/// The organs of `body`.
-pub fn organs(body: &Body) -> Vec<proto::Organ> {
-    let organ = |organ: &Organ| {
+/// The organs of `body`, of each of which viewers are shown as many vertices and triangles as `counts` says.
+pub fn organs(body: &Body, counts: &[[usize; 2]]) -> Vec<proto::Organ> {
+    let organ = |(organ, [vertices, triangles]): (&Organ, &[usize; 2])| {
         let material = &body.parts().materials[usize::from(organ.material)];
         proto::Organ {
             name: organ.name.clone(),
-            vertices: organ.vertices.len() as u32,
-            triangles: organ.triangles.len() as u32,
+            vertices: *vertices as u32,
+            triangles: *triangles as u32,
             volume: body.surface().volume_within(organ.triangles.clone()),
             mass_kg: organ.mass,
             density: material.density,
@@ -58,7 +58,7 @@ pub fn organs(body: &Body) -> Vec<proto::Organ> {
             poisson_ratio: material.poisson_ratio(),
         }
     };
-    body.organs().iter().map(organ).collect()
+    body.organs().iter().zip(counts).map(organ).collect()
 }
 
 fn tool(tool: u32, keys: &ToolKeys) -> proto::ToolDescription {

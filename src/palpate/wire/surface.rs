@@ -2,63 +2,96 @@
 
 use super::session::organs;
 use super::tool_state;
+use crate::display::{Display, Look};
+use palpate_body::geometry::textured::Picture;
 use palpate_core::contact::tool::{Phase, ToolState};
 use palpate_core::math::{Bounds, Real, Vec3};
 use palpate_core::model::Body;
 use palpate_proto as proto;
 use palpate_proto::surface::{CodeError, GridPoint, KEY_INTERVAL, SurfaceCode};
+use std::sync::Arc;
 
 /// Codes the frames of one surface, one after another.
 #[derive(Debug)]
 pub struct SurfaceEncoder {
     topology: u32,
+    display: Arc<Display>,
     code: SurfaceCode,
     sequence: u64,
     key: (u64, Vec<GridPoint>),
     now: Vec<GridPoint>,
 }
 
-/// Triangles and vertices in one part of a topology: 60,000 bytes.
+/// Triangles and vertices in one part of a topology: 60,000 bytes, of vertices with normals and texture coordinates 63,600.
 const TRIANGLES_PER_PART: usize = 3_000;
 const POSITIONS_PER_PART: usize = 2_000;
+const TEXTURED_PER_PART: usize = 850;
+/// Bytes in one part of a picture.
+const PICTURE_BYTES_PER_PART: usize = 60_000;
 
-/// The surface of `body` at rest, in parts; frames of it carry the number `topology`.
-pub fn topology(body: &Body, topology: u32) -> Vec<proto::SurfaceTopology> {
-    let (triangles, rest) = (&body.surface().triangles, rest(body));
-    let parts = triangles.len().div_ceil(TRIANGLES_PER_PART).max(rest.len().div_ceil(POSITIONS_PER_PART));
+/// The surface that is shown of `body` at rest, in parts; frames of it carry the number `topology`.
+pub fn topology(body: &Body, display: &Display, topology: u32) -> Vec<proto::SurfaceTopology> {
+    let plain = display.normals.is_empty() && display.uvs.is_empty();
+    let per_part = if plain { POSITIONS_PER_PART } else { TEXTURED_PER_PART };
+    let vertices = display.rest.len();
+    let parts = display.triangles.len().div_ceil(TRIANGLES_PER_PART).max(vertices.div_ceil(per_part));
+    fn singles<const N: usize>(of: &[[f32; N]], size: usize, part: usize) -> Vec<u8> {
+        chunk(of, size, part).as_flattened().iter().flat_map(|x| x.to_le_bytes()).collect()
+    }
     let part = |part: usize| proto::SurfaceTopology {
         topology,
-        vertices: rest.len() as u32,
-        triangles: chunk(triangles, TRIANGLES_PER_PART, part)
+        vertices: vertices as u32,
+        triangles: chunk(&display.triangles, TRIANGLES_PER_PART, part)
             .as_flattened()
             .iter()
             .flat_map(|v| v.to_le_bytes())
             .collect(),
-        rest_positions: chunk(&rest, POSITIONS_PER_PART, part)
-            .as_flattened()
-            .iter()
-            .flat_map(|x| x.to_le_bytes())
-            .collect(),
+        rest_positions: singles(&display.rest, per_part, part),
         part: part as u32,
         parts: parts as u32,
-        step: grid_step(body),
-        organs: if part == 0 { organs(body) } else { Vec::new() },
+        step: grid_step(&display.rest, &display.triangles),
+        organs: if part == 0 { organs(body, &display.organs) } else { Vec::new() },
+        normals: singles(&display.normals, per_part, part),
+        uvs: singles(&display.uvs, per_part, part),
+        materials: if part == 0 { display.looks.iter().map(material).collect() } else { Vec::new() },
     };
     (0..parts).map(part).collect()
+}
+
+fn material(look: &Look) -> proto::SurfaceMaterial {
+    proto::SurfaceMaterial {
+        name: look.name.clone(),
+        triangles: look.triangles as u32,
+        colour: look.colour.map_or_else(Vec::new, Vec::from),
+        picture: look.picture.map_or(0, |picture| picture as u32 + 1),
+    }
+}
+
+/// The pictures on the surface `topology`, in parts.
+pub fn pictures(display: &Display, topology: u32) -> Vec<proto::SurfacePicture> {
+    let parts = |(number, picture): (u32, &Picture)| {
+        let chunks = picture.bytes.chunks(PICTURE_BYTES_PER_PART);
+        let (parts, media_type) = (chunks.len() as u32, picture.media_type);
+        let part = |(part, content): (u32, &[u8])| proto::SurfacePicture {
+            topology,
+            picture: number,
+            media_type: media_type.into(),
+            content: content.into(),
+            part,
+            parts,
+        };
+        (0..).zip(chunks).map(part).collect::<Vec<_>>()
+    };
+    (1..).zip(&display.pictures).flat_map(parts).collect()
 }
 
 fn chunk<T>(of: &[T], size: usize, part: usize) -> &[T] {
     of.chunks(size).nth(part).unwrap_or_default()
 }
 
-/// Vertices as the topology has them.
-fn rest(body: &Body) -> Vec<[f32; 3]> {
-    body.surface().vertices.iter().map(|v| [v.x as f32, v.y as f32, v.z as f32]).collect()
-}
-
-/// Vertices [m] of a frame, given its parts and those of its key frame; `None` where some are missing or not of `body`.
-pub fn vertices(body: &Body, key: &[proto::SurfaceFrame], frame: &[proto::SurfaceFrame]) -> Option<Vec<Vec3>> {
-    let code = code(body);
+/// Vertices [m] of a frame, given its parts and those of its key frame; `None` where some are missing or not of `display`.
+pub fn vertices(display: &Display, key: &[proto::SurfaceFrame], frame: &[proto::SurfaceFrame]) -> Option<Vec<Vec3>> {
+    let code = code(display);
     let read = |parts: &[proto::SurfaceFrame], reference: &[GridPoint]| {
         let mut points = reference.to_vec();
         for part in 0..code.parts() {
@@ -74,9 +107,9 @@ pub fn vertices(body: &Body, key: &[proto::SurfaceFrame], frame: &[proto::Surfac
     Some(points.into_iter().map(|point| Vec3::from(code.position(point).map(Real::from))).collect())
 }
 
-fn code(body: &Body) -> SurfaceCode {
-    SurfaceCode::new(&body.surface().triangles, &rest(body), grid_step(body))
-        .unwrap_or_else(|| unreachable!("a body's triangles name its vertices"))
+fn code(display: &Display) -> SurfaceCode {
+    SurfaceCode::new(&display.triangles, &display.rest, grid_step(&display.rest, &display.triangles))
+        .unwrap_or_else(|| unreachable!("triangles name vertices of their surface"))
 }
 
 /// A coordinate is off by half of this part of the surface's diagonal at most: 0.03 mm on an organ of 0.25 m.
@@ -87,17 +120,17 @@ const FINEST: Real = 1.0 / (1 << 20) as Real;
 /// then off by less than 1°, but where the surface is crushed. Half the step takes half a byte a vertex more.
 const MOST_TILT: Real = 1.4 * std::f64::consts::PI / 180.0;
 
-/// Step of the grid on which frames of the surface of `body` stand [m].
+/// Step of the grid on which frames of a surface stand [m].
 ///
 /// The normal of a vertex is the sum N of its triangles' area vectors. Neighbours that are off by δ change it by at most
 /// δ P, P the sum of the edges opposite to the vertex; and δ is at most √3/2 steps.
-pub fn grid_step(body: &Body) -> Real {
-    let surface = body.surface();
-    let Bounds { low, high } = surface.bounds();
+pub fn grid_step(rest: &[[f32; 3]], triangles: &[[u32; 3]]) -> Real {
+    let place = |v: u32| Vec3::from(rest[v as usize].map(Real::from));
+    let Bounds { low, high } = Bounds::of((0..rest.len() as u32).map(place));
     let diagonal = (high - low).norm();
-    let mut ring = vec![(Vec3::zeros(), 0.0); surface.vertices.len()];
-    for t in &surface.triangles {
-        let corner = t.map(|v| surface.vertices[v as usize]);
+    let mut ring = vec![(Vec3::zeros(), 0.0); rest.len()];
+    for t in triangles {
+        let corner = t.map(place);
         let area = (corner[1] - corner[0]).cross(&(corner[2] - corner[0])) * 0.5;
         for c in 0..3 {
             let (normal, around) = &mut ring[t[c] as usize];
@@ -111,15 +144,15 @@ pub fn grid_step(body: &Body) -> Real {
 }
 
 impl SurfaceEncoder {
-    /// For frames of the surface of `body`; they carry the number `topology`.
-    pub fn new(body: &Body, topology: u32) -> Self {
-        let code = code(body);
+    /// For frames of what `display` shows; they carry the number `topology`.
+    pub fn new(display: Arc<Display>, topology: u32) -> Self {
+        let code = code(&display);
         let (key, now) = ((0, code.rest().to_vec()), code.rest().to_vec());
-        Self { topology, code, sequence: 0, key, now }
+        Self { topology, display, code, sequence: 0, key, now }
     }
 
-    /// The frame of `tick` in parts: display vertices `skin` [m] (vertices), their `levels` (vertices), and of `tools` those
-    /// that somebody holds. Every [`KEY_INTERVAL`]-th, and the first, is a key frame.
+    /// The frame of `tick` in parts, with the touched vertices at `skin` [m] (vertices), their `levels` (vertices), and of
+    /// `tools` those that somebody holds. Every [`KEY_INTERVAL`]-th, and the first, is a key frame.
     ///
     /// # Errors
     /// [`CodeError::Compression`] when there is no memory.
@@ -132,7 +165,8 @@ impl SurfaceEncoder {
     ) -> Result<Vec<proto::SurfaceFrame>, CodeError> {
         let sequence = self.sequence;
         self.sequence += 1;
-        self.now.iter_mut().zip(skin).for_each(|(to, x)| *to = self.code.on_grid([x.x, x.y, x.z]));
+        let (shown, levels) = (self.display.positions(skin), self.display.levels(levels));
+        self.now.iter_mut().zip(shown.iter()).for_each(|(to, x)| *to = self.code.on_grid([x.x, x.y, x.z]));
         let is_key = sequence.is_multiple_of(KEY_INTERVAL);
         let reference = if is_key { self.code.rest() } else { &self.key.1[..] };
         let held = tools.iter().enumerate().filter(|(_, t)| t.phase != Phase::Detached);
@@ -146,7 +180,7 @@ impl SurfaceEncoder {
                 key: if is_key { sequence } else { self.key.0 },
                 part: part as u32,
                 displacements: self.code.encode(part, reference, &self.now)?,
-                levels: self.code.encode_levels(part, levels)?,
+                levels: self.code.encode_levels(part, &levels)?,
             })
         };
         let frames = (0..self.code.parts()).map(frame).collect::<Result<Vec<_>, CodeError>>()?;

@@ -3,8 +3,10 @@
 //! Whoever has the messages, from a server or a recording, makes a [`Surface`] of those of its topology and gives the
 //! frames to a [`SurfaceDecoder`].
 
+mod appearance;
 mod decoder;
 
+pub use appearance::{Material, Picture};
 pub use decoder::{Moment, SurfaceDecoder};
 
 use nalgebra::Vector3;
@@ -27,6 +29,12 @@ pub struct Surface {
     pub step: f64,
     /// The organs that it encloses, one at least: their vertices and triangles stand organ by organ.
     pub organs: Vec<Organ>,
+    /// (vertices) unit normals at rest, zero for that of the triangles around; empty: so for all.
+    pub normals: Vec<[f32; 3]>,
+    /// (vertices) texture coordinates, (0, 0) the upper left corner of a picture; empty: none.
+    pub uvs: Vec<[f32; 2]>,
+    /// What the triangles look like, one material's after another's; empty: as the viewer likes.
+    pub materials: Vec<Material>,
     code: SurfaceCode,
 }
 
@@ -44,7 +52,9 @@ impl Surface {
         })?;
         let organ =
             Organ { vertices: rest_positions.len() as u32, triangles: triangles.len() as u32, ..Organ::default() };
-        Ok(Self { topology, triangles, rest_positions, step, organs: vec![organ], code })
+        let organs = vec![organ];
+        let (normals, uvs, materials) = (Vec::new(), Vec::new(), Vec::new());
+        Ok(Self { topology, triangles, rest_positions, step, organs, normals, uvs, materials, code })
     }
 
     /// The surface whose topology came in `parts`, in any order. Errors: [`ClientError::Undecodable`] when some are missing
@@ -64,11 +74,18 @@ impl Surface {
         }
         let mut triangles = Vec::new();
         let mut rest_positions = Vec::new();
+        let (mut normals, mut uvs) = (Vec::new(), Vec::new());
         for part in &parts {
             let not_whole = |what: &str| undecodable(format!("the {what} of part {} are not whole", part.part));
             triangles.extend(triples(&part.triangles, u32::from_le_bytes).ok_or_else(|| not_whole("triangles"))?);
             let positions = triples(&part.rest_positions, f32::from_le_bytes).ok_or_else(|| not_whole("positions"))?;
             rest_positions.extend(positions);
+            let own = triples(&part.normals, f32::from_le_bytes).ok_or_else(|| not_whole("normals"))?;
+            normals.extend(own);
+            let (own, rest) = part.uvs.as_chunks::<8>();
+            let single = |bytes: &[u8]| f32::from_le_bytes([0, 1, 2, 3].map(|byte| bytes[byte]));
+            uvs.extend(own.iter().map(|uv| [single(&uv[..4]), single(&uv[4..])]));
+            rest.is_empty().then_some(()).ok_or_else(|| not_whole("texture coordinates"))?;
         }
         if rest_positions.len() != vertices as usize {
             return Err(undecodable(format!("{} positions for {vertices} vertices", rest_positions.len())));
@@ -84,6 +101,13 @@ impl Surface {
             }
             surface.organs = organs;
         }
+        let fits = |count: usize| count == 0 || count == surface.rest_positions.len();
+        if !fits(normals.len()) || !fits(uvs.len()) {
+            return Err(undecodable("normals or texture coordinates are not those of the surface".into()));
+        }
+        (surface.normals, surface.uvs) = (normals, uvs);
+        surface.materials = Material::all(std::mem::take(&mut parts[0].materials), surface.triangles.len())
+            .ok_or_else(|| undecodable("the materials are not those of the surface".into()))?;
         Ok(surface)
     }
 
@@ -144,7 +168,7 @@ pub(super) mod tests {
             part: 0,
             parts: 2,
             step: 1e-4,
-            organs: vec![],
+            ..Default::default()
         };
         let second =
             SurfaceTopology { triangles: vec![], rest_positions: bytes(&positions[6..]), part: 1, ..first.clone() };

@@ -207,7 +207,7 @@ fn answer_surface(surface: &zenoh::Session, session: &str, newest_key: Arc<Atomi
         part: 0,
         parts: 1,
         step: STEP,
-        organs: vec![],
+        ..Default::default()
     };
     answer(surface, keys::surface_topology(session), move |_| topology.encode_to_vec());
     answer(surface, keys::surface_key(session), move |_| {

@@ -149,7 +149,9 @@ impl Shared {
         let frames = connection.watch_surface(WatchOptions { every: 1, levels: true })?;
         let surface = frames.surface();
         let made_by = format!("session {} at {}", self.endpoints.session, self.endpoints.surface);
-        let subject = Arc::new(Subject::new(connection.session()?, surface.clone(), made_by));
+        let has_pictures = surface.materials.iter().any(|material| material.picture.is_some());
+        let pictures = if has_pictures { connection.surface_pictures(surface.topology)? } else { Vec::new() };
+        let subject = Arc::new(Subject::new(connection.session()?, surface.clone(), &pictures, made_by)?);
         {
             let mut seen = self.lock();
             seen.subject = Some(subject);

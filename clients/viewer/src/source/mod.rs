@@ -2,9 +2,11 @@
 
 mod live;
 mod pace;
+mod picture;
 mod recording;
 
 pub use live::{Link, Live, LiveView};
+pub use picture::Picture;
 pub use recording::{Frame, Recording};
 
 use palpate_sdk::proto::ToolState;
@@ -21,6 +23,8 @@ pub struct Subject {
     pub name: String,
     /// Its surface at rest.
     pub surface: Arc<Surface>,
+    /// Pictures that its materials name.
+    pub pictures: Vec<Picture>,
     /// How many levels of resolution it has.
     pub levels: usize,
     /// Its tools; their place in the list is their number.
@@ -69,17 +73,24 @@ pub enum SourceError {
 }
 
 impl Subject {
-    /// What `session` describes, with its surface.
-    fn new(session: Session, surface: Arc<Surface>, made_by: String) -> Self {
+    /// What `session` describes, with its surface and the pictures on it. Errors: a picture that is none.
+    fn new(
+        session: Session,
+        surface: Arc<Surface>,
+        pictures: &[palpate_sdk::Picture],
+        made_by: String,
+    ) -> Result<Self, SourceError> {
         let body = session.body.unwrap_or_default();
-        Self {
+        let pictures = pictures.iter().map(Picture::decode).collect::<Result<_, _>>()?;
+        Ok(Self {
             name: body.name,
             surface,
+            pictures,
             levels: body.levels as usize,
             tools: session.tools,
             force_limit: session.limits.unwrap_or_default().force as f32,
             made_by,
-        }
+        })
     }
 }
 

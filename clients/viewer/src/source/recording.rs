@@ -3,8 +3,8 @@
 use super::{Moment, SourceError, Subject, forces};
 use mcap::records::Record;
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
-use palpate_sdk::proto::{Message, RecordingStart, SurfaceFrame, SurfaceTopology, keys::topics};
-use palpate_sdk::{SdkError, Surface, SurfaceDecoder};
+use palpate_sdk::proto::{Message, RecordingStart, SurfaceFrame, SurfacePicture, SurfaceTopology, keys::topics};
+use palpate_sdk::{Picture, SdkError, Surface, SurfaceDecoder};
 use std::collections::{BTreeMap, VecDeque};
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
@@ -73,12 +73,14 @@ impl Recording {
         })?;
         let surface = Surface::from_parts(std::mem::take(&mut index.surface));
         let surface = surface.map_err(|e| content(format!("{e}{because}")))?;
+        let pictures = Picture::from_parts(std::mem::take(&mut index.pictures), surface.topology);
+        let pictures = pictures.map_err(|e| content(format!("{e}{because}")))?;
         index.drop_unfinished_frame(surface.parts());
         if index.frames.is_empty() {
             return Err(content(format!("it has no surface frame{because}: record for longer than 32 ms")));
         }
         let made_by = format!("palpate {}", start.palpate_version);
-        let subject = Subject::new(start.session.unwrap_or_default(), surface.into(), made_by);
+        let subject = Subject::new(start.session.unwrap_or_default(), surface.into(), &pictures, made_by)?;
         Ok(Self {
             path: path.to_owned(),
             file,
@@ -196,6 +198,7 @@ struct Index {
     topics: BTreeMap<u16, String>,
     start: Option<RecordingStart>,
     surface: Vec<SurfaceTopology>,
+    pictures: Vec<SurfacePicture>,
     chunks: Vec<Chunk>,
     frames: Vec<Frame>,
     /// (frames) number of each one's key frame.
@@ -275,6 +278,9 @@ impl Index {
             topics::START => self.start = Some(RecordingStart::decode(data).map_err(|e| broken(&e))?),
             topics::TOPOLOGY => {
                 self.surface.push(SurfaceTopology::decode(data).map_err(|e| broken(&e))?);
+            }
+            topics::PICTURE => {
+                self.pictures.push(SurfacePicture::decode(data).map_err(|e| broken(&e))?);
             }
             topics::SURFACE => {
                 let frame = SurfaceFrame::decode(data).map_err(|e| broken(&e))?;

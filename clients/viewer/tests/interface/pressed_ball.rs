@@ -115,6 +115,7 @@ pub fn record_organs(path: &Path, rings: u32, frames: u64, organs: &[Organ]) {
         parts: 1,
         step: STEP,
         organs,
+        ..Default::default()
     };
     let code = SurfaceCode::new(&triangles, &rest, STEP).unwrap();
     let mut key = (0, code.rest().to_vec());
