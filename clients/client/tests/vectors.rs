@@ -77,6 +77,7 @@ fn surface_vectors() -> Value {
         parts: 2,
         step: STEP,
         organs: vec![],
+        ..SurfaceTopology::default()
     };
     let frame = |sequence: u64| {
         let key = sequence - sequence % 16;
