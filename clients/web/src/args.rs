@@ -32,7 +32,7 @@ pub struct Args {
     /// Make a certificate now, which browsers ask you about once
     #[arg(long, conflicts_with = "tls_cert")]
     pub tls_self_signed: bool,
-    /// Origin whose pages may connect beside this one's own, as in https://lab.example; may be given again
+    /// Origin whose pages may connect beside this one's own, as in `https://lab.example`; may be given again
     #[arg(long = "origin", value_name = "ORIGIN")]
     pub origins: Vec<String>,
     /// Let everybody watch and nobody touch
