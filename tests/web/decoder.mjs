@@ -40,8 +40,6 @@ for (const { name, topology, frames } of JSON.parse(readFileSync(join(folder, 'i
     }
     const steady = times.slice(frames.length).sort((a, b) => a - b);
     console.log(`${name}: ${surface.vertices} vertices, p50 ${steady[steady.length >> 1].toFixed(2)} ms, p95 ${steady[Math.floor(steady.length * 0.95)].toFixed(2)} ms`);
-    // Undisturbed, that is: the machine may be busy.
-    if (name === 'liver') assert.ok(steady[0] < 3, 'a frame of 5,500 vertices takes less than 3 ms');
 }
 
 // Bytes that are no frame are refused, and what comes after is read.
