@@ -58,7 +58,8 @@ pub struct FarOff {
     pub width: Real,
 }
 
-/// Farther from the touched surface than this part of its diagonal, a vertex does not belong to it.
+/// Farther from the touched surface than this part of its diagonal, a vertex does not belong to it; tuned. With less, a mesh that
+/// was smoothed otherwise is refused; with more, one in another unit or frame hangs somewhere.
 const FAR_OFF: Real = 0.1;
 
 impl Display {

@@ -106,7 +106,7 @@ fn what_cannot_be_shown_is_refused_with_a_remedy() {
     let looks = ("looks.mtl", MTL.as_bytes());
     assert!(refused(&[obj, looks]).contains("skin.png"));
     assert!(refused(&[obj, looks, ("skin.png", b"BM")]).contains("PNG or JPEG"));
-    let elsewhere = MTL.replace("skin.png", "/home/me/skin.png");
+    let elsewhere = MTL.replace("skin.png", "/elsewhere/skin.png");
     assert!(refused(&[obj, ("looks.mtl", elsewhere.as_bytes())]).contains("beside the mesh file"));
     assert!(refused(&[("a.stl", b"solid")]).contains(".obj, .glb or .gltf"));
     assert!(refused(&[("a.obj", b"v 0 0 0\n")]).contains("triangles"));
