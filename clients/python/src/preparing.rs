@@ -1,7 +1,8 @@
 //! Bodies from mesh files, as `palpate prepare` makes them.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
+use palpate::output::same_file;
 use palpate::scene::LoadedScene;
 use palpate::scene::prepared::body_keys;
 use palpate_body::geometry::mesh_io::LengthUnit;
@@ -54,14 +55,23 @@ pub fn prepare(
     };
     let Some(first) = inputs.first() else { return Err(bad_value("no input: give a mesh file or several")) };
     let name: String = first.file_stem().unwrap_or_default().to_string_lossy().chars().take(64).collect();
-    if inputs.contains(&out) {
-        return Err(bad_value(format!("{}: it is an input", out.display())));
-    }
+    // By whatever name, and also where an input brings files along that were not named.
+    let spares = |files: &[PathBuf]| match files.iter().find(|file| same_file(&out, file)) {
+        Some(input) => {
+            Err(bad_value(format!("{}: this is the file that is read ({})", out.display(), input.display())))
+        }
+        None => Ok(()),
+    };
     py.detach(|| {
+        spares(&inputs)?;
+        let mut loaded = LoadedScene::load(&scene, &set).map_err(bad_value)?;
+        spares(&[vec![scene], loaded.files()].concat())?;
         let (mut said, mut files, mut solids) = (Vec::new(), Vec::new(), Vec::new());
         for path in &inputs {
             let about = |error: &dyn std::fmt::Display| bad_value(format!("{}: {error}", path.display()));
             let input = Input::read(path, unit, scale, 0.0, None).map_err(|error| about(&error))?;
+            let folder = path.parent().unwrap_or(Path::new(""));
+            spares(&input.files.iter().map(|file| folder.join(&file.name)).collect::<Vec<_>>())?;
             said.extend(input.said());
             let element = fineness.finest_element(&input.solid);
             let (solid, dropped) = one_body(input.solid, element, largest).map_err(|error| about(&error))?;
@@ -71,7 +81,6 @@ pub fn prepare(
         }
         check(&solids, unit, scale, false, false).map_err(bad_value)?;
         let shape = shape(solids, &fineness, DISPLAY_VERTICES).map_err(bad_value)?;
-        let mut loaded = LoadedScene::load(&scene, &set).map_err(bad_value)?;
         loaded.scene.name = name;
         loaded.scene.body = body_keys();
         loaded.scene.organ.clear();

@@ -27,7 +27,7 @@ const CHECKSUM_BYTES: usize = 8;
 /// ``Simulation("liver", **{"material.youngs_modulus": 8000})``.
 ///
 /// Building a body takes from below a second to a minute. Poses are (3) positions [m], or (7) with a quaternion. Raises
-/// ``ValueError`` with file, line and remedy where the scene is wrong.
+/// ``ValueError`` with file, line and remedy where the scene is wrong, or starts unfit to be touched.
 #[pyclass(module = "palpate")]
 pub struct Simulation {
     core: Core,
@@ -96,6 +96,7 @@ impl Simulation {
             let loaded = LoadedScene::load(&scene, &set).map_err(bad_value)?;
             let body = Arc::new(loaded.build(&mut |_, _, _| ()).map_err(bad_value)?);
             let start = loaded.scene.settled(&body, &mut |_, _, _| ());
+            loaded.scene.check_settled(&body, &start).map_err(bad_value)?;
             let (scene, reset) = (loaded.scene, start.body.clone());
             let sequence = vec![0; scene.tool.len()];
             let core = Core::new(body, scene.settings(), start).map_err(bad_value)?;

@@ -92,5 +92,11 @@ def test_a_surface_becomes_a_body_that_can_be_touched(tmp_path):
     sim = palpate.Simulation(body)
     assert sim.name == "box" and np.allclose(sim.bounds, [[0.0] * 3, [0.08] * 3], atol=0.002)
     assert "youngs_modulus = 8000.0" in sim.scene
-    with pytest.raises(ValueError, match="it is an input"):
+    with pytest.raises(ValueError, match="this is the file that is read"):
         palpate.prepare(body, body, unit="mm")
+    link = tmp_path / "link.palpate"
+    link.hardlink_to(mesh)
+    before = mesh.read_bytes()
+    with pytest.raises(ValueError, match="this is the file that is read"):
+        palpate.prepare(mesh, link, unit="mm")
+    assert mesh.read_bytes() == before

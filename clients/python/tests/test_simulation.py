@@ -103,6 +103,13 @@ def test_overrides_change_the_scene_and_wrong_ones_are_named():
         palpate.Simulation("spleen")
 
 
+def test_a_start_that_is_unfit_to_be_touched_is_refused_unless_asked_for():
+    heavy = {"material": {"youngs_modulus": 150.0}}
+    with pytest.raises(ValueError, match="world.unsettled = true"):
+        palpate.Simulation("cube", **heavy)
+    assert palpate.Simulation("cube", world={"unsettled": True}, **heavy).hash > 0
+
+
 def test_two_tools_move_at_once():
     tools = [{"name": "left", "radius": RADIUS}, {"name": "right", "radius": RADIUS}]
     sim = palpate.Simulation("cube", world=WEIGHTLESS, tool=tools)
