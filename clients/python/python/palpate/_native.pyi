@@ -89,7 +89,7 @@ class Simulation:
     ``Simulation("liver", **{"material.youngs_modulus": 8000})``.
 
     Building a body takes from below a second to a minute. Poses are (3) positions [m], or (7) with a quaternion. Raises
-    ``ValueError`` with file, line and remedy where the scene is wrong.
+    ``ValueError`` with file, line and remedy where the scene is wrong, or starts unfit to be touched.
     """
 
     def __new__(cls, scene: Path = "liver", /, **overrides: Any) -> "Simulation": ...
