@@ -26,6 +26,8 @@ fn the_example_in_c_feels_the_real_body() {
     let shown = viewer.stop().iter().map(force).fold(0.0, f64::max);
     let felt = held_forces(&said).into_iter().fold(0.0, f64::max);
     println!("felt {felt} N, shown {shown} N");
+    assert!(said.starts_with("session test: cube, 2 tools, the first a ball called left\n"), "{said}");
+    assert!(said.contains("server at tick ") && said.contains(" 1 clients, said "), "{said}");
     assert!(felt > 0.1 && felt < 3.3, "{said}");
     // What it feels is what viewers see, within what the tissue yields between a press and a hold.
     assert!((felt / shown - 1.0).abs() < 0.1, "felt {felt} N, shown {shown} N\n{said}");

@@ -42,6 +42,8 @@ int main(int argc, char **argv)
     const char *session = argc > 3 ? argv[3] : NULL;
     const struct timespec period = {0, 1000000}; /* 1 ms; a real device's driver calls back instead */
     double force[3] = {0.0, 0.0, 0.0};
+    palpate_session_info session_info;
+    palpate_server_status status;
     palpate_tool_state state;
     const double device_origin[3] = {0.0, 0.0, 0.0};
     double place[3] = {0.0, 0.0, 0.0};
@@ -54,6 +56,13 @@ int main(int argc, char **argv)
     client = palpate_connect(force_endpoint, surface_endpoint, session);
     if (client == NULL)
         return fail("connect");
+    if (palpate_session(client, &session_info) != 0)
+        return fail("ask for the session");
+    printf("session %s: %s, %lu tools, the first a %s called %s\n", session_info.name, session_info.body,
+           (unsigned long)session_info.tools, session_info.tools > 0 ? session_info.tool_list[0].shape : "tool",
+           session_info.tools > 0 ? session_info.tool_list[0].name : "nothing");
+    if (palpate_status(client, &status) < 0)
+        return fail("listen to the status");
     palpate_attachment_defaults(&attachment);
     attachment.client = "touch.c";
     attachment.device = "Touch";
@@ -82,6 +91,9 @@ int main(int argc, char **argv)
         return fail("state");
     printf("%s, %s, newest wrench %.3f s old\n", state.hold == PALPATE_HELD ? "held" : "not held",
            state.phase == PALPATE_ENGAGED ? "engaged" : "not engaged", state.age);
+    if (palpate_status(client, &status) == 1)
+        printf("server at tick %lu, %.1f ticks a second, %lu clients, said %.3f s ago\n", (unsigned long)status.tick,
+               status.tick_rate_hz, (unsigned long)status.clients, status.age);
 
     if (palpate_detach(client) != 0)
         return fail("detach");

@@ -11,9 +11,9 @@
  * Functions that return int return 0, or -1 where they failed; palpate_last_error() then says why, in plain words. NULL
  * where something is needed is such a failure. No pointer is kept after the call it was passed to.
  *
- * A palpate_client may be used by any thread, but by one at a time, and so may a palpate_watch: connect and attach where the program starts, send
- * poses and ask for forces in the device's own loop, stop that loop, then detach and close. Functions without a client
- * may be called by any thread at any time.
+ * A palpate_client may be used by any thread, but by one at a time, and so may a palpate_watch: connect and attach where
+ * the program starts, send poses and ask for forces in the device's own loop, stop that loop, then detach and close.
+ * Functions without a client may be called by any thread at any time.
  */
 #ifndef PALPATE_H
 #define PALPATE_H
@@ -63,6 +63,57 @@ typedef struct palpate_client palpate_client;
  *
  * The network's threads start here, and inherit the scheduling class of the calling thread: raise that first. */
 palpate_client *palpate_connect(const char *force_endpoint, const char *surface_endpoint, const char *session);
+
+/* A tool of the server. */
+typedef struct palpate_tool {
+    uint32_t tool;     /* its number */
+    int32_t taken;     /* not 0: somebody holds it */
+    const char *name;  /* what palpate_attachment.tool takes */
+    const char *shape; /* "ball", "capsule", "cylinder", "convex" or "compound" */
+    double radius;     /* [m]; of the ball around the reference point that holds it, for the last two */
+    double length;     /* [m] of a capsule's axis or of a cylinder, along the tool's own +z; 0 for the others */
+} palpate_tool;
+
+/* What the server simulates. Boxes are least x, y, z, then greatest, in body space. */
+typedef struct palpate_session_info {
+    uint32_t version_major; /* of the contract that the server speaks */
+    uint32_t version_minor;
+    const char *name;
+    const char *body;
+    uint64_t tick;          /* simulated time [ms] */
+    double mass;            /* [kg] */
+    double bounds[6];       /* of the body at rest [m] */
+    double workspace[6];    /* [m]; poses outside are refused */
+    double force_limit;     /* [N] of the scene; that of the device comes beside */
+    double torque_limit;    /* [N m] */
+    size_t tools;
+    const palpate_tool *tool_list; /* tools */
+} palpate_session_info;
+
+/* Asks what the server simulates; waits up to 2 s for its answer, so not in a device's loop. Texts and tools are valid until
+ * the next palpate_session of this client, or its end. */
+int palpate_session(palpate_client *client, palpate_session_info *session);
+
+/* How the server is doing. Counts are since its start. */
+typedef struct palpate_server_status {
+    uint64_t tick;             /* simulated time [ms] */
+    double tick_rate_hz;       /* ticks a second, over the last one */
+    double age;                /* of this status since its arrival [s]; they come once a second: 3 s mean that it is silent */
+    double lateness;           /* of a tick's start, 99 % of them [s] */
+    double compute;            /* time spent in a tick, 99 % of them [s] */
+    uint64_t missed_deadlines; /* ticks that ended too late */
+    uint64_t lapsed_ticks;     /* that the machine lost: time passed, the body stood still */
+    uint64_t unmoved_ticks;    /* whose work the machine could not do */
+    uint64_t restored_states;  /* that were not finite, or entangled, and were replaced */
+    uint64_t refused;          /* messages of clients */
+    uint64_t nodes;            /* simulated now */
+    uint64_t elements;
+    uint64_t clients;          /* that hold a tool now */
+} palpate_server_status;
+
+/* Fills in the newest status. Returns 1; 0 where none has come yet, which leaves it as it was; -1 where it failed. The first
+ * call begins to listen, and the first status comes within a second or so. */
+int palpate_status(palpate_client *client, palpate_server_status *status);
 
 /* How to take a tool. Fill it with palpate_attachment_defaults and change what differs; NULL text means the default. */
 typedef struct palpate_attachment {

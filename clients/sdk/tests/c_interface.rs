@@ -38,7 +38,16 @@ fn the_example_in_c_feels_the_floor() {
     compile_example(sdk(), "touch", Linked::Static, &program);
 
     let endpoints = &server.endpoints;
-    let said = run(Command::new(&program).args([&endpoints.force, &endpoints.surface, &endpoints.session]));
+    let (running, arguments) =
+        (program.clone(), [&endpoints.force, &endpoints.surface, &endpoints.session].map(String::clone));
+    let running = std::thread::spawn(move || run(Command::new(running).args(arguments)));
+    while !running.is_finished() {
+        server.publish_status(4711);
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    let said = running.join().unwrap();
+    assert!(said.starts_with("session fake: floor, 1 tools, the first a ball called ball\n"), "{said}");
+    assert!(said.contains("server at tick 4711, 1000.0 ticks a second, 1 clients, said 0."), "{said}");
     assert!(said.contains(concat!("library ", env!("CARGO_PKG_VERSION"))), "{said}");
     // It ends 1 mm above the floor, under a ball's radius. On a busy machine a wrench may be late and its force fade.
     let expected = FLOOR_STIFFNESS * (TOOL_RADIUS - 1e-3);
@@ -118,7 +127,7 @@ fn the_header_declares_every_function_of_the_library() {
             .collect()
     };
     let read = |file: &str| std::fs::read_to_string(sdk().join(file)).unwrap();
-    let code = read("src/c_api/mod.rs") + &read("src/c_api/watch.rs");
+    let code: String = ["mod", "session", "watch"].map(|file| read(&format!("src/c_api/{file}.rs"))).concat();
     let header: String = read("include/palpate.h").split("/*").map(|part| part.split("*/").last().unwrap()).collect();
     let declared = names(&header, "palpate_");
     assert_eq!(declared, names(&code, "extern \"C\" fn palpate_"));

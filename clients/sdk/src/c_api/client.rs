@@ -2,7 +2,10 @@
 
 use std::ffi::c_char;
 
-use super::border::Fallible;
+use super::{
+    border::Fallible,
+    session::{Described, StatusFeed},
+};
 use crate::{
     Clutch, Connection, Device, Frame, PoseSample, Registration, RenderMode, Renderer, SdkError, Tool, ToolStatus,
 };
@@ -62,6 +65,10 @@ pub struct CToolState {
 pub struct Client {
     pub(super) connection: Connection,
     pub(super) held: Option<Held>,
+    /// Of the last `palpate_session`.
+    pub(super) described: Option<Described>,
+    /// From the first `palpate_status` on.
+    pub(super) status: Option<StatusFeed>,
 }
 
 /// A tool in the hand, and everything between the device's numbers and the server's.

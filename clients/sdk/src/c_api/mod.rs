@@ -5,6 +5,7 @@
 
 mod border;
 mod client;
+mod session;
 mod watch;
 
 use std::{
@@ -127,7 +128,7 @@ pub unsafe extern "C" fn palpate_connect(
         };
         let endpoints = Endpoints { force: force.into(), surface: surface.into(), session: session.into() };
         let connection = Connection::open(&endpoints)?;
-        Ok(Box::into_raw(Box::new(Client { connection, held: None })))
+        Ok(Box::into_raw(Box::new(Client { connection, held: None, described: None, status: None })))
     })
 }
 
@@ -312,6 +313,8 @@ mod tests {
             assert_eq!(force, [0.0; 3], "where it fails the force is zero");
             assert_eq!(palpate_clutch(null_mut(), 1), -1);
             assert_eq!(palpate_state(null_mut(), null_mut()), -1);
+            assert_eq!(session::palpate_session(null_mut(), null_mut()), -1);
+            assert_eq!(session::palpate_status(null_mut(), null_mut()), -1);
             assert_eq!(watch::palpate_watch_latest(null_mut(), null_mut()), -1);
             assert_eq!(said(), "watch is NULL");
             watch::palpate_watch_close(null_mut());

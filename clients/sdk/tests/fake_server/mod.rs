@@ -11,8 +11,8 @@ use std::{
 };
 
 use palpate_proto::{
-    Attach, Attached, ControlReply, ControlRequest, Limits, Message, Session, SurfaceFrame, SurfaceTopology,
-    ToolDescription, ToolPhase, ToolPose, ToolWrench, VERSION_MAJOR, VERSION_MINOR,
+    Attach, Attached, BodyDescription, ControlReply, ControlRequest, Limits, Message, Session, Status, SurfaceFrame,
+    SurfaceTopology, ToolDescription, ToolPhase, ToolPose, ToolWrench, VERSION_MAJOR, VERSION_MINOR,
     control_request::Request,
     keys,
     surface::{KEY_INTERVAL, SurfaceCode},
@@ -106,6 +106,12 @@ impl FakeServer {
             let key = keys::surface_frames(&self.endpoints.session, 1, false);
             self.surface.put(key, frame(sequence).encode_to_vec()).wait().unwrap();
         }
+    }
+
+    /// Publishes a status at simulated time `tick` [ms].
+    pub fn publish_status(&self, tick: u64) {
+        let status = Status { tick, tick_rate_hz: 1000.0, clients: vec!["a hand".to_owned()], ..Default::default() };
+        self.surface.put(keys::status(&self.endpoints.session), status.encode_to_vec()).wait().unwrap();
     }
 
     /// True when a client holds a liveliness token.
@@ -222,6 +228,7 @@ fn answer_queries(surface: &zenoh::Session, session: &str, version: (u32, u32), 
         version_minor: version.1,
         name: session.to_owned(),
         tick_s: 0.001,
+        body: Some(BodyDescription { name: "floor".to_owned(), ..Default::default() }),
         tools: vec![ToolDescription {
             tool: TOOL,
             name: "ball".to_owned(),
