@@ -48,6 +48,7 @@ const BODY: Rules = &[
 const PRODUCT: Rules = &[
     ("guide", &[]),
     ("output", &[]),
+    ("writable", &["output"]),
     ("terminal", &[]),
     ("picture", &["output"]),
     ("display", &["core::geometry", "core::model", "body::geometry"]),
@@ -63,6 +64,10 @@ const PRODUCT: Rules = &[
             "body::geometry",
             "body::prepare",
         ],
+    ),
+    (
+        "preparation",
+        &["core::geometry", "core::hierarchy", "core::model", "body::geometry", "body::prepare", "scene", "writable"],
     ),
     ("offline", &["core::geometry", "core::model", "core::contact", "core::simulation", "output", "scene"]),
     (
@@ -189,7 +194,6 @@ fn every_import_follows_the_map() {
                 "prepare_command",
                 "progress",
                 "web_command",
-                "writable",
                 "lib",
                 "tests",
             ];

@@ -24,10 +24,12 @@
 //! |---|---|---|
 //! | [`guide`] | pages of the manual, no code | all else |
 //! | [`output`] | files that come to be as a whole, or not at all | what is in them |
+//! | [`writable`] | places for results, tried before the work | what goes there |
 //! | [`terminal`] | lines for people, whose readers may be gone | what they say |
 //! | `picture` | panels of a picture, and cuts through the levels of a body on them | scenes |
 //! | [`display`] | the surface that viewers get, on the one that is touched | scenes, messages |
 //! | [`scene`] | scene text to checked parameters, a body and settings | networks |
+//! | [`preparation`] | mesh files to a body in a file | networks, reports |
 //! | [`offline`] | a simulation under a trajectory, as fast as it goes | networks; clocks, but to say how fast that was |
 //! | [`wire`] | messages to core types and back; what is refused and why | zenoh, threads |
 //! | [`recording`] | what a run consumed; run it again and compare | networks; clocks, but to say how fast that was |
@@ -48,9 +50,11 @@ pub mod offline;
 pub mod output;
 #[cfg(feature = "pictures")]
 pub mod picture;
+pub mod preparation;
 pub mod realtime;
 pub mod recording;
 pub mod scene;
 pub mod server;
 pub mod terminal;
 pub mod wire;
+pub mod writable;

@@ -7,7 +7,6 @@ mod prepare_command;
 mod progress;
 #[cfg(feature = "web")]
 mod web_command;
-mod writable;
 
 use anyhow::{Context, bail};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
@@ -16,7 +15,7 @@ use palpate::offline::{self, SampleWriter, Trajectory};
 use palpate::recording::{Recording, RecordingWriter, replay};
 use palpate::scene::LoadedScene;
 use palpate::server::{self, Server};
-use palpate::{say, tell};
+use palpate::{say, tell, writable};
 use palpate_core::model::element_kernel::Path as KernelPath;
 use palpate_core::simulation::{Inputs, Simulation, Snapshot, TICK};
 use palpate_proto::{self as proto, keys};

@@ -1,13 +1,16 @@
 //! Places that results go to, tried before the work that takes time.
 
-use anyhow::bail;
-use palpate::output;
+use crate::output;
+use anyhow::{Context, bail};
 use std::fs::{self, OpenOptions};
 use std::io::ErrorKind;
 use std::path::Path;
 
 /// Fails, with a remedy, unless a file can be written at `path`, the value of the option `option`, that is none of `inputs`.
 /// Changes nothing: a file that exists keeps its content, and one that does not is gone again.
+///
+/// # Errors
+/// It is an input, or cannot be written; then an [`std::io::Error`] is among the causes.
 pub fn file<'a>(option: &str, path: &Path, inputs: impl IntoIterator<Item = &'a Path>) -> anyhow::Result<()> {
     if let Some(input) = inputs.into_iter().find(|input| output::same_file(path, input)) {
         bail!(
@@ -35,11 +38,15 @@ pub fn file<'a>(option: &str, path: &Path, inputs: impl IntoIterator<Item = &'a 
         ErrorKind::IsADirectory => "this is a folder: name a file in it".to_owned(),
         _ => format!("name a file in a folder that you may write to; {folder} is none"),
     };
-    bail!("{option} {}: cannot be written: {e}. Remedy: {remedy}", path.display())
+    let what = format!("{option} {}: cannot be written: {e}. Remedy: {remedy}", path.display());
+    Err(e).context(what)
 }
 
 /// Makes the folder at `path`, the value of the option `option`, where there is none yet; fails, with a remedy, unless
 /// files can be written into it.
+///
+/// # Errors
+/// Those of the file system.
 pub fn folder(option: &str, path: &Path) -> anyhow::Result<()> {
     let probe = path.join(".palpate-writable");
     let tried = fs::create_dir_all(path)
@@ -47,5 +54,6 @@ pub fn folder(option: &str, path: &Path) -> anyhow::Result<()> {
         .and_then(|_| fs::remove_file(&probe));
     let Err(e) = tried else { return Ok(()) };
     let remedy = "give a folder that you may write to, or that can be made; it must not be a file";
-    bail!("{option} {}: cannot write into this folder: {e}. Remedy: {remedy}", path.display())
+    let what = format!("{option} {}: cannot write into this folder: {e}. Remedy: {remedy}", path.display());
+    Err(e).context(what)
 }

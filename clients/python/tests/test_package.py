@@ -94,6 +94,8 @@ def test_a_surface_becomes_a_body_that_can_be_touched(tmp_path):
     assert "youngs_modulus = 8000.0" in sim.scene
     with pytest.raises(ValueError, match="this is the file that is read"):
         palpate.prepare(body, body, unit="mm")
+    with pytest.raises(OSError, match="make the folder"):
+        palpate.prepare(mesh, tmp_path / "nowhere" / "box.palpate", unit="mm")
     link = tmp_path / "link.palpate"
     link.hardlink_to(mesh)
     before = mesh.read_bytes()
