@@ -75,6 +75,7 @@ const PRODUCT: Rules = &[
         &["core::model", "core::contact", "core::simulation", "core::feedback", "body::geometry", "display", "scene"],
     ),
     ("recording", &["core::model", "core::contact", "core::simulation", "display", "scene", "wire"]),
+    ("export", &["core::contact", "core::simulation", "output", "wire", "recording"]),
     ("realtime", &["core::model", "core::stepping", "core::adaptation", "core::contact", "core::simulation"]),
     (
         "server",
@@ -191,6 +192,7 @@ fn every_import_follows_the_map() {
                 "companion",
                 "demo",
                 "doctor",
+                "export_command",
                 "prepare_command",
                 "progress",
                 "web_command",

@@ -15,6 +15,14 @@ mod messages {
     include!(concat!(env!("OUT_DIR"), "/palpate.v1.rs"));
 }
 pub use messages::*;
+/// Messages of `foxglove.proto`, what Foxglove draws.
+#[cfg(feature = "foxglove")]
+#[allow(missing_docs, clippy::all)]
+pub mod foxglove {
+    include!(concat!(env!("OUT_DIR"), "/foxglove.rs"));
+    /// The serialised `FileDescriptorSet` of these messages.
+    pub const DESCRIPTOR_SET: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/foxglove.bin"));
+}
 pub use prost::Message;
 
 /// Major version of the contract: peers with another one cannot talk to each other.

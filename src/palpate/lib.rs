@@ -33,6 +33,7 @@
 //! | [`offline`] | a simulation under a trajectory, as fast as it goes | networks; clocks, but to say how fast that was |
 //! | [`wire`] | messages to core types and back; what is refused and why | zenoh, threads |
 //! | [`recording`] | what a run consumed; run it again and compare | networks; clocks, but to say how fast that was |
+//! | [`export`] | a recording for ParaView, Foxglove and tables | networks |
 //! | [`realtime`] | the 1 kHz thread, its pacer, governor and mailboxes | zenoh, messages |
 //! | [`server`] | postman between zenoh and the simulation thread | physics |
 //!
@@ -45,6 +46,7 @@
 #![allow(rustdoc::broken_intra_doc_links, reason = "units stand in square brackets, as in `[m]`")]
 
 pub mod display;
+pub mod export;
 pub mod guide;
 pub mod offline;
 pub mod output;

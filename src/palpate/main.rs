@@ -3,6 +3,7 @@
 mod companion;
 mod demo;
 mod doctor;
+mod export_command;
 mod prepare_command;
 mod progress;
 #[cfg(feature = "web")]
@@ -53,6 +54,8 @@ enum Command {
     Record(RecordArgs),
     /// Run a recording again and compare bit for bit
     Replay(ReplayArgs),
+    /// Write a recording for other tools: a table, a series for ParaView, a file for Foxglove
+    Export(export_command::ExportArgs),
 }
 
 /// What a scene can be.
@@ -221,6 +224,7 @@ fn main() -> ExitCode {
         Command::Prepare(args) => prepare_command::run(&args),
         Command::Record(args) => record(&args),
         Command::Replay(args) => replay_file(&args),
+        Command::Export(args) => export_command::run(&args),
     };
     match outcome {
         Ok(code) => code,

@@ -1,19 +1,16 @@
 //! Recordings as arrays.
 
 use std::path::PathBuf;
-use std::sync::Arc;
 
 use numpy::{PyArray1, PyArray2};
+use palpate::export::{moments, surface};
 use palpate::recording::Recording as Read;
 use palpate_core::contact::tool::ToolEvent;
-use palpate_sdk::{Moment, Surface, SurfaceDecoder};
+use palpate_sdk::Moment;
 use pyo3::prelude::*;
 
 use crate::wrenches::{Row, Wrenches, table};
 use crate::{bad_file, bad_value};
-
-/// Number of the only surface in a recording.
-const TOPOLOGY: u32 = 1;
 
 /// A recording in memory.
 #[pyclass(frozen, module = "palpate")]
@@ -29,11 +26,6 @@ impl Recording {
     fn tool(&self, tool: usize) -> PyResult<usize> {
         let tools = self.0.scene.tool.len();
         if tool < tools { Ok(tool) } else { Err(bad_value(format!("no tool {tool}: the recording has {tools}"))) }
-    }
-
-    fn surface(&self) -> PyResult<Arc<Surface>> {
-        let parts = palpate::wire::surface::topology(&self.0.body, &self.0.display, TOPOLOGY);
-        Surface::from_parts(parts).map(Arc::new).map_err(bad_file)
     }
 }
 
@@ -100,7 +92,7 @@ impl Recording {
     /// (m, 3) vertex numbers.
     #[getter]
     fn triangles<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<u32>>> {
-        table(py, self.surface()?.triangles.iter().copied())
+        table(py, surface(&self.0).map_err(bad_file)?.triangles.iter().copied())
     }
 
     /// Ticks, and the surface (vertices, 3) [m] of each: every frame, or every second, third …
@@ -109,16 +101,10 @@ impl Recording {
         if every == 0 {
             return Err(bad_value("every is 0: every frame (1), every second (2) or so"));
         }
-        let surface = self.surface()?;
-        let moments = py.detach(|| {
-            let mut decoder = SurfaceDecoder::new(surface);
-            let mut moments: Vec<Moment> = Vec::new();
-            for frame in self.0.frames.values().flatten() {
-                moments.extend(decoder.receive(frame).map_err(bad_file)?);
-            }
-            PyResult::Ok(moments)
+        let kept: Vec<Moment> = py.detach(|| {
+            let surface = surface(&self.0).map_err(bad_file)?;
+            moments(&self.0, surface).step_by(every).map(|moment| moment.map_err(bad_file)).collect::<PyResult<_>>()
         })?;
-        let kept: Vec<Moment> = moments.into_iter().step_by(every).collect();
         let ticks = kept.iter().map(|moment| moment.tick).collect();
         let positions =
             kept.into_iter().map(|moment| table(py, moment.positions.into_iter())).collect::<PyResult<_>>()?;
