@@ -1,0 +1,129 @@
+"""The bridge to ROS 2 as a node of ROS meets it: a peer of our own, with keys, CDR and type hashes of `rosbags`."""
+
+import pathlib
+import struct
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+
+zenoh = pytest.importorskip("zenoh")
+typesys = pytest.importorskip("rosbags.typesys")
+
+sys.path.insert(0, str(pathlib.Path(__file__).parents[2] / "ros2"))
+import palpate_ros2
+from conftest import free_endpoint
+from test_network import comes
+from test_simulation import TOP, press
+
+STORE = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
+POSE = "geometry_msgs/msg/PoseStamped"
+
+
+def pose_stamped(position):
+    kind = STORE.types
+    stamp = kind["builtin_interfaces/msg/Time"](*divmod(time.time_ns(), 1_000_000_000))
+    pose = kind["geometry_msgs/msg/Pose"](
+        kind["geometry_msgs/msg/Point"](*map(float, position)), kind["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
+    )
+    return bytes(STORE.serialize_cdr(kind[POSE](kind["std_msgs/msg/Header"](stamp, "palpate"), pose), POSE))
+
+
+def test_the_hashes_are_those_of_the_messages():
+    for name, known in palpate_ros2.TYPES.items():
+        assert STORE.hash_rihs01(name.replace("/", "/msg/")) == known
+
+
+def test_poses_that_stop_let_the_force_fade():
+    assert [palpate_ros2.fading(age, 0.001) for age in (0.0, 0.02, 0.07, 9.0)] == [1.0, 1.0, 0.0, 0.0]
+    assert abs(palpate_ros2.fading(0.045, 0.01) - 0.625) < 1e-9
+
+
+class Peer:
+    """ROS: its router, one that sends poses, and one that keeps what comes."""
+
+    def __init__(self):
+        self.endpoint = free_endpoint()
+        config = zenoh.Config()
+        for key, value in (
+            ("mode", '"router"'),
+            ("listen/endpoints", f'["{self.endpoint}"]'),
+            ("scouting/multicast/enabled", "false"),
+        ):
+            config.insert_json5(key, value)
+        self.session = zenoh.open(config)
+        self.kept = []
+        self.came = {"wrench": [], "marker": []}
+        for topic, kind in (("wrench", "geometry_msgs/WrenchStamped"), ("marker", "visualization_msgs/Marker")):
+            self.kept.append(self.session.declare_subscriber(self.key(topic, kind), self.keep(topic, kind)))
+        self.poses = self.session.declare_publisher(self.key("pose", "geometry_msgs/PoseStamped"))
+
+    def key(self, topic, kind):
+        package, message = kind.split("/")
+        of_type = STORE.hash_rihs01(f"{package}/msg/{message}")
+        return f"7/palpate/{topic}/{package}::msg::dds_::{message}_/{of_type}"
+
+    def keep(self, topic, kind):
+        def receive(sample):
+            message = STORE.deserialize_cdr(sample.payload.to_bytes(), kind.replace("/", "/msg/"))
+            sequence, _, length = struct.unpack_from("<qqB", sample.attachment.to_bytes())
+            assert length == 16 and len(sample.attachment.to_bytes()) == 33
+            self.came[topic].append((sequence, message))
+
+        return receive
+
+    def send(self, position):
+        self.poses.put(pose_stamped(position))
+
+
+def test_a_node_of_ros_presses_feels_and_sees(server):
+    connection = server.connect()
+    peer, stop = Peer(), threading.Event()
+    options = palpate_ros2.arguments(["--domain", "7", "--pose-rate", "10"])
+    ros = palpate_ros2.Ros(peer.endpoint, options.domain, options.namespace)
+    running = threading.Thread(target=palpate_ros2.bridge, args=(connection, ros, options, stop))
+    running.start()
+    try:
+        # It is found as nodes are.
+        def tokens():
+            return {str(reply.ok.key_expr) for reply in peer.session.liveliness().get("@ros2_lv/7/**")}
+
+        assert comes(lambda: len(tokens()) == 4, 60), tokens()
+        kinds = sorted(token.split("/")[5] for token in tokens())
+        assert kinds == ["MP", "MP", "MS", "NN"]
+        assert any(token.endswith("/NN/%/%palpate/palpate") for token in tokens())
+
+        peer.poses.put(b"no pose")
+        peer.send([np.nan, 0.0, 0.0])
+        felt = 0.0
+        for _ in range(10):  # a busy machine may lose the hand for a moment: it comes from outside again
+            for position in press(0.008, 100):
+                peer.send(position)
+                time.sleep(0.01)
+            felt = max((m.wrench.force.z for _, m in peer.came["wrench"]), default=0.0)
+            if felt > 0.3:
+                break
+        assert 0.3 < felt < 3.4, "the body pushes back, no harder than the device can"
+        assert peer.came["wrench"][-1][1].header.frame_id == "palpate"
+
+        # It sees the dent.
+        def dent():
+            peer.send(press(0.008)[-1])
+            points = [point for _, marker in peer.came["marker"][-1:] for point in marker.points]
+            return min((p.z for p in points if abs(p.x - TOP[0]) + abs(p.y - TOP[1]) < 0.02 and p.z > 0.05), default=1.0)
+
+        assert comes(lambda: dent() < TOP[2] - 0.002, 60), dent()
+        marker = peer.came["marker"][-1][1]
+        assert (marker.type, marker.action, marker.ns) == (marker.TRIANGLE_LIST, marker.ADD, "surface")
+        assert len(marker.points) == 3 * len(connection.watch().triangles)
+
+        # Poses stop: the last forces fade, and the tool is given back.
+        assert comes(lambda: not connection.session()["tools"][0]["taken"], 60)
+        last = peer.came["wrench"][-1][0]
+        time.sleep(0.3)
+        assert peer.came["wrench"][-1][0] == last, "no wrench without a tool"
+    finally:
+        stop.set()
+        running.join(60)
