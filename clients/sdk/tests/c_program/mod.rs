@@ -22,7 +22,7 @@ pub enum Linked {
 
 /// The library that cargo built for this test, beside the test itself: it builds every crate type of a library that a test
 /// needs, and may put a hash into the name. Older builds may lie there too; this one is the newest.
-fn library(linked: Linked) -> PathBuf {
+pub fn library(linked: Linked) -> PathBuf {
     let extension = match linked {
         Linked::Static => "a",
         Linked::Shared if cfg!(target_os = "macos") => "dylib",

@@ -1,0 +1,105 @@
+//! The C# client and Unity's components: compiled by mono, and the plain part run against a server.
+//!
+//! It needs mcs and mono (`apt-get install mono-mcs mono-runtime`); where one is missing it says that it skips.
+#![cfg(target_os = "linux")] // how the library is found
+
+#[path = "../clients/sdk/tests/c_program/mod.rs"]
+mod c_program;
+
+use c_program::{Linked, library, run};
+use std::net::TcpListener;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+
+/// True where C# can be compiled and run.
+fn mono_is_there() -> bool {
+    let is_there = |program: &str| Command::new(program).arg("--version").output().is_ok_and(|o| o.status.success());
+    let both = is_there("mcs") && is_there("mono");
+    if !both {
+        println!("skipped: mcs or mono is not there (apt-get install mono-mcs mono-runtime)");
+    }
+    both
+}
+
+fn unity() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("clients/unity")
+}
+
+/// Compiles C# without a warning.
+fn compile(sources: &[&str], more: &[&str], program: &Path) {
+    let mut compile = Command::new("mcs");
+    compile.args(["-langversion:7", "-warnaserror"]).args(more).arg(format!("-out:{}", program.display()));
+    run(compile.args(sources).current_dir(unity()));
+}
+
+/// A server of the cube, until it is dropped.
+struct Served {
+    process: Child,
+    endpoints: [String; 2],
+}
+
+impl Served {
+    fn start() -> Self {
+        let taken: Vec<TcpListener> = (0..2).map(|_| TcpListener::bind("127.0.0.1:0").unwrap()).collect();
+        let endpoint = |i: usize| format!("tcp/127.0.0.1:{}", taken[i].local_addr().unwrap().port());
+        let endpoints = [endpoint(0), endpoint(1)];
+        drop(taken);
+        let mut serve = Command::new(env!("CARGO_BIN_EXE_palpate"));
+        serve.args(["serve", "--scene", "cube", "--set", "world.gravity=[0.0, 0.0, 0.0]", "--until-input-ends"]);
+        serve.args(["--force-endpoint", &endpoints[0], "--surface-endpoint", &endpoints[1]]);
+        let process = serve.stdin(Stdio::piped()).stdout(Stdio::null()).spawn().unwrap();
+        let surface = palpate_sdk::Endpoints { surface: endpoints[1].clone(), ..Default::default() };
+        let is_up = || palpate_sdk::Connection::open_surface(&surface).is_ok_and(|c| c.session().is_ok());
+        assert!((0..20).any(|_| is_up()), "the server does not come up");
+        Self { process, endpoints }
+    }
+}
+
+impl Drop for Served {
+    fn drop(&mut self) {
+        drop(self.process.stdin.take());
+        let _ = self.process.wait();
+    }
+}
+
+#[test]
+fn the_components_and_the_sample_compile_without_unity() {
+    if !mono_is_there() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let sources = ["Runtime/*.cs", "Runtime/Components/*.cs", "Samples~/Touch/*.cs", "Tests~/UnityEngine.cs"];
+    compile(&sources, &["-target:library"], &folder.path().join("all.dll"));
+}
+
+#[test]
+fn a_program_in_csharp_feels_and_sees_the_body() {
+    if !mono_is_there() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let program = folder.path().join("touch.exe");
+    compile(&["Runtime/*.cs", "Tests~/Touch.cs"], &[], &program);
+    std::fs::copy(library(Linked::Shared), folder.path().join("libpalpate_sdk.so")).unwrap();
+    let server = Served::start();
+    // The ball's centre ends 12 mm above the middle of the top, its lowest point 8 mm below it: right, up, forward.
+    let place = ["0.05", "0.112", "0.05"];
+    let number = |said: &str, what: &str| -> f64 {
+        let line = said.lines().find_map(|line| line.strip_prefix(what)).unwrap_or_else(|| panic!("{what}: {said}"));
+        line.trim().parse().unwrap()
+    };
+    // A machine that is busy elsewhere for a tenth of a second silences the hand, which then has to come from outside again.
+    let pressed = (0..10).find_map(|_| {
+        let mut mono = Command::new("mono");
+        mono.arg(&program).args(&server.endpoints).arg("main").args(place);
+        let said = run(mono.env("LD_LIBRARY_PATH", folder.path()));
+        (number(&said, "most") > 0.3 && number(&said, "lowest") < 0.097 && said.contains("Engaged")).then_some(said)
+    });
+    let said = pressed.expect("pressed ten times, and never felt and seen");
+    println!("{said}");
+    assert!(said.contains(concat!("library ", env!("CARGO_PKG_VERSION"))), "{said}");
+    assert!(number(&said, "most") < 3.4 && number(&said, "lowest") > 0.05, "{said}");
+    assert!(said.contains("Held and Engaged") && said.contains("clients 1"), "{said}");
+    assert!(number(&said.replace(", triangles", "\ntriangles"), "vertices") > 100.0, "{said}");
+    assert!(said.contains("refused: ") && said.contains("no such tool"), "{said}");
+}
