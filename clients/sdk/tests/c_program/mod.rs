@@ -40,9 +40,25 @@ pub fn library(linked: Linked) -> PathBuf {
 
 /// Compiles `examples/{example}.c` of the client library in the folder `sdk` into `program`, without a single warning.
 pub fn compile_example(sdk: &Path, example: &str, linked: Linked, program: &Path) {
+    let source = sdk.join(format!("examples/{example}.c"));
+    compile_against(&[sdk.join("include")], &[source], "-std=c99", &[], linked, program);
+}
+
+/// Compiles `sources` with the headers of the folders `include` and more `flags`, without a single warning.
+pub fn compile_against(
+    include: &[PathBuf],
+    sources: &[PathBuf],
+    standard: &str,
+    flags: &[&str],
+    linked: Linked,
+    program: &Path,
+) {
     let mut compile = Command::new("cc");
-    compile.args(["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-I"]).arg(sdk.join("include"));
-    compile.arg(sdk.join(format!("examples/{example}.c"))).arg(library(linked));
+    compile.args([standard, "-Wall", "-Wextra", "-Werror", "-pedantic"]);
+    for folder in include {
+        compile.arg("-I").arg(folder);
+    }
+    compile.args(sources).arg(library(linked)).args(flags);
     match linked {
         Linked::Static => compile.args(SYSTEM_LIBRARIES),
         Linked::Shared => compile.arg("-lm"),
