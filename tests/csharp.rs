@@ -5,11 +5,13 @@
 
 #[path = "../clients/sdk/tests/c_program/mod.rs"]
 mod c_program;
+#[path = "common/served.rs"]
+mod served;
 
 use c_program::{Linked, library, run};
-use std::net::TcpListener;
+use served::Served;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::process::Command;
 
 /// True where C# can be compiled and run.
 fn mono_is_there() -> bool {
@@ -32,36 +34,6 @@ fn compile(sources: &[&str], more: &[&str], program: &Path) {
     run(compile.args(sources).current_dir(unity()));
 }
 
-/// A server of the cube, until it is dropped.
-struct Served {
-    process: Child,
-    endpoints: [String; 2],
-}
-
-impl Served {
-    fn start() -> Self {
-        let taken: Vec<TcpListener> = (0..2).map(|_| TcpListener::bind("127.0.0.1:0").unwrap()).collect();
-        let endpoint = |i: usize| format!("tcp/127.0.0.1:{}", taken[i].local_addr().unwrap().port());
-        let endpoints = [endpoint(0), endpoint(1)];
-        drop(taken);
-        let mut serve = Command::new(env!("CARGO_BIN_EXE_palpate"));
-        serve.args(["serve", "--scene", "cube", "--set", "world.gravity=[0.0, 0.0, 0.0]", "--until-input-ends"]);
-        serve.args(["--force-endpoint", &endpoints[0], "--surface-endpoint", &endpoints[1]]);
-        let process = serve.stdin(Stdio::piped()).stdout(Stdio::null()).spawn().unwrap();
-        let surface = palpate_sdk::Endpoints { surface: endpoints[1].clone(), ..Default::default() };
-        let is_up = || palpate_sdk::Connection::open_surface(&surface).is_ok_and(|c| c.session().is_ok());
-        assert!((0..20).any(|_| is_up()), "the server does not come up");
-        Self { process, endpoints }
-    }
-}
-
-impl Drop for Served {
-    fn drop(&mut self) {
-        drop(self.process.stdin.take());
-        let _ = self.process.wait();
-    }
-}
-
 #[test]
 fn the_components_and_the_sample_compile_without_unity() {
     if !mono_is_there() {
@@ -81,7 +53,7 @@ fn a_program_in_csharp_feels_and_sees_the_body() {
     let program = folder.path().join("touch.exe");
     compile(&["Runtime/*.cs", "Tests~/Touch.cs"], &[], &program);
     std::fs::copy(library(Linked::Shared), folder.path().join("libpalpate_sdk.so")).unwrap();
-    let server = Served::start();
+    let server = Served::start(Path::new(env!("CARGO_BIN_EXE_palpate")));
     // The ball's centre ends 12 mm above the middle of the top, its lowest point 8 mm below it: right, up, forward.
     let place = ["0.05", "0.112", "0.05"];
     let number = |said: &str, what: &str| -> f64 {
