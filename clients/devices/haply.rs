@@ -81,7 +81,7 @@ impl Hand {
         Ok(Self {
             tool: connection.attach(&Attachment::of("haply", device, registration))?,
             renderer: Renderer::new(&registration.in_body(device), RenderMode::default()),
-            clutch: Clutch::new(registration.clone()),
+            clutch: Clutch::new(*registration),
             sent: None,
         })
     }

@@ -19,15 +19,19 @@ int main(int argc, char **argv)
     const char *session = argc > 2 ? argv[2] : NULL;
     const long frames = argc > 3 ? strtol(argv[3], NULL, 10) : 100;
     const struct timespec pause = {0, 5000000}; /* 5 ms; a viewer asks before each picture instead */
+    palpate_session_info about;
+    palpate_server_status status;
     palpate_surface surface;
+    palpate_client *client = palpate_connect_surface(surface_endpoint, session);
     palpate_watch *watch = palpate_watch_open(surface_endpoint, session, 1, 0);
     long frame = 0;
     int newer = 0;
 
-    if (watch == NULL) {
+    if (watch == NULL || palpate_session(client, &about) != 0 || palpate_status(client, &status) < 0) {
         fprintf(stderr, "watch: %s\n", palpate_last_error());
         return EXIT_FAILURE;
     }
+    printf("session %s: %s, %.3f kg\n", about.name, about.body, about.mass);
     while (frame < frames && (newer = palpate_watch_latest(watch, &surface)) >= 0) {
         size_t i, highest = 0;
         if (newer == 0) {
@@ -48,6 +52,10 @@ int main(int argc, char **argv)
     }
     if (newer < 0)
         fprintf(stderr, "surface: %s\n", palpate_last_error());
+    if (palpate_status(client, &status) == 1)
+        printf("server at tick %lu, %.1f ticks a second, %lu late\n", (unsigned long)status.tick, status.tick_rate_hz,
+               (unsigned long)status.missed_deadlines);
     palpate_watch_close(watch);
+    palpate_close(client);
     return newer < 0 ? EXIT_FAILURE : EXIT_SUCCESS;
 }

@@ -64,6 +64,9 @@ typedef struct palpate_client palpate_client;
  * The network's threads start here, and inherit the scheduling class of the calling thread: raise that first. */
 palpate_client *palpate_connect(const char *force_endpoint, const char *surface_endpoint, const char *session);
 
+/* As palpate_connect, but only to the surface endpoint: enough for palpate_session and palpate_status, not for a tool. */
+palpate_client *palpate_connect_surface(const char *surface_endpoint, const char *session);
+
 /* A tool of the server. */
 typedef struct palpate_tool {
     uint32_t tool;     /* its number */

@@ -99,15 +99,17 @@ fn the_example_in_c_shows_the_surface() {
             break;
         }
         assert!(sequence < 3000, "it watches on");
+        server.publish_status(sequence);
         server.publish_frame(sequence, false);
         std::thread::sleep(Duration::from_millis(20));
     }
     let output = watching.join().unwrap();
     let said = String::from_utf8_lossy(&output.stdout);
     assert!(output.status.success(), "{said}{}", String::from_utf8_lossy(&output.stderr));
-    let frames: Vec<&str> = said.lines().collect();
-    assert_eq!(frames.len(), 3, "{said}");
-    for frame in frames {
+    let lines: Vec<&str> = said.lines().collect();
+    assert_eq!(lines[0], "session fake: floor, 2.000 kg");
+    assert!(lines.len() == 5 && lines[4].ends_with("1000.0 ticks a second, 0 late"), "{said}");
+    for frame in &lines[1..4] {
         assert!(frame.contains("4 vertices, 2 triangles") && frame.ends_with("its normal 1.000 up"), "{frame}");
         let number = |before: &str| frame.split_once(before).unwrap().1.split([':', ' ']).next().unwrap().to_owned();
         let sequence: u64 = number("frame ").parse().unwrap();

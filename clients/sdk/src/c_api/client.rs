@@ -134,6 +134,11 @@ impl Held {
 }
 
 impl Client {
+    /// A client without a tool, to be freed by `palpate_close`.
+    pub(super) fn boxed(connection: Connection) -> *mut Self {
+        Box::into_raw(Box::new(Self { connection, held: None, described: None, status: None }))
+    }
+
     /// The tool in the hand. Errors: there is none.
     pub(super) fn held(&mut self) -> Fallible<&mut Held> {
         self.held.as_mut().ok_or_else(|| NO_TOOL.into())

@@ -127,8 +127,23 @@ pub unsafe extern "C" fn palpate_connect(
             )
         };
         let endpoints = Endpoints { force: force.into(), surface: surface.into(), session: session.into() };
-        let connection = Connection::open(&endpoints)?;
-        Ok(Box::into_raw(Box::new(Client { connection, held: None, described: None, status: None })))
+        Ok(Client::boxed(Connection::open(&endpoints)?))
+    })
+}
+
+/// See `palpate.h`.
+///
+/// # Safety
+/// Each argument is NULL or text.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn palpate_connect_surface(
+    surface_endpoint: *const c_char,
+    session: *const c_char,
+) -> *mut Client {
+    guarded(std::ptr::null_mut(), || {
+        // SAFETY: NULL or text by the caller's word.
+        let endpoints = unsafe { watch::surface_endpoints(surface_endpoint, session) }?;
+        Ok(Client::boxed(Connection::open_surface(&endpoints)?))
     })
 }
 

@@ -5,7 +5,7 @@ use std::{
     sync::Arc,
 };
 
-use super::border::{guarded, text, write};
+use super::border::{Fallible, guarded, text, write};
 use crate::{Connection, Endpoints, Moment, Surface, SurfaceWatch, WatchOptions};
 
 /// `palpate_watch`.
@@ -83,6 +83,17 @@ impl Shown {
     }
 }
 
+/// Where the surface is; NULL means that of a server on this machine.
+///
+/// # Safety
+/// Each is NULL or text.
+pub(super) unsafe fn surface_endpoints(surface: *const c_char, session: *const c_char) -> Fallible<Endpoints> {
+    let local = Endpoints::default();
+    // SAFETY: NULL or text by the caller's word.
+    let (surface, session) = unsafe { (text(surface, &local.surface)?, text(session, &local.session)?) };
+    Ok(Endpoints { surface: surface.into(), session: session.into(), ..local.clone() })
+}
+
 /// See `palpate.h`.
 ///
 /// # Safety
@@ -95,10 +106,8 @@ pub unsafe extern "C" fn palpate_watch_open(
     levels: c_int,
 ) -> *mut Watch {
     guarded(std::ptr::null_mut(), || {
-        let local = Endpoints::default();
         // SAFETY: NULL or text by the caller's word.
-        let (surface, session) = unsafe { (text(surface_endpoint, &local.surface)?, text(session, &local.session)?) };
-        let endpoints = Endpoints { surface: surface.into(), session: session.into(), ..local.clone() };
+        let endpoints = unsafe { surface_endpoints(surface_endpoint, session) }?;
         let options = WatchOptions { every, levels: levels != 0 };
         let watch = Connection::open_surface(&endpoints)?.watch_surface(options)?;
         Ok(Box::into_raw(Box::new(Watch { watch, shown: None })))

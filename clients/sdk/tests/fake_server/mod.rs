@@ -228,7 +228,7 @@ fn answer_queries(surface: &zenoh::Session, session: &str, version: (u32, u32), 
         version_minor: version.1,
         name: session.to_owned(),
         tick_s: 0.001,
-        body: Some(BodyDescription { name: "floor".to_owned(), ..Default::default() }),
+        body: Some(BodyDescription { name: "floor".to_owned(), mass_kg: 2.0, ..Default::default() }),
         tools: vec![ToolDescription {
             tool: TOOL,
             name: "ball".to_owned(),
