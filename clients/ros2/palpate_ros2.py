@@ -18,6 +18,7 @@ the next pose takes it again, and it has to leave the body before it can touch. 
 import argparse
 import json
 import os
+import signal
 import struct
 import sys
 import threading
@@ -148,6 +149,10 @@ class Ros:
         self.kept.append(self._token(kind, "%" + name.replace("/", "%"), *kinds, QOS))
         return "/".join([str(self.domain), name, *kinds])
 
+    def close(self):
+        """Ends the node. Without it the program does not end: zenoh calls back on threads of its own."""
+        self.session.close()
+
     def publisher(self, topic, message):
         """A function that publishes CDR."""
         publisher = self.session.declare_publisher(
@@ -260,10 +265,12 @@ def main():
     connection = palpate.connect(options.force_endpoint, options.surface_endpoint, options.session)
     ros = Ros(options.router, options.domain, options.namespace)
     stop = threading.Event()
+    for ending in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(ending, lambda *_: stop.set())
     try:
         bridge(connection, ros, options, stop)
-    except KeyboardInterrupt:
-        stop.set()
+    finally:
+        ros.close()
 
 
 if __name__ == "__main__":

@@ -1,7 +1,10 @@
 """The bridge to ROS 2 as a node of ROS meets it: a peer of our own, with keys, CDR and type hashes of `rosbags`."""
 
+import os
 import pathlib
+import signal
 import struct
+import subprocess
 import sys
 import threading
 import time
@@ -127,3 +130,21 @@ def test_a_node_of_ros_presses_feels_and_sees(server):
     finally:
         stop.set()
         running.join(60)
+        ros.close()
+        peer.session.close()
+
+
+def test_the_program_runs_until_it_is_told_to_end(server):
+    server.connect()
+    peer = Peer()
+    command = [sys.executable, palpate_ros2.__file__, "--router", peer.endpoint, "--domain", "7"]
+    command += ["--force-endpoint", server.force, "--surface-endpoint", server.surface]
+    process = subprocess.Popen(command, env={**os.environ, "PYTHONUNBUFFERED": "1"})
+    try:
+        assert comes(lambda: peer.came["marker"], 60), "the surface comes without a tool"
+        assert not peer.came["wrench"], "and no wrench"
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(60) == 0
+    finally:
+        process.kill()
+        peer.session.close()
