@@ -50,10 +50,11 @@ fn the_wheel_passes_its_tests() {
     };
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("python");
     let (wheels, environment) = (folder.join("wheels"), folder.join("environment"));
-    // As the program of the tests is built, so that their speeds can be compared, and beside it.
+    // As the program of the tests is built, so that their speeds can be compared, but in a folder of its own: built by itself the
+    // package asks for other features, and the shared library's file, which has one name for all, would be replaced.
     let program = Path::new(env!("CARGO_BIN_EXE_palpate"));
     let profile = if cfg!(debug_assertions) { "dev" } else { "release" };
-    let target = program.ancestors().nth(2).unwrap();
+    let target = folder.join("target");
     maturin.args(["build", "--locked", "--profile", profile, "--manifest-path", "clients/python/Cargo.toml", "--out"]);
     run(maturin.arg(&wheels).env("CARGO_TARGET_DIR", target).current_dir(root));
     if !environment.exists() {
