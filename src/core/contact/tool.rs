@@ -161,6 +161,8 @@ impl ToolState {
         match event {
             Some(ToolEvent::Attach { epoch, period_ticks, coupling }) => {
                 self.let_go();
+                // The hand before let go of a force that still falls at the slew limit: it is not the next one's.
+                (self.force, self.torque) = Default::default();
                 (self.epoch, self.period_ticks) = (*epoch, (*period_ticks).max(1));
                 self.coupling = *coupling;
                 (self.sequence, self.time_ns, self.buttons) = (0, 0, 0);
@@ -300,6 +302,16 @@ mod tests {
         tool.follow(Some(&at(0.0, 1)), 1e-3, &BOUNDS);
         tool.phase = Phase::Engaged;
         tool
+    }
+
+    #[test]
+    fn a_new_holder_feels_nothing_of_the_force_of_the_last_one() {
+        let mut tool = engaged(1);
+        (tool.ramp, tool.force, tool.torque) = (1.0, Vec3::new(0.0, 0.0, 1.6), Vec3::new(0.0, 0.05, 0.0));
+        tool.follow(Some(&ToolEvent::Detach), 1e-3, &BOUNDS);
+        let next = ToolEvent::Attach { epoch: 2, period_ticks: 1, coupling: Coupling::RIGID };
+        tool.follow(Some(&next), 1e-3, &BOUNDS);
+        assert_eq!((tool.epoch, tool.force, tool.torque), (2, Vec3::zeros(), Vec3::zeros()));
     }
 
     #[test]
