@@ -339,6 +339,7 @@ fn a_mesh_that_was_changed_and_one_made_from_its_state_step_alike() {
                         &World { path: Path::best(), body: &body, gravity: Vec3::zeros() },
                         mesh,
                         &mut [],
+                        0,
                         work,
                         &mut (),
                     );

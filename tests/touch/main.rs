@@ -29,6 +29,7 @@ mod feedback;
 mod feel;
 mod friction;
 mod shapes;
+mod similar;
 mod tunnel;
 
 /// Edge of every body here [m].

@@ -187,7 +187,7 @@ fn two_jaws_squeeze_a_fold_with_opposite_forces() {
     ];
     let cube = with_shape(forceps(0.024), &fold);
     let top = Vec3::new(0.008, 0.03, 0.05);
-    let per_part = palpate_core::contact::detection::points_of_a_part(&cube.body);
+    let per_part = cube.body.points_of_a_part();
     let mut press = simulation(&cube);
     tick(&mut press, attach());
     let mut jaws = [Vec3::zeros(); 3];

@@ -198,7 +198,8 @@ fn trajectory_error(body: &Body, gravity: Real, traces: &[Trace], per_tick: u32)
     let last = traces.iter().flat_map(|t| t.1).map(|p| p.0).max().unwrap_or(0);
     let (mut worst, mut least_det) = (0.0 as Real, Real::INFINITY);
     for tick in 1..=last {
-        let extremes = step::tick(&World { path: Path::best(), body, gravity }, &mut mesh, &mut [], &mut work, &mut ());
+        let extremes =
+            step::tick(&World { path: Path::best(), body, gravity }, &mut mesh, &mut [], 0, &mut work, &mut ());
         least_det = least_det.min(extremes.det_f);
         for (node, points) in traces {
             for (_, value) in points.iter().filter(|p| p.0 == tick) {
@@ -333,6 +334,7 @@ fn a_free_spinning_cube_keeps_its_momentum_to_rounding_and_its_energy_to_the_ste
                 &World { path: Path::best(), body: &body, gravity: Vec3::zeros() },
                 &mut mesh,
                 &mut [],
+                0,
                 &mut work,
                 &mut (),
             );
@@ -436,6 +438,7 @@ fn viscosity_damps_the_lowest_mode_as_the_reference() {
                         &World { path: Path::best(), body: &body, gravity: Vec3::zeros() },
                         &mut mesh,
                         &mut [],
+                        0,
                         &mut work,
                         &mut (),
                     );

@@ -165,6 +165,8 @@ pub struct Means<'a> {
     pub contact: u32,
     /// Contact points of the last tick.
     pub points: u32,
+    /// Class of the steps by which they are held.
+    pub class: usize,
     /// Time that finding [`EXPECTED_CONTACTS`] takes [ns] where a tool is near; else 0.
     pub expected: u32,
     /// The tick ends a frame, or lies in the middle of one, where the state may be copied.
@@ -177,8 +179,8 @@ impl Means<'_> {
     /// Time of a tick that moves `mesh` and ends no frame [ns]: with the contacts that are held, and with those expected.
     fn loads(&self, body: &Body, mesh: &ActiveMesh) -> (u32, u32) {
         let rest = work::of_rest(self.prices, false);
-        let with = |points, contact: u32| {
-            let motion = work::of_motion(body, mesh, self.prices, points);
+        let with = |points: u32, contact: u32| {
+            let motion = work::of_motion(body, mesh, self.prices, points << self.class);
             motion.saturating_add(rest).saturating_add(contact)
         };
         let expected = self.points.max(EXPECTED_CONTACTS);
@@ -241,7 +243,7 @@ pub fn adapt(
     let full = sixteenths(means.budget.frame.saturating_sub(frame).min(planned.saturating_sub(looking)), ADMITTED);
     let now = held.saturating_add(looking).saturating_add(if means.frame { frame } else { 0 });
     let short = if sheds {
-        let motion = work::of_motion(body, mesh, means.prices, means.points);
+        let motion = work::of_motion(body, mesh, means.prices, means.points << means.class);
         let units = |most: u32, spent: u32| means.prices.count(Part::Change, most.saturating_sub(spent));
         let left = shedding::Left {
             beside: units(means.budget.change, now),

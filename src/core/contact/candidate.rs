@@ -7,7 +7,7 @@
 use super::outside::is_inside;
 use super::posed::Posed;
 use super::shape::MOST_PARTS;
-use super::touchable::{FASTEST_SURFACE, Touchable, area_vector, points_of_a_part, weights_in_triangle};
+use super::touchable::{FASTEST_SURFACE, Touchable, area_vector, weights_in_triangle};
 use crate::ids::{Triangle, Vertex};
 use crate::math::{Bounds, Real, Vec3};
 use crate::model::constraint::PointMemory;
@@ -154,7 +154,7 @@ pub(super) struct Touch<'a> {
 
 /// How deep any core is behind any of the points that it touched at the last tick [m].
 pub(super) fn sunk_depth(body: &Body, mesh: &ActiveMesh, parts: &[Posed], memory: &[PointMemory]) -> Real {
-    let (vertices, per_part) = (body.surface().vertices.len() as u32, points_of_a_part(body));
+    let (vertices, per_part) = (body.surface().vertices.len() as u32, body.points_of_a_part());
     let depth = |m: &PointMemory| {
         let (part, point) = ((m.point / per_part) as usize, m.point % per_part);
         let place = match point.checked_sub(vertices) {

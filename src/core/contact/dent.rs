@@ -9,7 +9,7 @@
 use super::candidate::{Candidate, Sheet};
 use super::posed::Posed;
 use super::tool::MOST_POINTS;
-use super::touchable::{MARGIN, Touchable, points_of_a_part};
+use super::touchable::{MARGIN, Touchable};
 use crate::ids::{Node, Vertex};
 use crate::math::{Real, Vec3};
 use crate::model::active_mesh::skin;
@@ -234,7 +234,7 @@ impl Dents {
         memory: &[PointMemory],
         loads: &mut [Load],
     ) {
-        let per_part = points_of_a_part(on.body);
+        let per_part = on.body.points_of_a_part();
         for (part, at) in parts.iter().enumerate() {
             let Some(radius) = at.part.ball_radius() else { continue };
             let own = of_part(part, candidates, |c| c.part as usize);
@@ -352,7 +352,7 @@ fn wider(on: &Touchable, v: Vertex) -> Real {
 /// the less the nearer it is to one of them: on a corner it is none, and nothing is to be felt of how it gets there. What
 /// has next to none left is no candidate, unless it tells that something has sunk below it.
 pub(super) fn share_areas(on: &Touchable, parts: &[Posed], candidates: &mut Vec<Candidate>) {
-    let (vertices, per_part) = (on.vertices.len() as u32, points_of_a_part(on.body));
+    let (vertices, per_part) = (on.vertices.len() as u32, on.body.points_of_a_part());
     let is_vertex = |c: &Candidate| c.point % per_part < vertices;
     for i in 0..candidates.len() {
         let c = candidates[i];

@@ -10,7 +10,6 @@ use super::nearby::Nearby;
 use super::posed::{Posed, posed};
 use super::shape::MOST_PARTS;
 use super::tool::{MOST_POINTS, Tool, ToolState};
-pub use super::touchable::points_of_a_part;
 use super::touchable::{FASTEST_SURFACE, MARGIN, Touchable};
 use super::wrench::middle_pose;
 use crate::ids::{ToolId, Triangle, Vertex};
@@ -147,7 +146,7 @@ pub fn detect(
     let (Held { id, of, state: tool }, Found { constraints, points_of_action }) = (held, out);
     let candidates = &mut work.candidates;
     candidates.clear();
-    let per_part = points_of_a_part(body);
+    let per_part = body.points_of_a_part();
     let middle = middle_pose(tool);
     let ((all, parts), (start, _), (end, _)) =
         (posed(&middle, &of.shape), posed(&tool.previous, &of.shape), posed(&tool.pose, &of.shape));
@@ -300,7 +299,7 @@ fn thin_out(on: &Touchable, parts: &[Posed], candidates: &mut Vec<Candidate>, me
     if candidates.len() <= MOST_POINTS {
         return;
     }
-    let (vertices, per_part) = (on.vertices.len() as u32, points_of_a_part(on.body));
+    let (vertices, per_part) = (on.vertices.len() as u32, on.body.points_of_a_part());
     for c in candidates.iter_mut() {
         let known = memory.binary_search_by_key(&c.point, |m| m.point).is_ok();
         let apart = c.gap > if known { LET_GO } else { 0.0 };

@@ -41,8 +41,3 @@ pub(super) fn weights_in_triangle(corners: &[Vec3; 3], p: Vec3) -> Option<[Real;
     let (w1, w2) = ((c * r - b * s) / det, (a * s - b * r) / det);
     Some([1.0 - w1 - w2, w1, w2])
 }
-
-/// Numbers that the points of one part of a tool take: its vertices and triangles.
-pub fn points_of_a_part(body: &Body) -> u32 {
-    (body.surface().vertices.len() + body.surface().triangles.len()) as u32
-}

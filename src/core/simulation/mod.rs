@@ -264,11 +264,13 @@ impl Simulation {
             }
             let (contact, points) = self.contact_time(0);
             let near = !self.focus.is_empty();
+            let class = self.mesh.contact_class(&self.body, self.points.iter().flatten().map(|p| p.point));
             let means = Means {
                 budget,
                 prices: &self.prices,
                 contact,
                 points,
+                class,
                 expected: if near { self.contact_time(adaptation::EXPECTED_CONTACTS).0 } else { 0 },
                 frame: ticks.is_multiple_of(TICKS_PER_FRAME / 2),
                 moves: self.frozen >= MOST_FROZEN,
@@ -308,7 +310,7 @@ impl Simulation {
     /// Tools that touch what now hangs on other elements follow their force slowly for a while.
     fn settle_tools(&mut self) {
         let first_triangle = self.body.surface().vertices.len() as u32;
-        let per_part = detection::points_of_a_part(&self.body);
+        let per_part = self.body.points_of_a_part();
         for ((tool, points), of) in self.tools.iter_mut().zip(&self.points).zip(&self.settings.tools) {
             let parts = of.shape.parts().len() as u32;
             let by_part = |point: u32| points.binary_search_by_key(&point, |p| p.point).is_ok();
@@ -360,7 +362,9 @@ impl Simulation {
     fn step(&mut self, budget: Budget, laps: &mut dyn Laps) {
         let rest = work::of_rest(&self.prices, self.tick.is_multiple_of(TICKS_PER_FRAME));
         let rest = rest.saturating_add(self.prices.of(Part::Look, self.outputs.adapted.looked));
-        let motion = work::of_motion(&self.body, &self.mesh, &self.prices, self.constraints.len() as u32);
+        let contact = self.mesh.contact_class(&self.body, self.constraints.iter().map(|c| c.point));
+        let solves = (self.constraints.len() as u32) << contact;
+        let motion = work::of_motion(&self.body, &self.mesh, &self.prices, solves);
         let needed = motion.saturating_add(self.contact_time(0).0);
         let whole = needed.saturating_add(rest).saturating_add(self.outputs.adapted.work);
         // What a change of resolution takes is less well known than the rest.
@@ -376,7 +380,8 @@ impl Simulation {
         if moves {
             self.outputs.element_evaluations = work::evaluations(&self.mesh);
             let world = World { path: self.path, body: &self.body, gravity: self.settings.gravity };
-            self.outputs.extremes = step::tick(&world, &mut self.mesh, &mut self.constraints, &mut self.stepping, laps);
+            self.outputs.extremes =
+                step::tick(&world, &mut self.mesh, &mut self.constraints, contact, &mut self.stepping, laps);
             self.mesh.ease_off();
             laps.lap(Part::Fixed, 0);
             self.mesh.reclass_over_limit(&self.body);
@@ -402,7 +407,7 @@ impl Simulation {
 
     fn render_forces(&mut self) {
         let stood_still = self.outputs.plan.taken < self.outputs.plan.needed;
-        let per_part = detection::points_of_a_part(&self.body);
+        let per_part = self.body.points_of_a_part();
         let mut constraints = self.constraints.as_slice();
         for (i, (tool, points)) in self.tools.iter_mut().zip(&mut self.points).enumerate() {
             let own;

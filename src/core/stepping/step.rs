@@ -83,18 +83,18 @@ struct Due {
 }
 
 /// Moves `mesh` by one tick, and tells `laps` what it does, and leaves the mean multiplier of each constraint over the
-/// tick.
+/// tick. The constraints are held by the steps of class `contact`, [`ActiveMesh::contact_class`].
 pub fn tick(
     world: &World,
     mesh: &mut ActiveMesh,
     constraints: &mut [Constraint],
+    contact: usize,
     work: &mut Workspace,
     laps: &mut dyn Laps,
 ) -> Extremes {
     let World { body, gravity, .. } = *world;
     let mut extremes = Extremes::REST;
     let finest = mesh.finest_class();
-    let contact = step_class::contact_class(finest);
     let holds = mesh.support_class(body);
     collect_eased(mesh, work);
     let mut deepest = finest.max(work.eased.iter().rposition(|slots| !slots.is_empty()).unwrap_or(0));
@@ -115,7 +115,7 @@ pub fn tick(
         let class = deepest - i.trailing_zeros() as usize;
         let held = class == holds && !body.holds().is_empty();
         let touched = class == contact && !constraints.is_empty();
-        if mesh.pool().count(class) > 0 || held || !of_class(&work.eased, class).is_empty() {
+        if mesh.pool().count(class) > 0 || held || !&work.eased[class].is_empty() {
             let elements = event(world, mesh, Due { now, class, held }, work, laps);
             extremes = extremes.join(&elements);
         }
@@ -148,7 +148,7 @@ fn event(world: &World, mesh: &mut ActiveMesh, due: Due, work: &mut Workspace, l
     let (World { path, body, gravity }, Due { now, class, held }) = (*world, due);
     let step = step_class::step_of(class);
     let (rates, registers) = (rates(body, step), mesh.registers());
-    let eased = of_class(&work.eased, class);
+    let eased = &work.eased[class];
     // What is held of a body that can move as a whole is balanced where all its nodes are now.
     let balanced = mesh.has_free_organs() && !eased.is_empty();
     // Where most elements are due most nodes are concerned: finding out which costs more than moving the others.
@@ -171,7 +171,7 @@ fn event(world: &World, mesh: &mut ActiveMesh, due: Due, work: &mut Workspace, l
         return extremes;
     }
     find_concerned(mesh, class, held, work);
-    let (concerned, eased) = (&work.concerned[class], of_class(&work.eased, class));
+    let (concerned, eased) = (&work.concerned[class], &work.eased[class]);
     drift(&concerned.active, &mut work.time, mesh, gravity, now);
     drift(eased, &mut work.time, mesh, gravity, now);
     laps.lap(Part::Node, (concerned.active.len() + eased.len()) as u32);
@@ -258,11 +258,6 @@ fn find_concerned(mesh: &ActiveMesh, class: usize, held: bool, work: &mut Worksp
         mesh.supported().for_each(&mut note);
     }
     *revision = Some(mesh.revision(class));
-}
-
-/// Nodes that something is held on by steps of `class`; none for the shortest steps.
-fn of_class(eased: &Ease<Vec<Slot>>, class: usize) -> &[Slot] {
-    eased.get(class).map_or(&[], Vec::as_slice)
 }
 
 fn collect_eased(mesh: &ActiveMesh, work: &mut Workspace) {

@@ -5,7 +5,6 @@
 
 use crate::model::active_mesh::Upkeep;
 use crate::model::element_pool::CLASSES;
-use crate::model::step_class;
 use crate::model::{ActiveMesh, Body};
 use serde::{Deserialize, Serialize};
 
@@ -322,8 +321,8 @@ fn visits(mesh: &ActiveMesh, elements: u32) -> (u32, u32) {
     (part(mesh.active().len() as u32), part(mesh.row_entries()))
 }
 
-/// Time of moving the body by a tick in which `contacts` points are held [ns].
-pub fn of_motion(body: &Body, mesh: &ActiveMesh, prices: &Prices, contacts: u32) -> u32 {
+/// Time of moving the body by a tick with `solves` points in all solves of the contact [ns].
+pub fn of_motion(body: &Body, mesh: &ActiveMesh, prices: &Prices, solves: u32) -> u32 {
     // After the last event all nodes drift to the end of the tick.
     let (mut nodes, mut rows) = (mesh.active().len() as u32, mesh.row_entries());
     let mut time = 0u32;
@@ -334,7 +333,6 @@ pub fn of_motion(body: &Body, mesh: &ActiveMesh, prices: &Prices, contacts: u32)
         time = time.saturating_add(prices.of(Part::Element(class as u8), elements << class));
     }
     let supports = (mesh.support_count() as u32) << mesh.support_class(body);
-    let solves = contacts << step_class::contact_class(mesh.finest_class());
     [(Part::Node, nodes), (Part::Row, rows), (Part::Support, supports), (Part::Solve, solves)]
         .into_iter()
         .fold(time, |time, (part, count)| time.saturating_add(prices.of(part, count)))

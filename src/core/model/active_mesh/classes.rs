@@ -5,12 +5,34 @@ use crate::ids::{Element, Slot};
 use crate::math::Real;
 use crate::model::body::Body;
 use crate::model::element_pool::CLASSES;
-use crate::model::step_class::{self, Strained};
+use crate::model::step_class::{self, LONGEST_CONTACT_CLASS, SOFT_CONTACT_CLASS, Strained};
 
 impl ActiveMesh {
     /// Class of the shortest steps that elements in use take.
     pub fn finest_class(&self) -> usize {
         (0..CLASSES).rev().find(|class| self.pool.count(*class) > 0).unwrap_or(0)
+    }
+
+    /// Class of the steps by which contact at `points`, numbered as [`Constraint::point`], is held: at least as often as
+    /// the elements around the nodes that carry them could swing freely, at rest. Between two solves these nodes are free;
+    /// held less often than they swing, they press with no more than `mass · gap / Δt²`, however stiff the elements are.
+    /// Viscosity, which may shorten the elements' own steps further, slows the swing.
+    ///
+    /// [`Constraint::point`]: crate::model::Constraint::point
+    pub fn contact_class(&mut self, body: &Body, points: impl Iterator<Item = u32>) -> usize {
+        self.work.noted_nodes.clear();
+        let mut most = 0.0;
+        for vertex in points.flat_map(|point| body.corners_of_point(point)) {
+            for slot in self.attachment[vertex.index()].slots {
+                let node = self.node[slot.index()];
+                if self.work.noted_nodes.visit(node.index()) {
+                    let used = body.elements_around(node).iter().filter(|e| self.pool.class_of(**e).is_some());
+                    most = used.map(|e| self.omega_squared[e.index()]).fold(most, Real::max);
+                }
+            }
+        }
+        let swing = if most > 0.0 { step_class::class_for(2.0 / most.sqrt()) } else { 0 };
+        swing.max(self.finest_class().clamp(LONGEST_CONTACT_CLASS, SOFT_CONTACT_CLASS))
     }
 
     /// Springs' share of `ω²` [1/s²] at the nodes in `slots`, at most.

@@ -8,13 +8,14 @@
 use super::foresight::sides;
 use super::skin;
 use super::{ActiveMesh, Upkeep, constants, padded, vec3};
-use crate::ids::{Element, Node, Slot, Triangle, Vertex};
+use crate::ids::{Element, Node, Slot, Vertex};
 use crate::math::{Real, Vec3};
 use crate::model::active_set::Change;
 use crate::model::body::Body;
 use crate::model::constraint::PointMemory;
 use crate::model::element_kernel::Padded;
-use crate::model::step_class::{self, EASE_CLASSES, Ease};
+use crate::model::element_pool::CLASSES;
+use crate::model::step_class::Ease;
 
 /// What acts on a body from outside.
 #[derive(Clone, Copy, Debug)]
@@ -26,7 +27,7 @@ pub struct Loads<'a> {
 }
 
 /// Nothing held.
-pub(super) const NO_EASE: Ease<Padded> = [[0.0; 4]; EASE_CLASSES];
+pub(super) const NO_EASE: Ease<Padded> = [[0.0; 4]; CLASSES];
 
 /// Part of what is held that is let go of in a tick: a time constant of 25 ms. What is held is dead weight, and does not give
 /// way with the body: for longer, and it crushes what is under a tool.
@@ -64,7 +65,7 @@ impl ActiveMesh {
                 (0..4).for_each(|i| self.hold_on(slots[i], class, forces[i] * sign));
             }
         }
-        let class = step_class::contact_class(self.finest_class());
+        let class = self.contact_class(body, loads.points.iter().flatten().map(|p| p.point));
         self.hold_points(body, loads, class, sign);
         for &slot in &self.active {
             let s = slot.index();
@@ -101,19 +102,16 @@ impl ActiveMesh {
         let constants = constants(body, e, self.active_vertices[e.index()]);
         let f = constants.deformation(&x);
         let forces = constants.forces(&f, &constants.stress(&f, body.maxwell().iter().map(|b| b.modulus), &history));
-        Some((class.min(EASE_CLASSES - 1), slots, forces))
+        Some((class, slots, forces))
     }
 
     /// Holds `sign` times what the tools' points press with.
     fn hold_points(&mut self, body: &Body, loads: &Loads, class: usize, sign: Real) {
-        let vertices = body.surface().vertices.len() as u32;
-        let per_part = vertices + body.surface().triangles.len() as u32;
         for point in loads.points.iter().flatten().filter(|p| p.multiplier > 0.0) {
             let on_body = (point.normal * point.multiplier + point.tangential) * sign;
-            let number = point.point % per_part;
-            let corners = number.checked_sub(vertices).map_or([Vertex(number); 3], |t| body.triangle(Triangle(t)));
+            let corners = body.corners_of_point(point.point);
             let stencil: [(Vertex, Real); 3] = std::array::from_fn(|i| (corners[i], point.weights[i]));
-            let row = skin::row(self, if number < vertices { &stencil[..1] } else { &stencil }).0;
+            let row = skin::row(self, if corners[0] == corners[1] { &stencil[..1] } else { &stencil }).0;
             row.entries().iter().for_each(|(slot, b)| self.hold_on(*slot, class, on_body * *b));
         }
     }
@@ -142,23 +140,22 @@ impl ActiveMesh {
     /// Element `e` is to go over to steps of `class`: what is held of its forces goes along, so that it acts with them.
     pub(super) fn hand_ease_on(&mut self, body: &Body, e: Element, class: usize) {
         let ease = |mesh: &Self, n: Node, class: usize| mesh.motion.ease[mesh.slot[n.index()].index()][class];
-        let eased = |n: &Node| (0..EASE_CLASSES).any(|class| ease(self, *n, class) != [0.0; 4]);
+        let eased = |n: &Node| (0..CLASSES).any(|class| ease(self, *n, class) != [0.0; 4]);
         if !body.element(e).iter().any(eased) {
             return;
         }
         let Some((from, slots, forces)) = self.weigh_element(body, e) else { return };
-        let to = class.min(EASE_CLASSES - 1);
         // Of what is held there, the part that looks like this element's.
         let nodes = body.element(e);
         let held: Real = nodes.iter().zip(&forces).map(|(n, f)| -vec3(&ease(self, *n, from)).dot(f)).sum();
         let whole: Real = forces.iter().map(Vec3::norm_squared).sum();
-        if from == to || held <= 0.0 {
+        if from == class || held <= 0.0 {
             return;
         }
         let part = (held / whole).min(1.0);
         for (slot, force) in slots.into_iter().zip(forces) {
             self.hold_on(slot, from, force * part);
-            self.hold_on(slot, to, force * -part);
+            self.hold_on(slot, class, force * -part);
         }
     }
 

@@ -339,6 +339,19 @@ impl Body {
         self.around.of(n.index())
     }
 
+    /// Points of the display surface at which one part of a tool may touch it: first its vertices, then its triangles.
+    pub fn points_of_a_part(&self) -> u32 {
+        (self.surface().vertices.len() + self.surface().triangles.len()) as u32
+    }
+
+    /// Corners of the point numbered as [`Constraint::point`](crate::model::Constraint::point): of its triangle, or three
+    /// times its vertex.
+    pub fn corners_of_point(&self, point: u32) -> [Vertex; 3] {
+        let number = point % self.points_of_a_part();
+        let triangle = number.checked_sub(self.surface().vertices.len() as u32);
+        triangle.map_or([Vertex(number); 3], |t| self.triangle(Triangle(t)))
+    }
+
     /// Nodes of the next finer level that stand for node `n` together; none where that does not reach.
     pub fn children(&self, n: Node) -> &[Node] {
         self.children.of(n.index())
