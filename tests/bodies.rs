@@ -344,3 +344,17 @@ fn real_organs_make_bodies_where_they_are_at_hand() {
         }
     }
 }
+
+#[test]
+fn a_body_too_stiff_for_the_shortest_step_is_refused_with_how_much_softer_it_must_be() {
+    let given = |modulus: f64| {
+        let stiff = [format!("material.youngs_modulus={modulus}"), "material.density=10".into()];
+        let loaded = LoadedScene::load(Path::new("cube"), &stiff).unwrap();
+        loaded.build(&mut |_, _, _| {}).map(|_| ()).map_err(|fault| fault.to_string())
+    };
+    let fault = given(1e8).unwrap_err();
+    assert!(fault.contains("cube") && fault.contains("times softer or denser"), "{fault}");
+    let factor: f64 = fault.split("material ").nth(1).and_then(|s| s.split(' ').next()).unwrap().parse().unwrap();
+    println!("{fault}");
+    assert_eq!(given(1e8 / (1.02 * factor)), Ok(()));
+}

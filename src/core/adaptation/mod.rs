@@ -144,13 +144,15 @@ impl Workspace {
     }
 }
 
-/// The finest level that can be stepped: the core does not use finer ones.
+/// Longest stable step [s] of all elements of level `r`, at rest.
+pub fn step_of_level(body: &Body, r: usize) -> Real {
+    let stiffest = body.elements_of(r).map(|e| step_class::omega_squared(body, e)).fold(0.0, Real::max);
+    step_class::stable_step(stiffest, Strained::REST, body.damping_time(), 0.0)
+}
+
+/// The finest level that can be stepped: the core does not use finer ones. Level 0 is used whatever it needs.
 pub fn finest_steppable(body: &Body) -> usize {
-    let can = |r: usize| {
-        let stiffest = body.elements_of(r).map(|e| step_class::omega_squared(body, e)).fold(0.0, Real::max);
-        let step = step_class::stable_step(stiffest, Strained::REST, body.damping_time(), 0.0);
-        step >= step_class::step_of(CLASSES - 1)
-    };
+    let can = |r: usize| step_of_level(body, r) >= step_class::step_of(CLASSES - 1);
     (0..body.levels().len()).take_while(|r| *r == 0 || can(*r)).last().unwrap_or(0)
 }
 

@@ -24,11 +24,14 @@ use palpate_body::prepare::input::{Fineness, Input};
 use palpate_body::prepare::merge::merge;
 use palpate_body::prepare::shape_fault::ShapeFault;
 use palpate_body::prepare::{self, PrepareError, Recipe};
+use palpate_core::adaptation::step_of_level;
 use palpate_core::contact::tool::Part;
 use palpate_core::geometry::Surface;
 use palpate_core::geometry::primitives::box_mesh;
 use palpate_core::math::{Pose, Real, Vec3};
 use palpate_core::model::Body;
+use palpate_core::model::element_pool::CLASSES;
+use palpate_core::model::step_class::step_of;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -150,6 +153,20 @@ pub enum SceneError {
         /// Finest level.
         last: usize,
     },
+    /// A body of which no level can be stepped.
+    #[error(
+        "{origin}: even level 0 needs steps of {:.2} µs, and the shortest is {:.2} µs: make the material {:.1} times \
+         softer or denser, its damping less, or the level coarser and without slivers",
+        1e6 * step,
+        1e6 * step_of(CLASSES - 1),
+        (step_of(CLASSES - 1) / step).powi(2)
+    )]
+    TooStiff {
+        /// File or bundled scene.
+        origin: String,
+        /// Longest stable step [s].
+        step: f64,
+    },
     /// Shapes and parameters that make no body.
     #[error("{origin}: {source}")]
     Prepare {
@@ -246,6 +263,10 @@ impl LoadedScene {
                 all.push((alone.first_body(&mut told)?, organ.pose()));
             }
             body = merge(all, self.scene.material.damping_ratio).map_err(self.failed())?;
+        }
+        let step = step_of_level(&body, 0);
+        if step < step_of(CLASSES - 1) {
+            return Err(SceneError::TooStiff { origin: self.origin.clone(), step });
         }
         let keys =
             [("active_level", self.scene.body.active_level), ("finest_level", self.scene.resolution.finest_level)];
