@@ -36,6 +36,11 @@ impl Served {
 
 #[allow(dead_code, reason = "not every test sends signals")]
 impl Served {
+    /// Number of its process.
+    pub fn id(&self) -> u32 {
+        self.process.id()
+    }
+
     /// Waits until it has ended, by itself or by a signal; its exit code.
     pub fn code(&mut self) -> Option<i32> {
         self.process.wait().unwrap().code()

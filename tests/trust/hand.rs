@@ -91,6 +91,11 @@ impl Hand {
         self.wrenches.lock().unwrap().iter().filter(|wrench| wrench.tick > tick).copied().collect()
     }
 
+    /// The epoch of the tool that it holds; 0: none.
+    pub fn epoch(&self) -> u32 {
+        self.tool.as_ref().map_or(0, Tool::epoch)
+    }
+
     /// The newest tick that it has heard of.
     pub fn tick(&self) -> u64 {
         self.wrenches.lock().unwrap().iter().map(|wrench| wrench.tick).max().unwrap_or(0)

@@ -17,6 +17,8 @@ pub struct Begin {
     pub lapsed: u32,
     /// How late it begins after its deadline [ns].
     pub lateness: u64,
+    /// When it begins [ns].
+    pub began: u64,
 }
 
 /// Paces ticks on a clock.
@@ -53,7 +55,7 @@ impl<C: Clock> Pacer<C> {
         let catch_up = behind.saturating_mul(self.mean_compute * TICK_NS) / gain.max(1);
         let lapsed = if behind > 0 && catch_up > CATCH_UP_NS { behind } else { 0 };
         self.deadline += TICK_NS * (1 + lapsed);
-        Begin { lapsed: lapsed.min(u64::from(u32::MAX)) as u32, lateness }
+        Begin { lapsed: lapsed.min(u64::from(u32::MAX)) as u32, lateness, began: self.began }
     }
 
     /// Ends the tick; returns the time it took [ns], and whether the next deadline has passed already.
