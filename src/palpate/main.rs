@@ -228,7 +228,15 @@ fn kernel_form() -> impl TypedValueParser<Value = KernelPath> {
     })
 }
 
+/// zenoh's threads that send and receive, of all sessions of this process together. It has one that sends by default, and that
+/// waits where a connection ends whose reader has stopped: forces would wait with it.
+const ZENOH_THREADS: &str = "(rx: (worker_threads: 4), tx: (worker_threads: 4))";
+
 fn main() -> ExitCode {
+    if std::env::var_os("ZRUNTIME").is_none() {
+        // SAFETY: no other thread runs yet that could read the environment.
+        unsafe { std::env::set_var("ZRUNTIME", ZENOH_THREADS) };
+    }
     let cli = Cli::parse();
     let outcome = match cli.command {
         Command::Demo(args) => demo::run(args),

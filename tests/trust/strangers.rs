@@ -210,7 +210,7 @@ fn ask(endpoint: &str) {
 }
 
 #[test]
-fn thousands_of_questions_whose_answers_nobody_reads_take_little_memory_and_others_are_answered() {
+fn thousands_of_questions_whose_answers_nobody_reads_part_no_hand_from_the_body_and_take_little_memory() {
     if let Ok(endpoint) = std::env::var(ASKER) {
         return ask(&endpoint);
     }
@@ -229,7 +229,7 @@ fn thousands_of_questions_whose_answers_nobody_reads_take_little_memory_and_othe
     let quiet = press(&mut hand, 2000, &mut || ());
     let before = size(&served);
     let mut asker = Command::new(std::env::current_exe().unwrap())
-        .arg("thousands_of_questions_whose_answers_nobody_reads_take_little_memory_and_others_are_answered")
+        .arg("thousands_of_questions_whose_answers_nobody_reads_part_no_hand_from_the_body_and_take_little_memory")
         .env(ASKER, &served.endpoints[1])
         .stdout(std::process::Stdio::null())
         .spawn()
@@ -248,7 +248,7 @@ fn thousands_of_questions_whose_answers_nobody_reads_take_little_memory_and_othe
     asker.wait().unwrap();
     println!("{quiet:?} wrenches, and looks without contact, in 2000 ticks; {loud:?} in 4000 with an asker");
     println!("{before:?} → {most:?} threads, MB");
-    assert_eq!(hand.attached, 1, "the tool stays in the hand");
+    assert!(loud.0 * 10 > 2 * quiet.0 * 8 && loud.1 == 0 && hand.attached == 1, "{quiet:?}, {loud:?}");
     assert!(most.0 < before.0 + 120 && most.1 < before.1 + 60, "{before:?} → {most:?} threads, MB");
 }
 

@@ -425,8 +425,9 @@ fn open(endpoint: &str, option: &'static str, name: &str, places: u32) -> Result
         ("transport/link/tx/lease", "1500".into()),
         // A message that does not fit the queue at once is dropped: a slow viewer holds up nobody.
         ("transport/link/tx/queue/congestion_control/drop/wait_before_drop", "0".into()),
-        // Whoever does not read the answers to its questions is cut off after this long [µs].
-        ("transport/link/tx/queue/congestion_control/block/wait_before_close", "1000000".into()),
+        // Whoever does not read the answers to its questions is cut off after this long [µs]. Longer, and more threads wait for
+        // it; shorter, and a link of less than 2 Mbit/s, which needs as long for a batch, is no link.
+        ("transport/link/tx/queue/congestion_control/block/wait_before_close", "250000".into()),
         // Batches of 64 KiB that may wait for a viewer: a frame of the largest surface has more parts than the default of two.
         ("transport/link/tx/queue/size/data_low", "16".into()),
     ] {
