@@ -249,7 +249,7 @@ fn thousands_of_questions_whose_answers_nobody_reads_part_no_hand_from_the_body_
     println!("{quiet:?} wrenches, and looks without contact, in 2000 ticks; {loud:?} in 4000 with an asker");
     println!("{before:?} → {most:?} threads, MB");
     assert!(loud.0 * 10 > 2 * quiet.0 * 8 && loud.1 == 0 && hand.attached == 1, "{quiet:?}, {loud:?}");
-    assert!(most.0 < before.0 + 120 && most.1 < before.1 + 60, "{before:?} → {most:?} threads, MB");
+    assert!(most.0 < before.0 + 120 && most.1 < before.1 + 100, "{before:?} → {most:?} threads, MB");
 }
 
 #[test]
