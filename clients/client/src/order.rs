@@ -5,8 +5,8 @@ use crate::Wrench;
 /// Wrenches that may have gone missing at once, of the thousand that come in a second. Fewer, and a short outage of the network
 /// costs a silence; more, and one wrench with a wrong sequence keeps the true ones out for as much longer.
 const MOST_AHEAD: u64 = 1000;
-/// Wrenches for which a millisecond makes room: twice as many as come.
-const PER_MS: u64 = 2;
+/// Time that makes room for one [ns]: half of that between two, so that clocks may differ.
+const ROOM_NS: u64 = 500_000;
 /// After this long without a wrench that could be taken [ns] no force of before is felt any more, and any sequence is
 /// believed: a wrong one must not keep the true ones out for good.
 const SILENCE_NS: u64 = 70_000_000;
@@ -31,15 +31,15 @@ pub enum Verdict {
 pub struct Order {
     /// The newest that was taken: its sequence, tick and arrival [ns].
     last: Option<(u64, u64, u64)>,
-    /// How far the sequence may go now.
-    room: u64,
+    /// How far the sequence may go now, as the time that made room for it [ns].
+    room_ns: u64,
 }
 
 impl Order {
     /// Of `wrench`, which came at `arrival_ns`.
     pub fn judge(&mut self, wrench: &Wrench, arrival_ns: u64) -> Verdict {
         let Some((sequence, tick, arrived)) = self.last else {
-            return self.take(wrench, arrival_ns, 0, MOST_AHEAD);
+            return self.take(wrench, arrival_ns, 0, MOST_AHEAD * ROOM_NS);
         };
         let silence = arrival_ns.saturating_sub(arrived);
         if silence >= SILENCE_NS {
@@ -49,18 +49,18 @@ impl Order {
                 return Verdict::Implausible;
             }
             let missed = wrench.sequence.saturating_sub(sequence).saturating_sub(1);
-            return self.take(wrench, arrival_ns, missed, MOST_AHEAD);
+            return self.take(wrench, arrival_ns, missed, MOST_AHEAD * ROOM_NS);
         }
-        let room = (self.room + silence * PER_MS / 1_000_000).min(MOST_AHEAD);
+        let room_ns = (self.room_ns + silence).min(MOST_AHEAD * ROOM_NS);
         match wrench.sequence.checked_sub(sequence) {
             None | Some(0) => Verdict::Old,
-            Some(ahead) if ahead > room => Verdict::Implausible,
-            Some(ahead) => self.take(wrench, arrival_ns, ahead - 1, room - ahead),
+            Some(ahead) if ahead > room_ns / ROOM_NS => Verdict::Implausible,
+            Some(ahead) => self.take(wrench, arrival_ns, ahead - 1, room_ns - ahead * ROOM_NS),
         }
     }
 
-    fn take(&mut self, wrench: &Wrench, arrival_ns: u64, missed: u64, room: u64) -> Verdict {
-        (self.last, self.room) = (Some((wrench.sequence, wrench.tick, arrival_ns)), room);
+    fn take(&mut self, wrench: &Wrench, arrival_ns: u64, missed: u64, room_ns: u64) -> Verdict {
+        (self.last, self.room_ns) = (Some((wrench.sequence, wrench.tick, arrival_ns)), room_ns);
         Verdict::Taken { missed }
     }
 
@@ -110,13 +110,14 @@ mod tests {
     }
 
     #[test]
-    fn a_flood_is_cut_to_twice_the_rate_of_the_server() {
+    fn of_a_flood_a_thousand_are_taken_in_each_80_ms() {
         let mut order = steady(3000);
         let taken = (1..20_000u64).filter(|i| {
             let now = 3000 * MS + i * MS / 100;
             matches!(order.judge(&numbered(3000 + i, 3000 + i), now), Verdict::Taken { .. })
         });
-        assert!((800..1600).contains(&taken.count()));
+        let taken = taken.count();
+        assert!((1000..=3100).contains(&taken), "{taken}");
     }
 
     #[test]
