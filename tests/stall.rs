@@ -9,7 +9,7 @@ use palpate::scene::LoadedScene;
 use palpate_core::model::step_class::TICK_NS;
 use palpate_core::simulation::{Part, Simulation, Snapshot};
 use std::cell::RefCell;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::rc::Rc;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -117,7 +117,8 @@ fn recorded(name: &str, clock: impl Clock, stop: &AtomicBool) -> Recording {
     server.commands.push(Command::StartRecording(Box::new(tap))).ok().unwrap();
     SimThread::new(simulation, ends).run(clock, stop);
 
-    let path = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(format!("{name}.mcap"));
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join(format!("{name}.mcap"));
     let mut writer = RecordingWriter::create(&path, &loaded.scene, &body, &start.pop().unwrap(), &reset).unwrap();
     while let Ok(tick) = ticks.pop() {
         writer.tick(tick.tick, &tick.inputs, &tick.tools[..1], tick.flags, tick.hash).unwrap();

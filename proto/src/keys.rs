@@ -32,6 +32,10 @@ pub fn tool_of_pose_key(key: &str) -> Option<u32> {
 pub fn tool_wrench(session: &str, tool: u32) -> String {
     format!("palpate/v1/{session}/tool/{tool}/wrench")
 }
+/// Wrenches of every tool.
+pub fn all_tool_wrenches(session: &str) -> String {
+    format!("palpate/v1/{session}/tool/*/wrench")
+}
 /// Queryable: session description.
 pub fn session(session: &str) -> String {
     format!("palpate/v1/{session}/session")
@@ -63,6 +67,10 @@ pub fn surface_part(key: &str, part: u32) -> String {
 /// Every `every`-th surface frame (see [`EVERY`](crate::surface::EVERY)), with or without levels of detail.
 pub fn surface_frames(session: &str, every: u32, levels: bool) -> String {
     format!("palpate/v1/{session}/surface/{}/{every}", if levels { "levels" } else { "frame" })
+}
+/// Every stream of surface frames.
+pub fn all_surface_frames(session: &str) -> String {
+    format!("palpate/v1/{session}/surface/*/*")
 }
 /// Status, once a second.
 pub fn status(session: &str) -> String {
@@ -108,6 +116,8 @@ pub mod topics {
     pub const PICTURE: &str = "palpate/surface/picture";
     /// `SurfaceFrame` with levels, one per part and frame.
     pub const SURFACE: &str = "palpate/surface/frame";
+    /// One `RecordingEnd`, in a recording that ends early.
+    pub const END: &str = "palpate/end";
 }
 
 #[cfg(test)]

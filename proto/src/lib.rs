@@ -28,7 +28,7 @@ pub use prost::Message;
 /// Major version of the contract: peers with another one cannot talk to each other.
 pub const VERSION_MAJOR: u32 = 1;
 /// Minor version: grows when something is added.
-pub const VERSION_MINOR: u32 = 4;
+pub const VERSION_MINOR: u32 = 5;
 /// Minor version since which the surface stream is as it is now: what a viewer needs at least.
 pub const SURFACE_MINOR: u32 = 1;
 

@@ -7,7 +7,7 @@
 //! other, with zenoh sessions of its own.
 
 use crate::companion::Companion;
-use crate::{SceneArgs, ServerArgs, build, log_to_stderr, runtime};
+use crate::{SceneArgs, ServerArgs, build, ending, log_to_stderr, metrics_page, runtime};
 use anyhow::{Context, anyhow, bail};
 use clap::Args;
 use palpate::scene::Scene;
@@ -100,18 +100,22 @@ pub fn run(args: DemoArgs) -> anyhow::Result<ExitCode> {
     let live = !args.plain && std::io::stdout().is_terminal();
     // A log line would tear the live view; what matters is in the view itself.
     if companion.is_some() || !live {
-        log_to_stderr();
+        log_to_stderr(args.server.log);
     }
     args.server.check_writable(&args.scene)?;
+    let where_it_listens = args.server.describe()?;
     let (loaded, body, start) = build(&args.scene)?;
     let device = match &args.device_file {
         Some(file) => Device::from_file(file)?,
         None => Device::by_name(&args.device)?,
     };
     let scene: Scene = loaded.scene.clone();
-    runtime()?.block_on(async {
+    let runtime = runtime()?;
+    let ended = runtime.block_on(async {
+        let signals = ending::listen()?;
+        args.server.metrics.map(metrics_page::serve).transpose()?;
         let server = Server::start(loaded.scene, body, start, args.server.options()).await?;
-        tell!("{}; {}", args.server.describe(), server.measured().describe());
+        tell!("{where_it_listens}; {}", server.measured().describe());
         if let Some(warning) = server.warning() {
             tell!("warning: {warning}");
         }
@@ -139,7 +143,7 @@ pub fn run(args: DemoArgs) -> anyhow::Result<ExitCode> {
                     view.force.pop_front();
                 }
             };
-            let over = || phantom.is_finished() || INTERRUPTED.load(Ordering::Relaxed);
+            let over = || phantom.is_finished() || signals.borrow().is_some();
             if let Some(command) = companion {
                 let companion = Companion::start(command, &args.server)?;
                 watch_plain(&mut view, &mut refresh, || over() || companion.has_ended())?;
@@ -154,7 +158,7 @@ pub fn run(args: DemoArgs) -> anyhow::Result<ExitCode> {
         let report = tokio::task::spawn_blocking(move || phantom.join())
             .await?
             .map_err(|_| anyhow!("the virtual Phantom panicked"))?;
-        let status = server.stop().await?;
+        let status = server.stop().await;
         watched?;
         say!("{}\n", summary(&status))?;
         let report = report.context("the virtual Phantom")?;
@@ -166,12 +170,11 @@ pub fn run(args: DemoArgs) -> anyhow::Result<ExitCode> {
                 report.seconds
             );
         }
-        Ok(ExitCode::SUCCESS)
-    })
+        Ok(ending::exit_code(&status, *signals.borrow()))
+    });
+    runtime.shutdown_background();
+    ended
 }
-
-/// Set by Ctrl-C.
-static INTERRUPTED: AtomicBool = AtomicBool::new(false);
 
 fn start_phantom(
     args: &DemoArgs,
@@ -195,11 +198,6 @@ fn start_phantom(
         seconds: args.seconds,
         ..palpate_phantom::Options::default()
     };
-    tokio::spawn(async {
-        while tokio::signal::ctrl_c().await.is_ok() {
-            INTERRUPTED.store(true, Ordering::Relaxed);
-        }
-    });
     std::thread::Builder::new()
         .name("virtual Phantom".into())
         .spawn(move || {

@@ -3,7 +3,9 @@
 mod companion;
 mod demo;
 mod doctor;
+mod ending;
 mod export_command;
+mod metrics_page;
 mod prepare_command;
 mod progress;
 #[cfg(feature = "web")]
@@ -15,7 +17,7 @@ use clap::{Args, Parser, Subcommand};
 use palpate::offline::{self, SampleWriter, Trajectory};
 use palpate::recording::{Recording, RecordingWriter, replay};
 use palpate::scene::LoadedScene;
-use palpate::server::{self, Server};
+use palpate::server::{self, Reach, Server};
 use palpate::{say, tell, writable};
 use palpate_core::model::element_kernel::Path as KernelPath;
 use palpate_core::simulation::{Inputs, Simulation, Snapshot, TICK};
@@ -103,27 +105,43 @@ struct ServerArgs {
     /// Folder for recordings that clients start
     #[arg(long, default_value = "recordings")]
     recordings: PathBuf,
+    /// Serve metrics for Prometheus at this address, as in 127.0.0.1:9464
+    #[arg(long, value_name = "ADDRESS")]
+    metrics: Option<std::net::SocketAddr>,
+    /// How lines of the log are written
+    #[arg(long, value_enum, default_value = "text")]
+    log: LogFormat,
+}
+
+/// How lines of the log are written.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+enum LogFormat {
+    /// For people
+    #[default]
+    Text,
+    /// A JSON object a line, for programs
+    Json,
 }
 
 impl ServerArgs {
-    /// Where it listens, and who can reach it.
-    fn describe(&self) -> String {
-        let loopback = |endpoint: &str| ["127.", "localhost", "[::1]"].iter().any(|h| endpoint.contains(h));
-        let reach = if loopback(&self.force_endpoint) && loopback(&self.surface_endpoint) {
-            "from this machine only"
-        } else {
-            "FROM OTHER MACHINES TOO, without authentication"
+    /// Where it listens, and who can reach it. Fails, with a remedy, where it cannot listen: before the body is built.
+    fn describe(&self) -> anyhow::Result<String> {
+        let force = server::reach(&self.force_endpoint, server::FORCE_OPTION)?;
+        let surface = server::reach(&self.surface_endpoint, server::SURFACE_OPTION)?;
+        let reach = match (force, surface) {
+            (Reach::ThisMachine, Reach::ThisMachine) => "from this machine only",
+            _ => "FROM OTHER MACHINES TOO, without authentication",
         };
-        format!(
+        Ok(format!(
             "session {} on {} (forces) and {} (everything else), reachable {reach}",
             self.session, self.force_endpoint, self.surface_endpoint
-        )
+        ))
     }
 
     /// Fails, with a remedy, where the recording cannot be written.
     fn check_writable(&self, scene: &SceneArgs) -> anyhow::Result<()> {
         let Some(path) = &self.record else { return Ok(()) };
-        writable::file("--record", path, scene.inputs().iter().map(PathBuf::as_path))
+        writable::new_file("--record", path, scene.inputs().iter().map(PathBuf::as_path))
     }
 
     fn options(&self) -> server::Options {
@@ -210,7 +228,15 @@ fn kernel_form() -> impl TypedValueParser<Value = KernelPath> {
     })
 }
 
+/// zenoh's threads that send and receive, of all sessions of this process together. It has one that sends by default, and that
+/// waits where a connection ends whose reader has stopped: forces would wait with it.
+const ZENOH_THREADS: &str = "(rx: (worker_threads: 4), tx: (worker_threads: 4))";
+
 fn main() -> ExitCode {
+    if std::env::var_os("ZRUNTIME").is_none() {
+        // SAFETY: no other thread runs yet that could read the environment.
+        unsafe { std::env::set_var("ZRUNTIME", ZENOH_THREADS) };
+    }
     let cli = Cli::parse();
     let outcome = match cli.command {
         Command::Demo(args) => demo::run(args),
@@ -246,12 +272,17 @@ fn main() -> ExitCode {
 
 /// Log lines to standard error, in colours where that is a terminal and [`NO_COLOR`](https://no-color.org) is not set;
 /// `RUST_LOG` changes what is logged.
-fn log_to_stderr() {
+fn log_to_stderr(format: LogFormat) {
     let filter = tracing_subscriber::EnvFilter::try_from_default_env()
         .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new("palpate=info,zenoh=error"));
     let coloured = std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty());
     let log = tracing_subscriber::fmt().with_env_filter(filter).with_ansi(coloured).log_internal_errors(false);
-    let _ = log.with_writer(std::io::stderr).try_init();
+    let log = log.with_writer(std::io::stderr);
+    // Whoever has set up a log before keeps it.
+    let _ = match format {
+        LogFormat::Text => log.try_init(),
+        LogFormat::Json => log.json().try_init(),
+    };
 }
 
 /// A body, and the state in which it has come to rest.
@@ -282,12 +313,16 @@ fn runtime() -> anyhow::Result<tokio::runtime::Runtime> {
 }
 
 fn serve(args: &ServeArgs) -> anyhow::Result<ExitCode> {
-    log_to_stderr();
+    log_to_stderr(args.server.log);
     args.server.check_writable(&args.scene)?;
+    let where_it_listens = args.server.describe()?;
     let (loaded, body, start) = build(&args.scene)?;
-    runtime()?.block_on(async {
+    let runtime = runtime()?;
+    let ended = runtime.block_on(async {
+        let signals = ending::listen()?;
+        args.server.metrics.map(metrics_page::serve).transpose()?;
         let server = Server::start(loaded.scene, body, start, args.server.options()).await?;
-        tracing::info!("{}; {}; Ctrl-C ends it", args.server.describe(), server.measured().describe());
+        tracing::info!("{where_it_listens}; {}; Ctrl-C ends it", server.measured().describe());
         if let Some(warning) = server.warning() {
             tracing::warn!("{warning}");
         }
@@ -313,17 +348,24 @@ fn serve(args: &ServeArgs) -> anyhow::Result<ExitCode> {
                 false => std::future::pending().await,
             }
         };
-        let mut terminate = tokio::signal::unix::signal(tokio::signal::unix::SignalKind::terminate())?;
         tokio::select! {
             () = time_up => {}
             () = input_ends => {}
-            _ = terminate.recv() => {}
-            interrupted = tokio::signal::ctrl_c() => interrupted?,
+            () = ending::asked(&signals) => {}
+            () = server.failed() => {}
         }
-        let status = server.stop().await?;
-        say!("{}", demo::summary(&status))?;
-        Ok(ExitCode::SUCCESS)
-    })
+        let status = server.stop().await;
+        let signal = *signals.borrow();
+        let said = say!("{}", demo::summary(&status));
+        // Nobody reads on a terminal that was closed.
+        if signal != Some(libc::SIGHUP) {
+            said?;
+        }
+        Ok(ending::exit_code(&status, signal))
+    });
+    // Answers that wait for their readers, and a disk that hangs, are not waited for.
+    runtime.shutdown_background();
+    ended
 }
 
 /// The viewer, which may start servers of bundled scenes as processes of their own: this one has no simulation.
@@ -350,7 +392,7 @@ fn simulate(args: &SimulateArgs) -> anyhow::Result<ExitCode> {
         writable::file("--out", &args.out.join(name), inputs())?;
     }
     if let Some(path) = &args.record {
-        writable::file("--record", path, inputs())?;
+        writable::new_file("--record", path, inputs())?;
     }
     let (loaded, body, start) = build(&scene)?;
     let trajectory = match &args.trajectory {
@@ -449,7 +491,7 @@ fn replay_file(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
     }
     let recording = Recording::read(&args.file)?;
     if let Some(cut) = &recording.cut {
-        say!("cut after tick {}: {cut}", recording.inputs.last().map_or(0, |i| i.0))?;
+        say!("ended early, after tick {}: {cut}", recording.inputs.last().map_or(0, |i| i.0))?;
     }
     if let Some(path) = &args.trajectory_out {
         write_trajectory(path, &recording)?;
@@ -460,7 +502,11 @@ fn replay_file(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
         say!("{path:?}: {}", report.verdict())?;
         identical &= report.difference.is_none();
     }
-    Ok(if identical { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+    Ok(match (identical, &recording.cut) {
+        (false, _) => ExitCode::FAILURE,
+        (true, Some(_)) => ExitCode::from(ending::INCOMPLETE),
+        (true, None) => ExitCode::SUCCESS,
+    })
 }
 
 fn write_trajectory(path: &Path, recording: &Recording) -> anyhow::Result<()> {

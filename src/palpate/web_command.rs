@@ -1,6 +1,6 @@
 //! `palpate web`: a page and one WebSocket, as a process of its own beside a server.
 
-use crate::{log_to_stderr, runtime};
+use crate::{LogFormat, log_to_stderr, runtime};
 use clap::Args;
 use palpate::{say, tell};
 use palpate_web::{Gateway, Options, Rights};
@@ -18,7 +18,7 @@ pub struct WebArgs {
 }
 
 pub fn run(args: WebArgs) -> anyhow::Result<ExitCode> {
-    log_to_stderr();
+    log_to_stderr(LogFormat::Text);
     let view_only = args.gateway.view_only;
     runtime()?.block_on(async {
         let gateway = Gateway::start(Options::from(args.gateway)).await?;

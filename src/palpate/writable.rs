@@ -42,6 +42,18 @@ pub fn file<'a>(option: &str, path: &Path, inputs: impl IntoIterator<Item = &'a 
     Err(e).context(what)
 }
 
+/// As [`file`], for a file that is not there yet: a recording takes the place of nothing.
+///
+/// # Errors
+/// There is something at `path`, or it cannot be written.
+pub fn new_file<'a>(option: &str, path: &Path, inputs: impl IntoIterator<Item = &'a Path>) -> anyhow::Result<()> {
+    file(option, path, inputs)?;
+    if fs::symlink_metadata(path).is_ok() {
+        bail!("{option} {}: is there already. Remedy: give another name, or remove it first", path.display());
+    }
+    Ok(())
+}
+
 /// Makes the folder at `path`, the value of the option `option`, where there is none yet; fails, with a remedy, unless
 /// files can be written into it.
 ///

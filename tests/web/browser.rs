@@ -205,6 +205,7 @@ impl Page {
             position: vec![0.05, 0.05, 0.12 + height],
             orientation: vec![0.0, 0.0, 0.0, 1.0],
             buttons: 0,
+            ..Default::default()
         };
         self.send(&[&[message::POSE, tool as u8], &pose.encode_to_vec()[..]].concat());
         self.sequence

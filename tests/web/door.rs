@@ -86,7 +86,7 @@ fn a_viewer_sees_all_and_moves_nothing() {
     let no = "this page may watch, not touch";
     assert_eq!(viewer.attach("left").unwrap_err(), no);
     assert_eq!(viewer.ask(Request::Reset(ResetBody {})).error, no);
-    assert_eq!(viewer.ask(Request::Detach(Detach { tool: 0, epoch: 1 })).error, no);
+    assert_eq!(viewer.ask(Request::Detach(Detach { tool: 0, epoch: 1, secret: 0 })).error, no);
     let refusal = |heard| match heard {
         Heard::Notice(Notice::Refused { fault }) => Some(fault),
         _ => None,

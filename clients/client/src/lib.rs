@@ -3,6 +3,7 @@
 //! | module | gives |
 //! |---|---|
 //! | [`Renderer`] | the force at the device's own rate, from the [`Wrench`]es that came |
+//! | [`Order`] | which wrenches are taken |
 //! | [`watchdog_scale`], [`Grip`] | how a force fades when wrenches stop, and whether the tool is still in the hand |
 //! | [`Device`] | a device's limits |
 //! | [`Frame`] | axes, units and quaternions of other systems |
@@ -18,6 +19,7 @@ mod device;
 mod error;
 mod frame;
 mod link;
+mod order;
 mod pose;
 mod registration;
 mod renderer;
@@ -29,6 +31,7 @@ pub use device::Device;
 pub use error::ClientError;
 pub use frame::Frame;
 pub use link::{Link, LinkConditions};
+pub use order::{Order, Verdict};
 pub use palpate_proto as proto;
 pub use pose::PoseSample;
 pub use registration::{Clutch, Fit, Registration};

@@ -25,12 +25,14 @@ impl PoseSample {
         self.position.iter().chain(&self.orientation).chain(velocity).all(|number| number.is_finite())
     }
 
-    /// The message of this pose, which was taken at `time_ns` [ns]; `sequence` counts the samples of `epoch` from 1.
+    /// The message of this pose, which was taken at `time_ns` [ns]; `sequence` counts the samples of `epoch` from 1, and
+    /// `secret` came with the epoch.
     ///
     /// Errors: [`ClientError::PoseNotFinite`] when a number is not finite as f32.
-    pub fn message(&self, epoch: u32, sequence: u32, time_ns: u64) -> Result<ToolPose, ClientError> {
+    pub fn message(&self, epoch: u32, secret: u64, sequence: u32, time_ns: u64) -> Result<ToolPose, ClientError> {
         Ok(ToolPose {
             epoch,
+            secret,
             sequence,
             time_ns,
             position: finite(&self.position)?,
@@ -60,7 +62,7 @@ mod tests {
 
     #[test]
     fn a_pose_keeps_every_number_that_is_sent() {
-        let message = pose().message(7, 2, 99).unwrap();
+        let message = pose().message(7, 8, 2, 99).unwrap();
         assert_eq!((message.epoch, message.sequence, message.time_ns, message.buttons), (7, 2, 99, 5));
         assert_eq!(message.position, [0.1f32, 0.2, 0.3]);
         assert_eq!(message.orientation, [0.0f32, 0.0, 0.0, 1.0]);
@@ -70,7 +72,7 @@ mod tests {
     fn a_pose_that_is_not_finite_as_f32_has_no_message() {
         for bad in [f64::NAN, f64::INFINITY, 1e60] {
             let pose = PoseSample { position: [0.0, bad, 0.0], ..pose() };
-            assert_eq!(pose.message(1, 1, 1), Err(ClientError::PoseNotFinite));
+            assert_eq!(pose.message(1, 1, 1, 1), Err(ClientError::PoseNotFinite));
         }
     }
 }

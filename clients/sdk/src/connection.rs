@@ -125,7 +125,8 @@ impl Connection {
 
     /// Asks one queryable of the surface endpoint and decodes its answers, at least one, each on a key of its own.
     ///
-    /// A server that has just come up takes connections before it offers its keys: where nobody does, it is asked again.
+    /// A server that has just come up takes connections before it offers its keys: where nobody does, it is asked again, and so
+    /// is one that is busy.
     pub(crate) fn ask_all<M: Message + Default>(
         &self,
         key: String,
@@ -137,6 +138,9 @@ impl Connection {
             let answer = self.ask_once(key.clone(), payload.clone(), message);
             match answer {
                 Err(SdkError::NoAnswer { .. }) if begun.elapsed() < ANSWER_TIMEOUT => std::thread::sleep(ASK_AGAIN),
+                Err(SdkError::Refused(why)) if why.starts_with("busy") && begun.elapsed() < ANSWER_TIMEOUT => {
+                    std::thread::sleep(ASK_AGAIN);
+                }
                 _ => return answer,
             }
         }

@@ -5,8 +5,12 @@ use std::sync::{
     atomic::{AtomicBool, AtomicU64, Ordering::Relaxed},
 };
 
-use palpate_client::{ClientError, Device, Grip, Hold, PoseSample, Registration, Wrench, watchdog_scale};
-use palpate_proto::{Attach, ControlRequest, Detach, Message, ToolPhase, ToolWrench, control_request::Request, keys};
+use palpate_client::{
+    ClientError, Device, Grip, Hold, Order, PoseSample, Registration, Verdict, Wrench, watchdog_scale,
+};
+use palpate_proto::{
+    Attach, ControlRequest, Detach, Message, ToolPhase, ToolWrench, VERSION_MINOR, control_request::Request, keys,
+};
 use triple_buffer::triple_buffer;
 use zenoh::{
     Wait,
@@ -83,6 +87,8 @@ pub struct Counters {
     pub undecodable: u64,
     /// Wrenches of another epoch, ignored.
     pub foreign: u64,
+    /// Wrenches that no server sends, ignored: see [`Verdict::Implausible`].
+    pub implausible: u64,
 }
 
 /// How a tool is doing.
@@ -106,6 +112,7 @@ struct AtomicCounters {
     missed: AtomicU64,
     undecodable: AtomicU64,
     foreign: AtomicU64,
+    implausible: AtomicU64,
     /// A foreign wrench has come after one of the own epoch: the tool has another holder.
     taken: AtomicBool,
 }
@@ -113,13 +120,15 @@ struct AtomicCounters {
 /// What the receiving callback writes: the newest wrench with its arrival [ns].
 struct Inbox {
     newest: triple_buffer::Input<Option<(Wrench, u64)>>,
-    last_sequence: Option<u64>,
+    order: Order,
 }
 
 /// A tool held by this client. Freed by [`detach`](Tool::detach), or by dropping it.
 pub struct Tool {
     id: u32,
     epoch: u32,
+    /// Came with the epoch, and stands in poses and in nothing that others see.
+    secret: u64,
     sequence: u32,
     newest: Option<(Wrench, u64)>,
     seen: bool,
@@ -140,7 +149,7 @@ impl Connection {
         self.attach_observed(attachment, |_, _| ())
     }
 
-    /// As [`attach`](Self::attach); `observer` is called with every wrench of this tool and its arrival time [ns].
+    /// As [`attach`](Self::attach); `observer` is called with every wrench of this tool that is taken and its arrival time [ns].
     ///
     /// It runs on zenoh's receiving thread: for measuring, not for working. A control loop needs only the newest wrench
     /// and finds it with [`Tool::latest_wrench`].
@@ -151,15 +160,16 @@ impl Connection {
     ) -> Result<Tool, SdkError> {
         let force = self.force_session()?;
         let Attachment { client, tool, rate_hz, coupling_stiffness, coupling_angular_stiffness } = attachment.clone();
-        let attach = Attach { client, tool, rate_hz, coupling_stiffness, coupling_angular_stiffness };
+        let version_minor = VERSION_MINOR;
+        let attach = Attach { client, tool, rate_hz, coupling_stiffness, coupling_angular_stiffness, version_minor };
         let attached = self.control(ControlRequest { request: Some(Request::Attach(attach)) })?.attached.ok_or(
             ClientError::Undecodable { message: "ControlReply", reason: "attach was not answered".to_owned() },
         )?;
-        let (id, epoch) = (attached.tool, attached.epoch);
+        let (id, epoch, secret) = (attached.tool, attached.epoch, attached.secret);
         let session = &self.endpoints().session;
 
         let (newest, wrenches) = triple_buffer(&None);
-        let inbox = Mutex::new(Inbox { newest, last_sequence: None });
+        let inbox = Mutex::new(Inbox { newest, order: Order::default() });
         let counters = Arc::new(AtomicCounters::default());
         let (opened, counted) = (self.opened(), counters.clone());
         let key = keys::tool_wrench(session, id);
@@ -174,7 +184,7 @@ impl Connection {
                 if message.epoch != epoch {
                     counted.foreign.fetch_add(1, Relaxed);
                     let inbox = inbox.lock().unwrap_or_else(PoisonError::into_inner);
-                    counted.taken.fetch_or(inbox.last_sequence.is_some(), Relaxed);
+                    counted.taken.fetch_or(inbox.order.has_begun(), Relaxed);
                     return;
                 }
                 let Ok(wrench) = Wrench::try_from(&message) else {
@@ -184,13 +194,18 @@ impl Connection {
                 counted.received.fetch_add(1, Relaxed);
                 // Uncontended: one thread receives for one session. The lock is here because callbacks are `Fn`.
                 let mut inbox = inbox.lock().unwrap_or_else(PoisonError::into_inner);
-                if let Some(missed) = missed_before(wrench.sequence, inbox.last_sequence) {
-                    counted.missed.fetch_add(missed, Relaxed);
-                    inbox.last_sequence = Some(wrench.sequence);
-                    inbox.newest.write(Some((wrench, arrival_ns)));
+                match inbox.order.judge(&wrench, arrival_ns) {
+                    Verdict::Taken { missed } => {
+                        counted.missed.fetch_add(missed, Relaxed);
+                        inbox.newest.write(Some((wrench, arrival_ns)));
+                        drop(inbox);
+                        observer(&wrench, arrival_ns);
+                    }
+                    Verdict::Old => {}
+                    Verdict::Implausible => {
+                        counted.implausible.fetch_add(1, Relaxed);
+                    }
                 }
-                drop(inbox);
-                observer(&wrench, arrival_ns);
             })
             .wait()
             .map_err(|error| SdkError::Zenoh { operation: "subscribe to", key, reason: reason(error) })?;
@@ -209,6 +224,7 @@ impl Connection {
         Ok(Tool {
             id,
             epoch,
+            secret,
             sequence: 0,
             newest: None,
             seen: false,
@@ -246,7 +262,7 @@ impl Tool {
     pub fn send_pose(&mut self, pose: PoseSample) -> Result<u32, SdkError> {
         let sequence = self.sequence.wrapping_add(1);
         let now_ns = self.now_ns();
-        let message = pose.message(self.epoch, sequence, now_ns)?;
+        let message = pose.message(self.epoch, self.secret, sequence, now_ns)?;
         self.sequence = sequence;
         self.refresh();
         self.grip.sent(sequence, now_ns);
@@ -302,12 +318,13 @@ impl Tool {
             missed: self.counters.missed.load(Relaxed),
             undecodable: self.counters.undecodable.load(Relaxed),
             foreign: self.counters.foreign.load(Relaxed),
+            implausible: self.counters.implausible.load(Relaxed),
         }
     }
 
     /// Gives the tool back. Errors as [`Connection::control`]; the tool is let go in any case.
     pub fn detach(self) -> Result<(), SdkError> {
-        let detach = Detach { tool: self.id, epoch: self.epoch };
+        let detach = Detach { tool: self.id, epoch: self.epoch, secret: self.secret };
         self.connection.control(ControlRequest { request: Some(Request::Detach(detach)) }).map(|_| ())
     }
 
@@ -322,14 +339,6 @@ impl Tool {
         if self.counters.taken.load(Relaxed) {
             self.grip.taken();
         }
-    }
-}
-
-/// Wrenches missing between `last` and `sequence`; `None` when `sequence` is a repeated or older one.
-fn missed_before(sequence: u64, last: Option<u64>) -> Option<u64> {
-    match last {
-        None => Some(0),
-        Some(last) => sequence.checked_sub(last)?.checked_sub(1),
     }
 }
 
@@ -367,15 +376,6 @@ mod tests {
             flags: 0,
             model: None,
         }
-    }
-
-    #[test]
-    fn gaps_in_the_sequence_are_missed_wrenches_and_older_ones_are_ignored() {
-        assert_eq!(missed_before(9, None), Some(0));
-        assert_eq!(missed_before(10, Some(9)), Some(0));
-        assert_eq!(missed_before(13, Some(9)), Some(3));
-        assert_eq!(missed_before(9, Some(9)), None);
-        assert_eq!(missed_before(8, Some(9)), None);
     }
 
     #[test]

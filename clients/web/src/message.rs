@@ -155,6 +155,7 @@ mod tests {
             position: vec![0.5, 0.25, -1.0],
             orientation: vec![0.0, 0.0, 0.0, 1.0],
             buttons: 2,
+            ..Default::default()
         };
         let bytes = |pose: &ToolPose| [&[POSE, 4], &pose.encode_to_vec()[..]].concat();
         let Some(FromPage::Pose { tool, pose: read }) = FromPage::decode(&bytes(&pose)) else { panic!("a pose") };

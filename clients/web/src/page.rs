@@ -356,11 +356,12 @@ impl Page {
                 };
                 let connection = world.connection.clone();
                 let tool = blocking(move || connection.attach(&attachment)).await?;
-                let attached = Attached { tool: tool.id(), epoch: tool.epoch() };
+                // The page's connection is its own, and the secret stays here.
+                let attached = Attached { tool: tool.id(), epoch: tool.epoch(), secret: 0 };
                 self.hands().hold(tool, world);
                 Ok(ControlReply { attached: Some(attached), ..Default::default() })
             }
-            Some(Request::Detach(Detach { tool, epoch })) => {
+            Some(Request::Detach(Detach { tool, epoch, .. })) => {
                 let held = self.hands().release(tool, epoch);
                 let held = held.ok_or_else(|| format!("this page does not hold tool {tool}"))?;
                 blocking(move || held.detach()).await?;

@@ -140,6 +140,9 @@ pub struct Following {
 /// Ticks in which a change of resolution under a tool rings down.
 pub const SETTLING_TICKS: u32 = 32;
 
+/// Ticks without wrenches from which a client lets the force fall, and at which it has none: the contract's law for clients.
+const CLIENT_FADE: (u32, u32) = (20, 70);
+
 /// Fastest that an engaged tool turns [rad/s]: two turns a second is more than a wrist does.
 const MOST_TURN: Real = 12.0;
 
@@ -153,6 +156,21 @@ impl ToolState {
     /// hand need not feel them do it.
     pub fn settle(&mut self) {
         self.settling = self.settling.max(SETTLING_TICKS);
+    }
+
+    /// `ticks` pass in which the machine was away. Poses age, and the hand has heard nothing: its client has let the force
+    /// fade by the contract's law, so that the force goes on from there, and rises again from zero where nothing is left.
+    pub fn lapse(&mut self, ticks: u32, bounds: &Following) {
+        if ticks == 0 {
+            return;
+        }
+        self.age_ticks = self.age_ticks.saturating_add(ticks);
+        self.watch(bounds);
+        let (hold, silent) = CLIENT_FADE;
+        let left = (Real::from(silent.saturating_sub(ticks)) / Real::from(silent - hold)).min(1.0);
+        self.ramp = self.ramp.min(left);
+        self.force *= left;
+        self.torque *= left;
     }
 
     /// Takes in what happened and moves the tool by one tick of `tick` [s].
@@ -349,6 +367,33 @@ mod tests {
         assert!((at_age(45).2 - 0.5).abs() < 1e-12);
         assert_eq!(at_age(70), (70, Phase::Holding, 0.0));
         assert_eq!(at_age(100).1, Phase::Detached);
+    }
+
+    #[test]
+    fn ticks_that_lapse_age_a_pose_and_fade_the_force_as_the_client_does_meanwhile() {
+        let pressing = |period_ticks: u32| {
+            let mut tool = engaged(period_ticks);
+            (tool.ramp, tool.force) = (1.0, Vec3::new(0.0, 0.0, 2.0));
+            tool
+        };
+        for (period, ticks, phase, left) in [
+            (1, 15, Phase::Engaged, 1.0),
+            (1, 45, Phase::Engaged, 0.5),
+            (14, 45, Phase::Engaged, 0.5),
+            (14, 71, Phase::Waiting, 0.0),
+            (1, 71, Phase::Waiting, 0.0),
+            (1, 500, Phase::Waiting, 0.0),
+            (14, 60_000, Phase::Waiting, 0.0),
+            (14, u32::MAX, Phase::Waiting, 0.0),
+        ] {
+            let mut tool = pressing(period);
+            tool.lapse(ticks, &BOUNDS);
+            assert!((tool.force.z - 2.0 * left).abs() < 1e-12, "{period} {ticks}: {}", tool.force);
+            // A pose that had waited since the machine went away does not make up for it.
+            tool.follow(Some(&at(0.0, 2)), 1e-3, &BOUNDS);
+            assert_eq!(tool.phase, phase, "{period} {ticks}");
+            assert!(tool.ramp <= left + 0.01 + 1e-12, "{period} {ticks}: {}", tool.ramp);
+        }
     }
 
     #[test]

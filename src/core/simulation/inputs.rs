@@ -26,7 +26,7 @@ pub struct Settings {
 /// Everything that one tick consumes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Inputs {
-    /// Ticks that the machine lost just before this one: time passes, the body stands still.
+    /// Ticks that the machine lost just before this one: time passes, poses age, the body stands still.
     pub lapsed: u32,
     /// Time that this tick may take, by the prices.
     pub budget: Budget,

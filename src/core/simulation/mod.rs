@@ -238,6 +238,7 @@ impl Simulation {
 
     fn move_tools(&mut self, inputs: &Inputs) {
         for (tool, event) in self.tools.iter_mut().zip(&inputs.tools) {
+            tool.lapse(inputs.lapsed, &self.settings.following);
             tool.follow(event.as_ref(), TICK, &self.settings.following);
         }
     }

@@ -1,4 +1,4 @@
-//! Monotonic time, real or made up.
+//! Time since the start of the machine, real or made up.
 
 use palpate_core::stepping::work::Part;
 use rustix::thread::{ClockId as SleepClock, clock_nanosleep_absolute};
@@ -35,13 +35,13 @@ impl<C: Clock> Clock for &mut C {
     }
 }
 
-/// The system's monotonic clock.
+/// The system's monotonic clock, the one that goes on while the machine is suspended: to a hand that is time, too.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Monotonic;
 
 impl Clock for Monotonic {
     fn now(&mut self) -> u64 {
-        let t = clock_gettime(ClockId::Monotonic);
+        let t = clock_gettime(ClockId::Boottime);
         t.tv_sec as u64 * 1_000_000_000 + t.tv_nsec as u64
     }
 
@@ -54,6 +54,6 @@ impl Clock for Monotonic {
         let request =
             Timespec { tv_sec: (deadline / 1_000_000_000) as i64, tv_nsec: (deadline % 1_000_000_000) as i64 };
         // A signal may wake it early: the deadline is absolute, so asking again loses nothing.
-        while clock_nanosleep_absolute(SleepClock::Monotonic, &request) == Err(rustix::io::Errno::INTR) {}
+        while clock_nanosleep_absolute(SleepClock::Boottime, &request) == Err(rustix::io::Errno::INTR) {}
     }
 }

@@ -82,6 +82,8 @@ pub struct RecordedTick {
 pub struct TickReport {
     /// The tick.
     pub tick: u64,
+    /// When it began, on the thread's clock [ns].
+    pub began: u64,
     /// Each tool.
     pub tools: [ToolOutput; MOST_TOOLS],
     /// What else the tick said.

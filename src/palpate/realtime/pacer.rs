@@ -17,6 +17,8 @@ pub struct Begin {
     pub lapsed: u32,
     /// How late it begins after its deadline [ns].
     pub lateness: u64,
+    /// When it begins [ns].
+    pub began: u64,
 }
 
 /// Paces ticks on a clock.
@@ -50,10 +52,10 @@ impl<C: Clock> Pacer<C> {
         let behind = lateness / TICK_NS;
         // Running `behind` ticks takes their compute time, in which further ticks come due.
         let gain = TICK_NS.saturating_sub(self.mean_compute);
-        let catch_up = behind * self.mean_compute * TICK_NS / gain.max(1);
+        let catch_up = behind.saturating_mul(self.mean_compute * TICK_NS) / gain.max(1);
         let lapsed = if behind > 0 && catch_up > CATCH_UP_NS { behind } else { 0 };
         self.deadline += TICK_NS * (1 + lapsed);
-        Begin { lapsed: lapsed.min(u64::from(u32::MAX)) as u32, lateness }
+        Begin { lapsed: lapsed.min(u64::from(u32::MAX)) as u32, lateness, began: self.began }
     }
 
     /// Ends the tick; returns the time it took [ns], and whether the next deadline has passed already.
@@ -125,6 +127,13 @@ mod tests {
         assert_eq!(run(200_000, 5_000_000).1, 0);
         let lapsed = run(200_000, 100_000_000).1;
         assert!((98..=101).contains(&lapsed), "{lapsed}");
+    }
+
+    #[test]
+    fn a_machine_that_was_suspended_for_a_month_goes_on_in_the_tick_that_is_due() {
+        let month = 30 * 24 * 3600 * 1_000_000_000;
+        let (behind, lapsed) = run(200_000, month);
+        assert!(behind <= TICK_NS && lapsed.abs_diff(month / TICK_NS) <= 1, "{behind} ns behind, {lapsed} lapsed");
     }
 
     #[test]

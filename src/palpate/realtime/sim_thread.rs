@@ -72,7 +72,7 @@ impl SimThread {
             let clock = pacer.clock();
             let mut watch = Stopwatch { last: clock.after(Part::Fixed, 0), clock, governor: &mut self.governor };
             let outputs = self.simulation.advance_with(&inputs, &mut watch);
-            hand_out(&mut self.ends, outputs);
+            hand_out(&mut self.ends, outputs, begin.began);
             let overflowed = record(&mut self.tap, &self.ends, &inputs, outputs);
             let mut timing = TickTiming {
                 tick: outputs.tick,
@@ -264,8 +264,8 @@ fn fill(frame: &mut Frame, outputs: &Outputs) {
     }
 }
 
-fn hand_out(ends: &mut SimulationEnds, outputs: &Outputs) {
-    let report = TickReport { tick: outputs.tick, tools: all_tools(outputs), flags: outputs.flags() };
+fn hand_out(ends: &mut SimulationEnds, outputs: &Outputs, began: u64) {
+    let report = TickReport { tick: outputs.tick, began, tools: all_tools(outputs), flags: outputs.flags() };
     if ends.reports.push(report).is_err() {
         ends.dropped.reports.fetch_add(1, Ordering::Relaxed);
     }

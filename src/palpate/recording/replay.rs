@@ -34,7 +34,7 @@ pub struct Recording {
     pub display: Display,
     /// Surfaces in parts, by tick.
     pub frames: BTreeMap<u64, Vec<proto::SurfaceFrame>>,
-    /// Why reading ended before the end of the file, when it did.
+    /// Why it ends early, when it does: its writer said so, or was killed, or the file is cut.
     pub cut: Option<String>,
 }
 
@@ -92,8 +92,12 @@ impl Recording {
                     let frame = proto::SurfaceFrame::decode(data).map_err(broken)?;
                     frames.entry(frame.tick).or_default().push(frame);
                 }
+                topics::END => cut = Some(proto::RecordingEnd::decode(data).map_err(broken)?.fault),
                 _ => {}
             }
+        }
+        if cut.is_none() && !bytes.ends_with(mcap::MAGIC) {
+            cut = Some("it has no end: its writer was killed, or the file was cut".into());
         }
         let start = start.ok_or_else(|| match &cut {
             Some(cut) => content(format!("cut before the recording's start is whole ({cut})")),

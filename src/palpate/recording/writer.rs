@@ -20,6 +20,8 @@ use std::sync::Arc;
 /// A recording being written.
 pub struct RecordingWriter {
     path: PathBuf,
+    /// The file once more, to ask how full its disk is.
+    disk: File,
     mcap: mcap::Writer<BufWriter<File>>,
     channels: BTreeMap<&'static str, u16>,
     wrenches: Vec<u64>,
@@ -28,11 +30,15 @@ pub struct RecordingWriter {
     surface: SurfaceEncoder,
 }
 
+/// Room on the disk [bytes] that a recording leaves to others. Below, what a recording adds until it is asked about again (half
+/// a second, some MB) may fill the disk; above, small disks record nothing.
+const LEAST_FREE: u64 = 64_000_000;
+
 /// What frames of a recording call its only surface.
 const TOPOLOGY: u32 = 1;
 
 impl RecordingWriter {
-    /// Creates the file and writes how the run starts: `start` is the state before the first recorded tick, at the end
+    /// Creates the file, which must not be there yet, and writes how the run starts: `start` is the state before the first recorded tick, at the end
     /// of a frame; `reset` what a reset returns to.
     ///
     /// # Errors
@@ -45,8 +51,10 @@ impl RecordingWriter {
         reset: &State,
     ) -> Result<Self, RecordingError> {
         let io = |source| RecordingError::Io { path: path.display().to_string(), source };
-        let file = File::create(path).map_err(io)?;
-        // Chunks of a few hundred ticks: what a crash may cost.
+        // A new file alone, which also follows no link.
+        let file = File::options().write(true).create_new(true).open(path).map_err(io)?;
+        let disk = file.try_clone().map_err(io)?;
+        // Chunks of a few hundred ticks: what a failing disk may cost.
         let options = mcap::WriteOptions::new()
             .compression(Some(mcap::Compression::Lz4))
             .chunk_size(Some(256 * 1024))
@@ -61,6 +69,7 @@ impl RecordingWriter {
             (topics::TOPOLOGY, "SurfaceTopology"),
             (topics::PICTURE, "SurfacePicture"),
             (topics::SURFACE, "SurfaceFrame"),
+            (topics::END, "RecordingEnd"),
         ] {
             let schema = mcap
                 .add_schema(&proto::schema_name(message), "protobuf", proto::DESCRIPTOR_SET)
@@ -73,6 +82,7 @@ impl RecordingWriter {
         let display = Arc::new(shown);
         let mut writer = Self {
             path: path.to_owned(),
+            disk,
             mcap,
             channels,
             wrenches: vec![0; start.tools.len()],
@@ -100,7 +110,7 @@ impl RecordingWriter {
         for part in wire::surface::pictures(&display, TOPOLOGY) {
             writer.message(topics::PICTURE, start.tick, &part)?;
         }
-        writer.mcap.flush().map_err(|e| fault(path, e))?;
+        writer.flush()?;
         Ok(writer)
     }
 
@@ -161,6 +171,32 @@ impl RecordingWriter {
         self.mcap.write_to_known_channel(&header, &message.encode_to_vec()).map_err(|e| fault(&self.path, e))
     }
 
+    /// Hands all that has been added to the system: it is there when this process is killed.
+    ///
+    /// # Errors
+    /// Those of the file system, and when hardly any room is left on it: a full disk stops others, too.
+    pub fn flush(&mut self) -> Result<(), RecordingError> {
+        self.mcap.flush().map_err(|e| fault(&self.path, e))?;
+        let path = || self.path.display().to_string();
+        let disk = rustix::fs::fstatvfs(&self.disk)
+            .map_err(|source| RecordingError::Io { path: path(), source: source.into() })?;
+        let free = disk.f_bavail.saturating_mul(disk.f_frsize);
+        if free < LEAST_FREE {
+            let what = format!("the disk is nearly full: {} MB are free", free / 1_000_000);
+            return Err(RecordingError::Content { path: path(), what });
+        }
+        Ok(())
+    }
+
+    /// Marks that the recording ends early, and why.
+    ///
+    /// # Errors
+    /// Those of the file system.
+    pub fn end_early(&mut self, why: &str) -> Result<(), RecordingError> {
+        let tick = (self.first_tick + self.ticks).saturating_sub(1);
+        self.message(topics::END, tick, &proto::RecordingEnd { fault: why.to_owned() })
+    }
+
     /// Where the recording stands.
     pub fn status(&self) -> proto::RecordingStatus {
         proto::RecordingStatus {
@@ -183,5 +219,9 @@ impl RecordingWriter {
 }
 
 fn fault(path: &Path, source: mcap::McapError) -> RecordingError {
-    RecordingError::Mcap { path: path.display().to_string(), source }
+    let path = path.display().to_string();
+    match source {
+        mcap::McapError::Io(source) => RecordingError::Io { path, source },
+        source => RecordingError::Mcap { path, source },
+    }
 }

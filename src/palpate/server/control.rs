@@ -1,8 +1,9 @@
 //! Who holds which tool, and the requests of clients.
 
+use super::health::Weight;
+use super::queries::Desk;
 use super::{ServerError, Shared, lock, network, recorder};
 use crate::realtime::mailbox::Command;
-use crate::wire;
 use palpate_core::contact::tool::Coupling;
 use palpate_core::simulation::TICK;
 use palpate_proto::control_request::Request;
@@ -11,18 +12,40 @@ use std::ops::RangeInclusive;
 use std::path::{Component, Path};
 use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex};
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
-use zenoh::query::Query;
-use zenoh::sample::SampleKind;
+use std::time::Duration;
+use tokio::sync::mpsc;
+use zenoh::sample::{Sample, SampleKind};
 
 /// A holder that sends nothing for this long loses its tool, whatever its connection says.
 const SILENCE: Duration = Duration::from_secs(10);
+/// One that has given no sign yet, neither its liveliness nor a pose, loses it after this long: it had stopped to wait for
+/// the answer when it got the tool, as clients do after two seconds, and asks again.
+const UNCLAIMED: Duration = Duration::from_secs(2);
+
+/// How long a request waits for the disk: less than the two seconds for which clients wait for its answer.
+const LONGEST_DISK: Duration = Duration::from_millis(1500);
+
+/// Clients that may come or go at once.
+const MOST_PRESENCES: usize = 1024;
+
+/// Minor version of the contract since which clients send the secret of their holding.
+const SECRET_MINOR: u32 = 5;
+
+/// Bytes of a name that somebody gives.
+const MOST_NAME: usize = 64;
 
 /// A client with a tool.
 #[derive(Clone, Debug)]
 struct Holder {
     client: String,
+    /// What others see of this holding of the tool, in wrenches and in the key of its liveliness.
     epoch: u32,
+    /// What nobody else does; 0 for a client that does not know of secrets.
+    secret: u64,
+    /// Its pose numbers have jumped so often.
+    jumps: u32,
+    /// Its liveliness has been heard of.
+    is_present: bool,
 }
 
 /// Who holds which tool.
@@ -32,15 +55,11 @@ pub(super) struct Holders {
 
 struct Holding {
     tools: Vec<Option<Holder>>,
-    next_epoch: u32,
 }
 
 impl Holders {
     pub(super) fn new(tools: usize) -> Self {
-        // Epochs of an earlier run of the server must not come again: start at the seconds of this one.
-        let seconds = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs());
-        let next_epoch = (seconds as u32).wrapping_mul(16) | 1;
-        Self { held: Mutex::new(Holding { tools: vec![None; tools], next_epoch }) }
+        Self { held: Mutex::new(Holding { tools: vec![None; tools] }) }
     }
 
     /// Names of present clients with their tools.
@@ -50,59 +69,85 @@ impl Holders {
         named.filter_map(|(i, h)| h.as_ref().map(|h| format!("{} ({})", h.client, names(i)))).collect()
     }
 
+    /// Time since the last pose of each held tool [s], with the tool's name.
+    pub(super) fn pose_ages(&self, shared: &Shared) -> Vec<(String, f64)> {
+        let held: Vec<usize> = {
+            let held = lock(&self.held);
+            (0..held.tools.len()).filter(|tool| held.tools[*tool].is_some()).collect()
+        };
+        let age = |tool: usize| (shared.scene.tool[tool].name.clone(), shared.input.silence(tool).0.as_secs_f64());
+        held.into_iter().map(age).collect()
+    }
+
     fn taken(&self, tool: usize) -> bool {
         lock(&self.held).tools[tool].is_some()
     }
 
+    /// The liveliness of the holder of `tool` under `epoch` has begun.
+    fn show(&self, tool: usize, epoch: u32) {
+        let mut held = lock(&self.held);
+        if let Some(holder) = held.tools.get_mut(tool).and_then(Option::as_mut).filter(|h| h.epoch == epoch) {
+            holder.is_present = true;
+        }
+    }
+
+    /// Says which holders' pose numbers have jumped since this was asked last: such a client is damaged, or somebody sends in its
+    /// name.
+    pub(super) fn tell_jumps(&self, shared: &Shared) {
+        for (tool, holder) in lock(&self.held).tools.iter_mut().enumerate() {
+            let Some(holder) = holder else { continue };
+            let jumps = shared.input.jumps(tool);
+            if jumps != holder.jumps {
+                tracing::warn!(
+                    tool,
+                    client = holder.client,
+                    jumps,
+                    "its pose numbers jumped back, and are followed again"
+                );
+                holder.jumps = jumps;
+            }
+        }
+    }
+
     /// Frees tools whose holders have gone silent.
     pub(super) fn free_silent(&self, shared: &Shared) {
-        let silent: Vec<(usize, u32)> = lock(&self.held)
-            .tools
-            .iter()
-            .enumerate()
-            .filter_map(|(i, h)| h.as_ref().map(|h| (i, h.epoch)))
-            .filter(|(i, _)| shared.input.silence(*i) > SILENCE)
-            .collect();
-        for (tool, epoch) in silent {
-            if free(shared, tool, epoch).is_ok() {
-                tracing::info!(tool, "freed: its client has been silent for {} s", SILENCE.as_secs());
+        let held = lock(&self.held).tools.clone();
+        let silent = held.into_iter().enumerate().filter_map(|(tool, holder)| {
+            let holder = holder?;
+            let (silence, has_posed) = shared.input.silence(tool);
+            let limit = if holder.is_present || has_posed { SILENCE } else { UNCLAIMED };
+            (silence > limit).then_some((tool, holder.epoch, limit))
+        });
+        for (tool, epoch, limit) in silent {
+            if free(shared, tool, epoch, None).is_ok() {
+                tracing::info!(tool, "freed: its client has been silent for {} s", limit.as_secs());
             }
         }
     }
 }
 
-/// Answers the session description and control requests until it is aborted.
-pub(super) async fn serve(
-    shared: &Arc<Shared>,
-    session: &zenoh::Session,
-) -> Result<tokio::task::JoinHandle<()>, ServerError> {
+/// Answers the session description and control requests until `session` closes.
+pub(super) async fn serve(shared: &Arc<Shared>, session: &zenoh::Session, desk: &Desk) -> Result<(), ServerError> {
     let name = &shared.options.session;
-    let about = session.declare_queryable(keys::session_of_any_version(name)).await.map_err(network)?;
-    let control = session.declare_queryable(keys::control(name)).await.map_err(network)?;
+    let about = shared.clone();
+    desk.offer(session, keys::session_of_any_version(name), move |key, _| {
+        let answer = describe(&about).encode_to_vec();
+        std::future::ready(vec![(key, answer.into())])
+    })
+    .await?;
     let shared = shared.clone();
-    Ok(tokio::spawn(async move {
-        loop {
-            tokio::select! {
-                Ok(query) = about.recv_async() => answer(&query, describe(&shared).encode_to_vec()).await,
-                Ok(query) = control.recv_async() => {
-                    let bytes = query.payload().map(|p| p.to_bytes().into_owned()).unwrap_or_default();
-                    let reply = match proto::ControlRequest::decode(&bytes[..]) {
-                        Ok(request) => carry_out(&shared, request).await,
-                        Err(e) => Err(format!("not a control request: {e}")),
-                    };
-                    let reply = reply.unwrap_or_else(|error| proto::ControlReply { error, ..Default::default() });
-                    answer(&query, reply.encode_to_vec()).await;
-                }
-                else => return,
-            }
+    desk.offer(session, keys::control(name), move |key, bytes| {
+        let shared = shared.clone();
+        async move {
+            let reply = match proto::ControlRequest::decode(&bytes[..]) {
+                Ok(request) => carry_out(&shared, request).await,
+                Err(e) => Err(format!("not a control request: {e}")),
+            };
+            let reply = reply.unwrap_or_else(|error| proto::ControlReply { error, ..Default::default() });
+            vec![(key, reply.encode_to_vec().into())]
         }
-    }))
-}
-
-async fn answer(query: &Query, payload: Vec<u8>) {
-    if let Err(e) = query.reply(query.key_expr().clone(), payload).await {
-        tracing::debug!("a query went unanswered: {e}");
-    }
+    })
+    .await
 }
 
 /// Frees the tool of every client whose liveliness ends.
@@ -110,16 +155,22 @@ pub(super) async fn watch_presence(
     shared: &Arc<Shared>,
     session: &zenoh::Session,
 ) -> Result<tokio::task::JoinHandle<()>, ServerError> {
-    let presence =
-        session.liveliness().declare_subscriber(keys::all_presence(&shared.options.session)).await.map_err(network)?;
+    let key = keys::all_presence(&shared.options.session);
+    // Where more come than can be looked at, the silence of a client frees its tool.
+    let (seen, mut presence) = mpsc::channel(MOST_PRESENCES);
+    let callback = move |sample: Sample| drop(seen.try_send(sample));
+    session.liveliness().declare_subscriber(key).callback(callback).background().await.map_err(network)?;
     let shared = shared.clone();
-    Ok(tokio::spawn(async move {
-        while let Ok(sample) = presence.recv_async().await {
+    Ok(shared.clone().health.spawn("the task of presence", Weight::Fails, async move {
+        while let Some(sample) = presence.recv().await {
             let holder = keys::holder_of_presence_key(sample.key_expr().as_str());
-            if let (SampleKind::Delete, Some((tool, epoch))) = (sample.kind(), holder)
-                && free(&shared, tool as usize, epoch).is_ok()
-            {
-                tracing::info!(tool, "freed: its client is gone");
+            let Some((tool, epoch)) = holder else { continue };
+            match sample.kind() {
+                SampleKind::Put => shared.holders.show(tool as usize, epoch),
+                SampleKind::Delete if free(&shared, tool as usize, epoch, None).is_ok() => {
+                    tracing::info!(tool, "freed: its client is gone");
+                }
+                SampleKind::Delete => {}
             }
         }
     }))
@@ -129,28 +180,33 @@ async fn carry_out(shared: &Arc<Shared>, request: proto::ControlRequest) -> Resu
     let mut reply = proto::ControlReply::default();
     match request.request.ok_or("an empty control request: it is of a later version, or damaged")? {
         Request::Attach(attach) => reply.attached = Some(take(shared, &attach)?),
-        Request::Detach(d) => free(shared, d.tool as usize, d.epoch)?,
+        Request::Detach(d) => free(shared, d.tool as usize, d.epoch, Some(d.secret))?,
         Request::Reset(_) => shared.command(Command::Reset)?,
         Request::StartRecording(start) => {
-            let path = Path::new(&start.path);
-            let plain = !start.path.is_empty() && path.components().all(|c| matches!(c, Component::Normal(_)));
-            if !plain {
-                return Err(format!("{:?}: give a file name below the server's recordings folder", start.path));
-            }
-            let path = shared.options.recordings.join(path);
-            if let Some(folder) = path.parent() {
-                std::fs::create_dir_all(folder).map_err(|e| format!("{}: {e}", folder.display()))?;
-            }
-            recorder::start(shared, path).await?;
+            let path = shared.options.recordings.join(plain_name(&start.path)?);
+            recorder::start(shared, path, LONGEST_DISK).await?;
             reply.recording = shared.recorder.status();
         }
         Request::StopRecording(_) => {
             recorder::expect_end(shared);
             shared.command(Command::StopRecording)?;
-            reply.recording = Some(recorder::finish(shared).await.ok_or("no recording is running")?);
+            reply.recording = Some(recorder::finish(shared, LONGEST_DISK).await.ok_or("no recording is running")?);
         }
     }
     Ok(reply)
+}
+
+/// `name`, where it is that of a file and of nothing else: in no folder, not hidden, and fit for a log.
+fn plain_name(name: &str) -> Result<&str, String> {
+    let mut parts = Path::new(name).components();
+    let is_one = matches!((parts.next(), parts.next()), (Some(Component::Normal(_)), None));
+    if is_one && name.len() <= MOST_NAME && !name.starts_with('.') && !name.chars().any(char::is_control) {
+        return Ok(name);
+    }
+    Err(format!(
+        "give the name of a new file below the server's recordings folder: {MOST_NAME} bytes at most, no folder in it, no \
+         control characters"
+    ))
 }
 
 /// Stiffnesses of virtual couplings [N/m], [N·m/rad]: softer ones let go of the tool, stiffer ones are rigid.
@@ -173,8 +229,10 @@ fn take(shared: &Shared, attach: &proto::Attach) -> Result<proto::Attached, Stri
     if !(10.0..=2000.0).contains(&attach.rate_hz) {
         return Err(format!("rate_hz is {}: declare how often poses come, 10 to 2000", attach.rate_hz));
     }
-    if attach.client.len() > 64 {
-        return Err("client names have at most 64 bytes".into());
+    // An error repeats the names that it is about, and the log has them, too.
+    let is_plain = |name: &str| name.len() <= MOST_NAME && !name.chars().any(char::is_control);
+    if !is_plain(&attach.client) || !is_plain(&attach.tool) {
+        return Err(format!("names of clients and tools have at most {MOST_NAME} bytes, and no control characters"));
     }
     let (stiffness, angular) = (attach.coupling_stiffness, attach.coupling_angular_stiffness);
     let coupling = Coupling {
@@ -193,30 +251,34 @@ fn take(shared: &Shared, attach: &proto::Attach) -> Result<proto::Attached, Stri
         }
         tool
     };
-    let epoch = held.next_epoch;
-    held.next_epoch = held.next_epoch.wrapping_add(1).max(1);
+    // Random, so that neither can be guessed, and an epoch of an earlier run of the server does not come again.
+    let random = || getrandom::u64().map_err(|e| format!("the system has no random numbers: {e}"));
+    let epoch = (random()? as u32).max(1);
+    let secret = if attach.version_minor >= SECRET_MINOR { random()?.max(1) } else { 0 };
     let period_ticks = ((1.0 / (attach.rate_hz * TICK)).round() as u32).max(1);
     shared.command(Command::Attach { tool, epoch, period_ticks, coupling })?;
-    shared.input.admit(tool, epoch);
-    held.tools[tool] = Some(Holder { client: attach.client.clone(), epoch });
+    shared.input.admit(tool, epoch, secret);
+    held.tools[tool] = Some(Holder { client: attach.client.clone(), epoch, secret, jumps: 0, is_present: false });
     tracing::info!(tool, client = attach.client, rate_hz = attach.rate_hz, "taken");
-    Ok(proto::Attached { tool: tool as u32, epoch })
+    Ok(proto::Attached { tool: tool as u32, epoch, secret })
 }
 
-fn free(shared: &Shared, tool: usize, epoch: u32) -> Result<(), String> {
+/// Frees `tool`, which is held under `epoch`; whoever asks for it has to know its `secret`.
+fn free(shared: &Shared, tool: usize, epoch: u32, secret: Option<u64>) -> Result<(), String> {
     let mut held = lock(&shared.holders.held);
-    let holds = held.tools.get(tool).and_then(Option::as_ref).is_some_and(|h| h.epoch == epoch);
+    let is_it = |holder: &Holder| holder.epoch == epoch && secret.is_none_or(|secret| secret == holder.secret);
+    let holds = held.tools.get(tool).and_then(Option::as_ref).is_some_and(is_it);
     if !holds {
         return Err(format!("tool {tool} is not held under epoch {epoch}"));
     }
     shared.command(Command::Detach { tool })?;
-    shared.input.admit(tool, 0);
+    shared.input.admit(tool, 0, 0);
     held.tools[tool] = None;
     Ok(())
 }
 
 fn describe(shared: &Shared) -> proto::Session {
-    let mut session = wire::session::describe(&shared.scene, &shared.body);
+    let mut session = shared.session.clone();
     for tool in &mut session.tools {
         tool.taken = shared.holders.taken(tool.tool as usize);
     }

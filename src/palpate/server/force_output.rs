@@ -1,7 +1,9 @@
 //! Wrenches out: a real-time thread that sends what the last tick said, once per tick.
 
+use super::health::Weight;
 use super::local_model::Models;
 use super::{ServerError, Shared, network};
+use crate::realtime::clock::{Clock, Monotonic};
 use crate::realtime::mailbox::TickReport;
 use crate::realtime::scheduling;
 use crate::wire;
@@ -42,8 +44,10 @@ impl ForceOutput {
             })
             .collect::<Result<Vec<_>, _>>()?;
         let stop = Arc::new(AtomicBool::new(false));
+        let watch = shared.health.watch("the thread of the force output", Weight::Fails);
         let (shared, stopped, waker) = (shared.clone(), stop.clone(), wake.clone());
         let thread = std::thread::Builder::new().name("force output".into()).spawn(move || {
+            let _watch = watch;
             if scheduling::fifo(scheduling::FORCE_OUTPUT).is_err() {
                 tracing::debug!("the force output runs at normal priority");
             }
@@ -58,6 +62,9 @@ impl ForceOutput {
         let _ = self.thread.join();
     }
 }
+
+/// Age of a tick [ns] from which its wrench is not sent any more: clients let a force fall from this age on.
+const STALE_NS: u64 = 20_000_000;
 
 fn send(
     shared: &Shared,
@@ -83,7 +90,9 @@ fn send(
                 shared.counters.wrenches_skipped.fetch_add(1, Ordering::Relaxed);
             }
         }
-        let Some(report) = newest else { continue };
+        // What was found before the process stood still is no force of now: the hand has let go of it since.
+        let is_old = |report: &TickReport| Monotonic.now().saturating_sub(report.began) > STALE_NS;
+        let Some(report) = newest.filter(|report| !is_old(report)) else { continue };
         let stiffness = models.read();
         for (i, publisher) in publishers.iter().enumerate() {
             let tool = &report.tools[i];

@@ -2,6 +2,7 @@
 //! output how stiff it is under each tool.
 
 use super::Shared;
+use super::health::Weight;
 use palpate_core::contact::tool::MOST_TOOLS;
 use palpate_core::feedback::relaxed::{Probe, Stiffness};
 use palpate_core::simulation::Snapshot;
@@ -29,8 +30,9 @@ impl LocalModels {
         let (mut models, newest) = triple_buffer::triple_buffer(&Models::default());
         let (body, settings) = (shared.body.clone(), shared.scene.settings());
         let stop = Arc::new(AtomicBool::new(false));
-        let stopped = stop.clone();
+        let (stopped, watch) = (stop.clone(), shared.health.watch("the thread of the local models", Weight::Degrades));
         let thread = std::thread::Builder::new().name("local models".into()).spawn(move || {
+            let _watch = watch;
             let mut probe = match Probe::new(body, settings) {
                 Ok(probe) => probe,
                 Err(reason) => return tracing::error!(reason, "no local models"),

@@ -4,12 +4,19 @@
 //! Nothing in here decides physics; what arrives becomes an input of some tick, and the tick records it.
 
 mod control;
+mod endpoint;
 mod force_output;
+mod health;
 mod local_model;
+mod metrics;
+mod queries;
 mod recorder;
 mod status;
 mod surface_output;
 mod tool_input;
+
+pub use endpoint::{Reach, reach};
+pub use metrics::TIMES;
 
 use crate::display::Display;
 use crate::realtime::clock::Monotonic;
@@ -17,6 +24,8 @@ use crate::realtime::mailbox::{Command, ServerEnds, mailboxes};
 use crate::realtime::scheduling::{self, Granted};
 use crate::realtime::sim_thread::{Measured, SimThread};
 use crate::scene::Scene;
+use crate::wire;
+use health::{Health, Weight};
 use palpate_core::model::{Body, State};
 use palpate_core::simulation::{Simulation, Snapshot};
 use palpate_proto as proto;
@@ -24,6 +33,7 @@ use palpate_proto::keys;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
 use tokio::sync::watch;
 use zenoh::Wait;
 
@@ -57,6 +67,16 @@ impl Default for Options {
         }
     }
 }
+
+/// The options of the command line that give the endpoints.
+pub const FORCE_OPTION: &str = "--force-endpoint";
+/// See [`FORCE_OPTION`].
+pub const SURFACE_OPTION: &str = "--surface-endpoint";
+
+/// Connections to the force endpoint, which hands alone need: viewers cannot take their places.
+const HANDS: u32 = 64;
+/// Connections to the surface endpoint.
+const VIEWERS: u32 = 512;
 
 /// Why a server does not start.
 #[derive(Debug, thiserror::Error)]
@@ -116,6 +136,8 @@ fn listen_remedy(reason: &str, option: &str) -> String {
 
 /// What the server's parts share, all of it away from the simulation thread.
 struct Shared {
+    /// What is simulated, as clients are told it; but for what changes.
+    session: proto::Session,
     scene: Scene,
     body: Arc<Body>,
     /// What viewers are shown of it.
@@ -127,6 +149,7 @@ struct Shared {
     input: tool_input::ToolInput,
     holders: control::Holders,
     recorder: recorder::Recorder,
+    health: Arc<Health>,
     counters: status::Counters,
     scheduling: String,
     measured: Measured,
@@ -172,6 +195,8 @@ impl Server {
         if !keys::is_session_name(&options.session) {
             return Err(ServerError::SessionName(options.session));
         }
+        reach(&options.force_endpoint, FORCE_OPTION)?;
+        reach(&options.surface_endpoint, SURFACE_OPTION)?;
         let simulation = Simulation::new(body.clone(), scene.settings(), start).map_err(ServerError::Simulation)?;
         let display = Arc::new(scene.display(&body).map_err(ServerError::Simulation)?);
         let reset = simulation.reset_state().clone();
@@ -182,11 +207,11 @@ impl Server {
 
         // The force session first, and from a real-time thread: zenoh's threads inherit its class.
         let force_session = open_force_session(&options)?;
-        let surface_session = open(&options.surface_endpoint, "--surface-endpoint")?;
+        let surface_session = open(&options.surface_endpoint, SURFACE_OPTION, &options.session, VIEWERS)?;
 
-        let stop = Arc::new(AtomicBool::new(false));
-        let (simulation, granted, measured) =
-            spawn_simulation(SimThread::new(simulation, sim_ends), options.cpu, stop.clone())?;
+        let (stop, health) = (Arc::new(AtomicBool::new(false)), Health::new());
+        let thread = SimThread::new(simulation, sim_ends);
+        let (simulation, granted, measured) = spawn_simulation(thread, options.cpu, stop.clone(), &health)?;
         if !measured.fits() {
             let _ = simulation.join();
             return Err(ServerError::TooSlow { floor: measured.floor / 1000, limit: measured.planned / 1000 });
@@ -195,26 +220,29 @@ impl Server {
             input: tool_input::ToolInput::new(poses, scene.workspace(&body)),
             holders: control::Holders::new(scene.tool.len()),
             recorder: recorder::Recorder::new(),
+            health,
             counters: status::Counters::default(),
             scheduling: granted.describe(),
             measured,
             reset,
             commands: Mutex::new(commands),
+            session: wire::session::describe(&scene, &body),
             scene,
             body,
             display,
             options,
         });
         if let Some(path) = shared.options.record.clone() {
-            recorder::start(&shared, path).await.map_err(ServerError::Recording)?;
+            recorder::start(&shared, path, LONGEST_DISK).await.map_err(ServerError::Recording)?;
         }
         let (local_models, models) = local_model::LocalModels::start(&shared, copies)?;
         let force_output = force_output::ForceOutput::start(&shared, &force_session, reports, models, wake)?;
         tool_input::listen(&shared, &force_session)?;
         let (live_in, live) = watch::channel(proto::Status::default());
         let (flush_status, flush_requests) = tokio::sync::mpsc::channel(1);
+        let desk = queries::Desk::open(&shared.health)?;
+        control::serve(&shared, &surface_session, &desk).await?;
         let mut tasks = vec![
-            control::serve(&shared, &surface_session).await?,
             control::watch_presence(&shared, &surface_session).await?,
             status::publish(
                 &shared,
@@ -225,7 +253,7 @@ impl Server {
             )
             .await?,
         ];
-        tasks.extend(surface_output::publish(&shared, &surface_session, frames).await?);
+        tasks.push(surface_output::publish(&shared, &surface_session, &desk, frames).await?);
         Ok(Server {
             shared,
             warning: granted.warning(),
@@ -250,23 +278,24 @@ impl Server {
         &self.shared.measured
     }
 
+    /// Comes back when a part has died without which the server cannot go on; the status says which.
+    pub async fn failed(&self) {
+        self.shared.health.failed().await;
+    }
+
     /// The status as it changes, about ten times a second.
     pub fn live(&self) -> watch::Receiver<proto::Status> {
         self.live.clone()
     }
 
-    /// Ends the simulation, closes the recording and the sessions; returns the last status.
-    ///
-    /// # Errors
-    /// When the simulation thread died, which it must not.
-    pub async fn stop(self) -> Result<proto::Status, ServerError> {
+    /// Ends the simulation, closes the recording and the sessions; returns the last status, which says what had gone wrong.
+    /// A disk that does not answer is waited for for ten seconds.
+    pub async fn stop(self) -> proto::Status {
         recorder::expect_end(&self.shared);
+        self.shared.health.stop();
         self.stop.store(true, Ordering::Relaxed);
-        let died = || ServerError::System(std::io::Error::other("the simulation thread panicked"));
-        let thread = tokio::task::spawn_blocking(move || self.simulation.join())
-            .await
-            .map_err(|_| died())?
-            .map_err(|_| died())?;
+        // That it died has been said.
+        let thread = tokio::task::spawn_blocking(move || self.simulation.join().ok()).await;
         self.force_output.stop();
         self.local_models.stop();
         // The last ticks and the retired tap are still in their rings.
@@ -275,30 +304,38 @@ impl Server {
             let _ = wait.await;
         }
         drop(thread);
-        let fault = recorder::finish(&self.shared).await;
+        let recording = recorder::finish(&self.shared, LONGEST_DISK).await;
         self.tasks.iter().for_each(tokio::task::JoinHandle::abort);
         for session in self.sessions {
             let _ = session.close().await;
         }
         let mut status = self.live.borrow().clone();
-        status.recording = fault.or(status.recording);
-        Ok(status)
+        status.recording = recording.or(status.recording);
+        let (health, faults) = self.shared.health.status();
+        (status.health, status.faults) = (health.into(), faults);
+        status
     }
 }
+
+/// How long the start and the stop of a server wait for the disk.
+const LONGEST_DISK: Duration = Duration::from_secs(10);
 
 fn spawn_simulation(
     mut thread: SimThread,
     cpu: Option<usize>,
     stop: Arc<AtomicBool>,
+    health: &Arc<Health>,
 ) -> std::io::Result<(std::thread::JoinHandle<SimThread>, Granted, Measured)> {
     let (tell, told) = std::sync::mpsc::sync_channel(1);
     let name = scheduling::SIMULATION_THREAD.into();
+    let health = health.clone();
     let handle = std::thread::Builder::new().name(name).stack_size(4 << 20).spawn(move || {
         let granted = Granted::ask(cpu);
         let measured = thread.measure(&mut Monotonic);
         let _ = tell.send((granted, measured));
         drop(tell);
         if measured.fits() {
+            let _watch = health.watch("the simulation thread", Weight::Fails);
             thread.run(Monotonic, &stop);
         }
         thread
@@ -308,18 +345,65 @@ fn spawn_simulation(
 }
 
 fn open_force_session(options: &Options) -> Result<zenoh::Session, ServerError> {
-    let endpoint = options.force_endpoint.clone();
+    let (endpoint, name) = (options.force_endpoint.clone(), options.session.clone());
     let opened = std::thread::spawn(move || {
         if scheduling::fifo(scheduling::FORCE_NETWORK).is_err() {
             tracing::debug!("the force network's threads run at normal priority");
         }
-        open(&endpoint, "--force-endpoint")
+        open(&endpoint, FORCE_OPTION, &name, HANDS)
     });
     opened.join().map_err(|_| ServerError::Network("zenoh panicked while opening".into()))?
 }
 
-/// A session that routes for its clients: no router has to run beside it.
-fn open(endpoint: &str, option: &'static str) -> Result<zenoh::Session, ServerError> {
+/// What passes between the server's router and a client, of the session `name`; nothing else does. So wrenches, frames, status
+/// and answers are the server's alone, whoever else sends on their keys, and nobody overhears a pose or an epoch.
+///
+/// A rule has to include the whole key of a message, so that one with wildcards passes only where all that it means may.
+/// Clients and servers tell each other of what they declare: those messages pass as well.
+fn access(name: &str) -> String {
+    let from_clients = [keys::all_tool_poses(name), keys::echo_request(name)];
+    let answers = [
+        keys::session_of_any_version(name),
+        keys::control(name),
+        keys::surface_topology(name),
+        keys::surface_key(name),
+        keys::surface_pictures(name),
+    ];
+    let from_server =
+        [keys::all_tool_wrenches(name), keys::echo_reply(name), keys::status(name), keys::all_surface_frames(name)];
+    let presence = [keys::all_presence(name)];
+    let rules = [
+        ("ingress", &["put"][..], &from_clients[..]),
+        ("ingress", &["query"], &answers),
+        ("ingress", &["declare_subscriber"], &from_server),
+        ("ingress", &["liveliness_token"], &presence),
+        ("egress", &["put"], &from_server),
+        ("egress", &["reply", "declare_queryable"], &answers),
+        ("egress", &["declare_subscriber"], &from_clients),
+        ("egress", &["declare_liveliness_subscriber", "liveliness_query"], &presence),
+    ];
+    let rules: Vec<_> = rules
+        .iter()
+        .enumerate()
+        .map(|(id, (flow, messages, keys))| {
+            serde_json::json!({
+                "id": id.to_string(), "permission": "allow", "flows": [flow], "messages": messages, "key_exprs": keys,
+            })
+        })
+        .collect();
+    let all: Vec<String> = (0..rules.len()).map(|id| id.to_string()).collect();
+    serde_json::json!({
+        "enabled": true,
+        "default_permission": "deny",
+        "rules": rules,
+        "subjects": [{ "id": "everybody" }],
+        "policies": [{ "rules": all, "subjects": ["everybody"] }],
+    })
+    .to_string()
+}
+
+/// A session that routes for its clients: no router has to run beside it. At most `places` may be connected.
+fn open(endpoint: &str, option: &'static str, name: &str, places: u32) -> Result<zenoh::Session, ServerError> {
     let mut config = zenoh::Config::default();
     for (key, value) in [
         ("mode", "\"router\"".to_owned()),
@@ -330,10 +414,20 @@ fn open(endpoint: &str, option: &'static str) -> Result<zenoh::Session, ServerEr
         // There is nobody to look for: without this, opening waits half a second.
         ("scouting/delay", "0".into()),
         ("timestamping/enabled", "false".into()),
+        ("access_control", access(name)),
+        ("transport/unicast/max_sessions", places.to_string()),
+        // Whoever connects and says nothing makes room for others after this long [ms].
+        ("transport/unicast/accept_timeout", "1000".into()),
+        ("transport/unicast/accept_pending", places.to_string()),
+        // Bytes of a message: a pose has about 60, a request some hundred.
+        ("transport/link/rx/max_message_size", "65536".into()),
         // A client that stops answering is noticed after this long [ms]; safety does not wait for it.
         ("transport/link/tx/lease", "1500".into()),
         // A message that does not fit the queue at once is dropped: a slow viewer holds up nobody.
         ("transport/link/tx/queue/congestion_control/drop/wait_before_drop", "0".into()),
+        // Whoever does not read the answers to its questions is cut off after this long [µs]. Longer, and more threads wait for
+        // it; shorter, and a link of less than 2 Mbit/s, which needs as long for a batch, is no link.
+        ("transport/link/tx/queue/congestion_control/block/wait_before_close", "250000".into()),
         // Batches of 64 KiB that may wait for a viewer: a frame of the largest surface has more parts than the default of two.
         ("transport/link/tx/queue/size/data_low", "16".into()),
     ] {

@@ -1,6 +1,7 @@
 //! How the server fares: measured from the ticks' own reports, published once a second.
 
-use super::{ServerError, Shared, network};
+use super::health::Weight;
+use super::{ServerError, Shared, metrics, network};
 use crate::realtime::mailbox::{Dropped, RecordTap, TickTiming};
 use crate::realtime::scheduling;
 use hdrhistogram::Histogram;
@@ -79,6 +80,7 @@ impl Sums {
 
     fn add(&mut self, t: TickTiming) {
         self.ticks += 1;
+        metrics::tick(&t);
         if self.ticks > WARM_UP_TICKS {
             self.lateness.saturating_record(t.lateness.max(1));
             self.compute.saturating_record(t.compute.max(1));
@@ -119,8 +121,9 @@ pub(super) async fn publish(
 ) -> Result<tokio::task::JoinHandle<()>, ServerError> {
     let publisher = session.declare_publisher(keys::status(&shared.options.session)).await.map_err(network)?;
     let shared = shared.clone();
-    Ok(tokio::spawn(async move {
+    Ok(shared.clone().health.spawn("the task of the status", Weight::Degrades, async move {
         let mut sums = Sums::new();
+        metrics::describe();
         let mut interval = tokio::time::interval(Duration::from_millis(100));
         interval.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
         let (mut rounds, mut second, mut warned) = (0u64, Second::begin(&sums, &shared), false);
@@ -143,9 +146,12 @@ pub(super) async fn publish(
                 sources.others.store(second.others(), Ordering::Relaxed);
                 second.warn(&sums, &mut warned);
                 shared.holders.free_silent(&shared);
+                shared.holders.tell_jumps(&shared);
             }
             let status = compose(&shared, &sums, &second, &sources.dropped);
             if rounds.is_multiple_of(10) {
+                let frames = shared.counters.surface_frames.load(Ordering::Relaxed);
+                metrics::status(&status, sums.ticks, frames, &shared.holders.pose_ages(&shared));
                 let _ = publisher.put(status.encode_to_vec()).await;
             }
             live.send_replace(status);
@@ -252,6 +258,7 @@ fn part_costs(prices: &Prices) -> Vec<proto::PartCost> {
 
 fn compose(shared: &Shared, sums: &Sums, second: &Second, dropped: &Dropped) -> proto::Status {
     let last = sums.last;
+    let (health, faults) = shared.health.status();
     let load = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
     proto::Status {
         tick: last.map_or(0, |t| t.tick),
@@ -291,5 +298,7 @@ fn compose(shared: &Shared, sums: &Sums, second: &Second, dropped: &Dropped) -> 
         real_time_share: second.share.0 + second.share.1,
         costs: sums.prices.map_or(vec![], |prices| part_costs(&prices)),
         clients: shared.holders.clients(|tool| shared.scene.tool[tool].name.clone()),
+        health: health.into(),
+        faults,
     }
 }

@@ -3,6 +3,8 @@
 //!
 //! A message that does not fit a viewer's queue is dropped for that viewer: a slow one holds up nobody.
 
+use super::health::Weight;
+use super::queries::{Answer, Desk};
 use super::{ServerError, Shared, lock, network};
 use crate::realtime::mailbox::Frame;
 use crate::wire::surface::{SurfaceEncoder, pictures, topology};
@@ -12,11 +14,9 @@ use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use tokio::task::JoinHandle;
-use zenoh::Wait;
 use zenoh::bytes::ZBytes;
 use zenoh::pubsub::Publisher;
 use zenoh::qos::{CongestionControl, Priority};
-use zenoh::query::Query;
 
 /// How often a new frame is looked for: a frame lasts 32 ms, so a viewer's picture is at most this much older.
 const POLL: Duration = Duration::from_millis(4);
@@ -24,20 +24,21 @@ const POLL: Duration = Duration::from_millis(4);
 /// The parts of the newest key frame, with levels; none before the first.
 type NewestKey = Arc<Mutex<Vec<ZBytes>>>;
 
-/// Starts publishing and answering; both go on until they are aborted.
+/// Starts answering, until the session closes, and publishing, until the task is aborted.
 pub(super) async fn publish(
     shared: &Arc<Shared>,
     session: &zenoh::Session,
+    desk: &Desk,
     mut frames: triple_buffer::Output<Frame>,
-) -> Result<[JoinHandle<()>; 2], ServerError> {
+) -> Result<JoinHandle<()>, ServerError> {
     let name = &shared.options.session;
     let streams = Streams::declare(session, name).await?;
     // Viewers that stayed must not take a frame of this run for one of the last.
     let run = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_millis()) as u32;
     let newest_key = NewestKey::default();
-    let answering = answer(shared, session, run, newest_key.clone()).await?;
+    answer(shared, session, desk, run, newest_key.clone()).await?;
     let shared = shared.clone();
-    let publishing = tokio::spawn(async move {
+    let publishing = shared.clone().health.spawn("the task of the surface", Weight::Degrades, async move {
         let mut encoder = SurfaceEncoder::new(shared.display.clone(), run);
         let mut interval = tokio::time::interval(POLL);
         interval.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
@@ -57,7 +58,7 @@ pub(super) async fn publish(
             }
         }
     });
-    Ok([publishing, answering])
+    Ok(publishing)
 }
 
 /// The streams, each with how many frames it skips and whether levels are in it.
@@ -101,40 +102,27 @@ impl Streams {
     }
 }
 
-/// Answers queries for the topology, its pictures and the newest key frame.
+/// Answers queries for the topology, its pictures and the newest key frame until `session` closes.
 async fn answer(
     shared: &Shared,
     session: &zenoh::Session,
+    desk: &Desk,
     run: u32,
     newest_key: NewestKey,
-) -> Result<JoinHandle<()>, ServerError> {
+) -> Result<(), ServerError> {
     let name = &shared.options.session;
-    let (topology_key, frame_key) = (keys::surface_topology(name), keys::surface_key(name));
-    let picture_key = keys::surface_pictures(name);
-    let topologies = session.declare_queryable(&topology_key).await.map_err(network)?;
-    let key_frames = session.declare_queryable(&frame_key).await.map_err(network)?;
-    let picture_queries = session.declare_queryable(&picture_key).await.map_err(network)?;
-    let on_it: Vec<ZBytes> = pictures(&shared.display, run).iter().map(|part| part.encode_to_vec().into()).collect();
+    let pictures: Vec<ZBytes> = pictures(&shared.display, run).iter().map(|part| part.encode_to_vec().into()).collect();
     let surface = topology(&shared.body, &shared.display, run);
     let surface: Vec<ZBytes> = surface.iter().map(|part| part.encode_to_vec().into()).collect();
-    Ok(tokio::spawn(async move {
-        loop {
-            let (query, key, parts) = tokio::select! {
-                Ok(query) = topologies.recv_async() => (query, topology_key.clone(), surface.clone()),
-                Ok(query) = picture_queries.recv_async() => (query, picture_key.clone(), on_it.clone()),
-                Ok(query) = key_frames.recv_async() => (query, frame_key.clone(), lock(&newest_key).clone()),
-                else => return,
-            };
-            // A reply waits for room in the viewer's queue: on a thread of its own, so that nobody else waits.
-            tokio::task::spawn_blocking(move || reply(&query, &key, parts));
-        }
-    }))
+    for (key, parts) in [(keys::surface_topology(name), surface), (keys::surface_pictures(name), pictures)] {
+        let answer = parts_of(&key, &parts);
+        desk.offer(session, key, move |_, _| std::future::ready(answer.clone())).await?;
+    }
+    let key = keys::surface_key(name);
+    desk.offer(session, key.clone(), move |_, _| std::future::ready(parts_of(&key, &lock(&newest_key)))).await
 }
 
-fn reply(query: &Query, key: &str, parts: Vec<ZBytes>) {
-    for (part, bytes) in parts.into_iter().enumerate() {
-        if let Err(e) = query.reply(keys::surface_part(key, part as u32), bytes).wait() {
-            tracing::debug!("a viewer's query went unanswered: {e}");
-        }
-    }
+/// Each part with its key, of those that `key` asks for.
+fn parts_of(key: &str, parts: &[ZBytes]) -> Answer {
+    (0..).zip(parts).map(|(part, bytes)| (keys::surface_part(key, part), bytes.clone())).collect()
 }

@@ -25,23 +25,26 @@ struct Door {
 
 impl ToolInput {
     pub(super) fn new(slots: Vec<triple_buffer::Input<Option<PoseSlot>>>, workspace: Bounds) -> Self {
-        let door = |slot| {
-            Mutex::new(Door { gate: Gate { epoch: 0, sequence: 0, workspace }, slot, last_pose: Instant::now() })
-        };
+        let door = |slot| Mutex::new(Door { gate: Gate::new(0, 0, workspace), slot, last_pose: Instant::now() });
         Self { doors: slots.into_iter().map(door).collect(), refused: Default::default() }
     }
 
-    /// From now on tool `tool` listens to `epoch` alone; 0 closes it.
-    pub(super) fn admit(&self, tool: usize, epoch: u32) {
+    /// From now on tool `tool` listens to `epoch` with its `secret` alone; 0 closes it.
+    pub(super) fn admit(&self, tool: usize, epoch: u32, secret: u64) {
         let mut door = lock(&self.doors[tool]);
-        door.gate.epoch = epoch;
-        door.gate.sequence = 0;
+        door.gate = Gate::new(epoch, secret, door.gate.workspace);
         door.last_pose = Instant::now();
     }
 
-    /// How long tool `tool` has been silent.
-    pub(super) fn silence(&self, tool: usize) -> std::time::Duration {
-        lock(&self.doors[tool]).last_pose.elapsed()
+    /// How long tool `tool` has been silent, and whether its holder has sent a pose at all.
+    pub(super) fn silence(&self, tool: usize) -> (std::time::Duration, bool) {
+        let door = lock(&self.doors[tool]);
+        (door.last_pose.elapsed(), door.gate.sequence != 0)
+    }
+
+    /// How often the pose numbers of the holder of tool `tool` have jumped back, and were followed.
+    pub(super) fn jumps(&self, tool: usize) -> u32 {
+        lock(&self.doors[tool]).gate.jumps
     }
 
     fn receive(&self, key: &str, bytes: &[u8]) {

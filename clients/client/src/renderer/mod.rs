@@ -40,7 +40,8 @@ pub struct Renderer {
     torque: Vector3<f64>,
     /// Came since the last force was asked for.
     newer: Option<Model>,
-    last_sequence: Option<u64>,
+    /// Sequence and arrival [ns] of the newest wrench that was taken.
+    taken: Option<(u64, u64)>,
     /// What an older model gave more than the newer one, fading [N].
     excess: Vector3<f64>,
     passivity: PassivityController,
@@ -57,7 +58,7 @@ impl Renderer {
             model: Model::default(),
             torque: Vector3::zeros(),
             newer: None,
-            last_sequence: None,
+            taken: None,
             excess: Vector3::zeros(),
             passivity: PassivityController::new(device),
             last: None,
@@ -67,14 +68,19 @@ impl Renderer {
     /// Takes a wrench that came at `now_ns`. False, and nothing changes, when it is not newer than the last one or holds
     /// a number that is not finite: a server that sends only such fades out as a silent one does.
     pub fn receive(&mut self, wrench: &Wrench, now_ns: u64) -> bool {
-        if self.last_sequence.is_some_and(|last| wrench.sequence <= last) {
+        let is_old = |(sequence, at_ns): (u64, u64)| {
+            // Nothing is left of a force from before a silence, and a wrong sequence must not keep the true ones out for good.
+            let is_silent = watchdog_scale(now_ns.saturating_sub(at_ns)) == 0.0;
+            wrench.sequence == sequence || wrench.sequence < sequence && !is_silent
+        };
+        if self.taken.is_some_and(is_old) {
             return false;
         }
         let model = Model::of(wrench, self.mode.uses_model(), self.device.max_stiffness, now_ns);
         if model.is_none() || wrench.torque.iter().any(|torque| !torque.is_finite()) {
             return false;
         }
-        (self.newer, self.last_sequence) = (model, Some(wrench.sequence));
+        (self.newer, self.taken) = (model, Some((wrench.sequence, now_ns)));
         self.torque = Vector3::from(wrench.torque).cap_magnitude(self.device.max_torque);
         true
     }

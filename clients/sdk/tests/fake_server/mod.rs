@@ -29,6 +29,8 @@ pub const TOOL_RADIUS: f64 = 0.005;
 /// Stiffness of the floor [N/m].
 pub const FLOOR_STIFFNESS: f64 = 300.0;
 const EPOCH: u32 = 41;
+/// That came with it.
+const SECRET: u64 = 0x0123_4567_89ab_cdef;
 const TOOL: u32 = 3;
 
 /// The surface: two triangles.
@@ -163,10 +165,10 @@ fn publisher(session: &zenoh::Session, key: String) -> Publisher<'static> {
 
 fn answer_poses(force: &zenoh::Session, session: &str, mute: Arc<AtomicBool>) {
     let wrenches = publisher(force, keys::tool_wrench(session, TOOL));
-    let sequence = AtomicU64::new(0);
+    let (sequence, started) = (AtomicU64::new(0), std::time::Instant::now());
     let answer = move |sample: zenoh::sample::Sample| {
         let pose = ToolPose::decode(&*sample.payload().to_bytes()).unwrap();
-        if pose.epoch != EPOCH || mute.load(Relaxed) {
+        if (pose.epoch, pose.secret) != (EPOCH, SECRET) || mute.load(Relaxed) {
             return;
         }
         let depth = TOOL_RADIUS - f64::from(pose.position[2]);
@@ -177,7 +179,7 @@ fn answer_poses(force: &zenoh::Session, session: &str, mute: Arc<AtomicBool>) {
             tool: TOOL,
             epoch: EPOCH,
             sequence: number,
-            tick: number,
+            tick: started.elapsed().as_millis() as u64,
             pose_sequence: pose.sequence,
             pose_time_ns: pose.time_ns,
             model_position: pose.position.clone(),
@@ -252,7 +254,10 @@ fn answer_queries(surface: &zenoh::Session, session: &str, version: (u32, u32), 
             }
             Some(Request::Attach(attach)) => {
                 *attached.lock().unwrap() = attach;
-                ControlReply { attached: Some(Attached { tool: TOOL, epoch: EPOCH }), ..Default::default() }
+                ControlReply {
+                    attached: Some(Attached { tool: TOOL, epoch: EPOCH, secret: SECRET }),
+                    ..Default::default()
+                }
             }
             Some(Request::Detach(_)) => {
                 taken.store(false, Relaxed);

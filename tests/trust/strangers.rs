@@ -1,0 +1,275 @@
+//! Strangers who reach the ports: what they send, ask and do not read.
+
+use super::hand::{Hand, INSIDE, length};
+use super::served::Served;
+use palpate_proto::{self as proto, Message, control_request::Request, keys};
+use palpate_sdk::{Connection, Endpoints, ToolPhase};
+use std::net::TcpStream;
+use std::process::Command;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, mpsc};
+use std::time::{Duration, Instant};
+use zenoh::Wait;
+use zenoh::qos::CongestionControl;
+
+const SESSION: &str = keys::DEFAULT_SESSION;
+
+fn serve() -> Served {
+    Served::start_with(Command::new(env!("CARGO_BIN_EXE_palpate")), &["--set", "body.cells=[[6,6,6]]"])
+}
+
+fn connected(served: &Served) -> Connection {
+    let [force, surface] = served.endpoints.clone();
+    Connection::open(&Endpoints { force, surface, ..Endpoints::default() }).unwrap()
+}
+
+/// Somebody without the sdk's care.
+fn stranger(endpoint: &str) -> zenoh::Session {
+    let mut config = zenoh::Config::default();
+    for (key, value) in [
+        ("mode", "\"client\"".to_owned()),
+        ("connect/endpoints", format!("[{endpoint:?}]")),
+        ("scouting/multicast/enabled", "false".into()),
+    ] {
+        config.insert_json5(key, &value).unwrap();
+    }
+    zenoh::open(config).wait().unwrap()
+}
+
+/// A wrench that pushes sideways with all that there is.
+fn forged(epoch: u32, sequence: u64, tick: u64) -> Vec<u8> {
+    let force = vec![3.3, 0.0, 0.0];
+    let wrench = proto::ToolWrench {
+        epoch,
+        sequence,
+        tick,
+        position: vec![0.0; 3],
+        orientation: vec![0.0, 0.0, 0.0, 1.0],
+        physical_force: force.clone(),
+        physical_torque: vec![0.0; 3],
+        force,
+        torque: vec![0.0; 3],
+        phase: proto::ToolPhase::Engaged.into(),
+        ..Default::default()
+    };
+    wrench.encode_to_vec()
+}
+
+#[test]
+fn forged_wrenches_reach_nobody_and_nobody_overhears_a_pose() {
+    let served = serve();
+    let mut hand = Hand::new(&served.endpoints);
+    let pressed = hand.press();
+    let sessions = [stranger(&served.endpoints[0]), stranger(&served.endpoints[1])];
+    let (heard, hear) = mpsc::channel();
+    for session in &sessions {
+        for key in ["**".to_owned(), keys::all_tool_poses(SESSION), keys::all_tool_wrenches(SESSION)] {
+            let heard = heard.clone();
+            let listen = move |sample: zenoh::sample::Sample| {
+                let _ = heard.send((sample.key_expr().to_string(), sample.payload().to_bytes().into_owned()));
+            };
+            session.declare_subscriber(key).callback(listen).background().wait().unwrap();
+        }
+        let key = keys::all_presence(SESSION);
+        let heard = heard.clone();
+        let listen = move |sample: zenoh::sample::Sample| drop(heard.send((sample.key_expr().to_string(), vec![])));
+        session.liveliness().declare_subscriber(key).history(true).callback(listen).background().wait().unwrap();
+    }
+    let wrench = (0..).find_map(|_| {
+        let (key, bytes) = hear.recv_timeout(Duration::from_secs(60)).unwrap();
+        key.ends_with("wrench").then(|| proto::ToolWrench::decode(&bytes[..]).unwrap())
+    });
+    let (epoch, began) = (wrench.unwrap().epoch, hand.tick());
+    let mut sent = 0;
+    hand.hold_until(INSIDE, "a second and a half of forgeries", |wrench, _| {
+        for sequence in [wrench.sequence + 1, u64::MAX] {
+            let bytes = forged(epoch, sequence, wrench.tick + 1);
+            for key in [keys::tool_wrench(SESSION, 0), keys::all_tool_wrenches(SESSION), "palpate/**".into()] {
+                for session in &sessions {
+                    session.put(key.clone(), bytes.clone()).wait().unwrap();
+                    sent += 1;
+                }
+            }
+        }
+        wrench.tick > began + 1500
+    });
+    let wrenches = hand.wrenches_after(began);
+    let sideways = wrenches.iter().map(|wrench| wrench.force[0].abs()).fold(0.0, f64::max);
+    println!("{sent} forgeries: {sideways} N sideways in {} wrenches of 1500 ticks", wrenches.len());
+    assert!(sideways < 0.1 && wrenches.len() > 1000, "{sideways} N, {} wrenches", wrenches.len());
+    assert_eq!((hand.attached, length(pressed.force) > 0.1), (1, true));
+    let all: Vec<String> = hear.try_iter().map(|heard| heard.0).collect();
+    let private: Vec<_> = all.iter().filter(|key| key.contains("pose") || key.contains("presence")).collect();
+    assert!(all.len() > 100 && private.is_empty(), "{} heard, {private:?}", all.len());
+}
+
+#[test]
+fn nobody_answers_in_the_server_s_place_or_frees_the_tool_of_another() {
+    let served = serve();
+    let mut hand = Hand::new(&served.endpoints);
+    hand.press();
+    let session = stranger(&served.endpoints[1]);
+    let asked = Arc::new(AtomicU64::new(0));
+    for key in [keys::session_of_any_version(SESSION), keys::control(SESSION), "palpate/**".into()] {
+        let asked = asked.clone();
+        let lie = move |query: zenoh::query::Query| {
+            asked.fetch_add(1, Ordering::Relaxed);
+            let _ = query.reply(query.key_expr().clone(), Vec::new()).wait();
+        };
+        session.declare_queryable(key).complete(true).callback(lie).background().wait().unwrap();
+    }
+    let connection = connected(&served);
+    let control = |request| connection.control(proto::ControlRequest { request: Some(request) });
+    for _ in 0..20 {
+        assert_eq!(connection.session().unwrap().tools.len(), 1);
+        hand.step(INSIDE);
+    }
+    // The epoch stands in every wrench; the secret does not.
+    let epoch = hand.epoch();
+    for secret in [0, 1, u64::MAX] {
+        let e = control(Request::Detach(proto::Detach { tool: 0, epoch, secret })).unwrap_err().to_string();
+        assert!(e.contains("not held"), "{e}");
+    }
+    let force = stranger(&served.endpoints[0]);
+    let began = hand.tick();
+    hand.hold_until(INSIDE, "half a second of forged poses", |wrench, _| {
+        let pose = proto::ToolPose {
+            epoch,
+            sequence: wrench.pose_sequence + 50,
+            position: vec![0.05, 0.05, 0.3],
+            orientation: vec![0.0, 0.0, 0.0, 1.0],
+            ..Default::default()
+        };
+        force.put(keys::tool_pose(SESSION, 0), pose.encode_to_vec()).wait().unwrap();
+        assert!(wrench.position[2] < 0.13, "{wrench:?}");
+        wrench.tick > began + 500
+    });
+    assert_eq!((asked.load(Ordering::Relaxed), hand.attached), (0, 1));
+}
+
+#[test]
+fn a_hand_whose_pose_numbers_jumped_is_followed_again() {
+    let served = serve();
+    let connection = connected(&served);
+    let attach = proto::Attach { client: "damaged".into(), rate_hz: 1000.0, ..Default::default() };
+    let reply = connection.control(proto::ControlRequest { request: Some(Request::Attach(attach)) }).unwrap();
+    let epoch = reply.attached.unwrap().epoch;
+    let session = stranger(&served.endpoints[0]);
+    let answered = Arc::new(AtomicU64::new(0));
+    let newest = answered.clone();
+    let listen = move |sample: zenoh::sample::Sample| {
+        let wrench = proto::ToolWrench::decode(&*sample.payload().to_bytes()).unwrap();
+        newest.store(wrench.pose_sequence.into(), Ordering::Relaxed);
+    };
+    session.declare_subscriber(keys::tool_wrench(SESSION, 0)).callback(listen).background().wait().unwrap();
+    let send = |sequence: u32| {
+        let (position, orientation) = (vec![0.05, 0.05, 0.14], vec![0.0, 0.0, 0.0, 1.0]);
+        let pose = proto::ToolPose { epoch, sequence, position, orientation, ..Default::default() };
+        session.put(keys::tool_pose(SESSION, 0), pose.encode_to_vec()).wait().unwrap();
+        std::thread::sleep(Duration::from_millis(1));
+    };
+    let until = |from: u32, likes: &dyn Fn(u64) -> bool| {
+        let mut sequences = from..from + 60_000;
+        let reached = sequences.find(|sequence| {
+            send(*sequence);
+            likes(answered.load(Ordering::Relaxed))
+        });
+        reached.expect("an answer")
+    };
+    let last = until(1, &|answered| answered > 20);
+    let wrong = last + (1 << 31) - 16;
+    send(wrong);
+    let back = until(last + 1, &|answered| answered > u64::from(last) && answered < u64::from(wrong));
+    println!("followed again after {} poses", back - last);
+}
+
+/// Threads of the process, and its memory [MB].
+fn size(served: &Served) -> (u64, u64) {
+    let status = std::fs::read_to_string(format!("/proc/{}/status", served.id())).unwrap();
+    let number = |name: &str| -> u64 {
+        let line = status.lines().find(|line| line.starts_with(name)).unwrap();
+        line.split_whitespace().nth(1).unwrap().parse().unwrap()
+    };
+    (number("Threads:"), number("VmRSS:") / 1000)
+}
+
+/// Set for the process that asks, as slow callbacks would hold up the hand in their own: the endpoint of the server.
+const ASKER: &str = "PALPATE_TEST_ASKER";
+
+/// Asks for everything a thousand times, and takes a fifth of a second for each answer, for ever.
+fn ask(endpoint: &str) {
+    let session = stranger(endpoint);
+    for _ in 0..1000 {
+        for key in [keys::surface_topology(SESSION), keys::session(SESSION), keys::control(SESSION)] {
+            let slow = |_| std::thread::sleep(Duration::from_millis(200));
+            // Where the server has cut it off, there is nothing more to ask.
+            let _ = session.get(key).congestion_control(CongestionControl::Block).callback(slow).wait();
+        }
+    }
+    std::thread::park();
+}
+
+#[test]
+fn thousands_of_questions_whose_answers_nobody_reads_part_no_hand_from_the_body_and_take_little_memory() {
+    if let Ok(endpoint) = std::env::var(ASKER) {
+        return ask(&endpoint);
+    }
+    let served = serve();
+    let mut hand = Hand::new(&served.endpoints);
+    hand.press();
+    let press = |hand: &mut Hand, ticks: u64, seen: &mut dyn FnMut()| {
+        let (began, mut lost) = (hand.tick(), 0);
+        hand.hold_until(INSIDE, "some seconds of pressing", |wrench, _| {
+            lost += u64::from(wrench.phase != ToolPhase::Engaged);
+            seen();
+            wrench.tick > began + ticks
+        });
+        (hand.wrenches_after(began).len(), lost)
+    };
+    let quiet = press(&mut hand, 2000, &mut || ());
+    let before = size(&served);
+    let mut asker = Command::new(std::env::current_exe().unwrap())
+        .arg("thousands_of_questions_whose_answers_nobody_reads_part_no_hand_from_the_body_and_take_little_memory")
+        .env(ASKER, &served.endpoints[1])
+        .stdout(std::process::Stdio::null())
+        .spawn()
+        .unwrap();
+    let (mut most, mut looked) = (before, Instant::now());
+    let loud = press(&mut hand, 4000, &mut || {
+        if looked.elapsed() > Duration::from_millis(100) {
+            looked = Instant::now();
+            let now = size(&served);
+            most = (most.0.max(now.0), most.1.max(now.1));
+        }
+    });
+    // Others are answered meanwhile.
+    assert_eq!(connected(&served).session().unwrap().tools.len(), 1);
+    asker.kill().unwrap();
+    asker.wait().unwrap();
+    println!("{quiet:?} wrenches, and looks without contact, in 2000 ticks; {loud:?} in 4000 with an asker");
+    println!("{before:?} → {most:?} threads, MB");
+    assert!(loud.0 * 10 > 2 * quiet.0 * 8 && loud.1 == 0 && hand.attached == 1, "{quiet:?}, {loud:?}");
+    assert!(most.0 < before.0 + 120 && most.1 < before.1 + 100, "{before:?} → {most:?} threads, MB");
+}
+
+#[test]
+fn connections_that_say_nothing_and_messages_of_megabytes_keep_nobody_out() {
+    let served = serve();
+    let mut hand = Hand::new(&served.endpoints);
+    hand.press();
+    let address = |i: usize| served.endpoints[i].strip_prefix("tcp/").unwrap().to_owned();
+    let idle: Vec<TcpStream> = (0..600).filter_map(|i| TcpStream::connect(address(i % 2)).ok()).collect();
+    let asked = Instant::now();
+    let connection = connected(&served);
+    assert_eq!(connection.session().unwrap().tools.len(), 1);
+    println!("{} idle connections: a client is answered after {:?}", idle.len(), asked.elapsed());
+    let big = stranger(&served.endpoints[0]);
+    let began = hand.tick();
+    hand.hold_until(INSIDE, "half a second of large messages", |wrench, _| {
+        if wrench.tick % 50 == 0 {
+            let _ = big.put(keys::tool_pose(SESSION, 0), vec![0xff; 2_000_000]).wait();
+        }
+        wrench.tick > began + 500
+    });
+    assert_eq!(hand.attached, 1);
+}
