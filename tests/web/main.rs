@@ -5,6 +5,7 @@ mod decoder;
 mod door;
 mod faults;
 mod hands;
+mod memory;
 mod pictures;
 
 #[path = "../common/random.rs"]

@@ -19,8 +19,8 @@ use crate::access::{Access, VISIT};
 use crate::upstream::{Link, Upstream};
 use crate::{Rights, Tls, files, message, page, tls};
 
-/// Pages at a time.
-const MOST_PAGES: usize = 32;
+/// Pages at a time: a lecture hall. Each takes half a megabyte at most, and its frames some of the network.
+const MOST_PAGES: usize = 64;
 /// What may wait in a WebSocket's own buffer [bytes]: some frames, or a topology.
 const BUFFER: usize = 1 << 20;
 /// How long open pages have to end.
