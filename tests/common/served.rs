@@ -1,32 +1,41 @@
 //! The program as a server of its own.
+#![allow(dead_code, reason = "each test uses a part")]
 
 use std::net::TcpListener;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
-/// A server of the cube, until it is dropped.
+/// A server, until it is dropped.
 pub struct Served {
     process: Child,
     /// Of forces, and of the surface.
     pub endpoints: [String; 2],
 }
 
-#[allow(dead_code, reason = "of what it can do every test uses a part")]
 impl Served {
-    /// Starts `program`, and waits until it answers.
+    /// Starts `program` with a weightless cube, and waits until it answers.
     pub fn start(program: &Path) -> Self {
         Self::start_with(Command::new(program), &[])
     }
 
-    /// Starts `serve`, which runs the program, with more arguments for it, and waits until it answers.
-    pub fn start_with(mut serve: Command, more: &[&str]) -> Self {
+    /// The same for `serve`, which runs the program, with more arguments for it.
+    pub fn start_with(serve: Command, more: &[&str]) -> Self {
+        Self::run(serve, &[&["--scene", "cube", "--set", "world.gravity=[0.0, 0.0, 0.0]"], more].concat())
+    }
+
+    /// Starts `program` with `arguments`, and waits until it answers.
+    pub fn of(program: &Path, arguments: &[&str]) -> Self {
+        Self::run(Command::new(program), arguments)
+    }
+
+    fn run(mut serve: Command, arguments: &[&str]) -> Self {
         let taken: Vec<TcpListener> = (0..2).map(|_| TcpListener::bind("127.0.0.1:0").unwrap()).collect();
         let endpoint = |i: usize| format!("tcp/127.0.0.1:{}", taken[i].local_addr().unwrap().port());
         let endpoints = [endpoint(0), endpoint(1)];
         drop(taken);
-        serve.args(["serve", "--scene", "cube", "--set", "world.gravity=[0.0, 0.0, 0.0]", "--until-input-ends"]);
+        serve.arg("serve").args(arguments).arg("--until-input-ends");
         serve.args(["--force-endpoint", &endpoints[0], "--surface-endpoint", &endpoints[1]]);
-        let process = serve.args(more).stdin(Stdio::piped()).stdout(Stdio::null()).spawn().unwrap();
+        let process = serve.stdin(Stdio::piped()).stdout(Stdio::null()).spawn().unwrap();
         let surface = palpate_sdk::Endpoints { surface: endpoints[1].clone(), ..Default::default() };
         let is_up = || palpate_sdk::Connection::open_surface(&surface).is_ok_and(|c| c.session().is_ok());
         assert!((0..20).any(|_| is_up()), "the server does not come up");
@@ -34,7 +43,6 @@ impl Served {
     }
 }
 
-#[allow(dead_code, reason = "not every test sends signals")]
 impl Served {
     /// Number of its process.
     pub fn id(&self) -> u32 {

@@ -1,7 +1,8 @@
-//! What a browser does, without one: cookies, and pages that speak over their WebSocket.
+//! What a browser does, without one: cookies, and pages that speak over their WebSocket. Shared by the tests that need it.
+#![allow(dead_code)] // each of them uses a part
 
 use palpate_proto::{
-    Attach, ControlReply, ControlRequest, Message as _, Session, SurfaceFrame, SurfaceTopology, ToolPose,
+    Attach, ControlReply, ControlRequest, Detach, Message as _, Session, SurfaceFrame, SurfaceTopology, ToolPose,
 };
 use palpate_proto::{Status, ToolWrench, control_request::Request};
 use palpate_web::message::{self, Notice};
@@ -89,7 +90,12 @@ impl Visitor {
 
     pub fn page(&self) -> Page {
         let origin = format!("http://{}", self.host);
-        Page { socket: self.socket(Some(&origin), Some(&self.cookie)).unwrap(), sees: true, sequence: 0 }
+        Page {
+            socket: self.socket(Some(&origin), Some(&self.cookie)).unwrap(),
+            sees: true,
+            place: [0.05, 0.05, 0.12],
+            sequence: 0,
+        }
     }
 }
 
@@ -114,6 +120,8 @@ pub struct Page {
     pub socket: WebSocket<TcpStream>,
     /// Whether it says that it has decoded frames.
     pub sees: bool,
+    /// Where its tool touches the body [m]: that of a ball of 20 mm in the middle of the cube's top.
+    pub place: [f32; 3],
     sequence: u32,
 }
 
@@ -195,14 +203,19 @@ impl Page {
         reply.attached.map(|attached| (attached.tool, attached.epoch)).ok_or(reply.error)
     }
 
-    /// Sends the pose `height` [m] above touching the middle of the cube's top; gives its sequence.
+    /// Gives a tool back.
+    pub fn give_back(&mut self, (tool, epoch): (u32, u32)) {
+        assert_eq!(self.ask(Request::Detach(Detach { tool, epoch, secret: 0 })).error, "");
+    }
+
+    /// Sends the pose `height` [m] above its place; gives its sequence.
     pub fn pose(&mut self, (tool, epoch): (u32, u32), height: f32) -> u32 {
         self.sequence += 1;
         let pose = ToolPose {
             epoch,
             sequence: self.sequence,
             time_ns: 1000 * u64::from(self.sequence),
-            position: vec![0.05, 0.05, 0.12 + height],
+            position: vec![self.place[0], self.place[1], self.place[2] + height],
             orientation: vec![0.0, 0.0, 0.0, 1.0],
             buttons: 0,
             ..Default::default()

@@ -9,6 +9,7 @@ import { Hand, pick } from '../../clients/web/page/hand.js';
 import '../../clients/web/page/headset.js';
 import '../../clients/web/page/orbit.js';
 import '../../clients/web/page/view.js';
+import { Shading } from '../../clients/web/page/shading.js';
 import { Decoder, Surface } from '../../clients/web/page/surface.js';
 import * as wire from '../../clients/web/page/wire.js';
 
@@ -19,6 +20,13 @@ const part = (name) => wire.decode(read(name), wire.FRAME);
 for (const { name, topology, frames } of JSON.parse(readFileSync(join(folder, 'index.json'), 'utf8'))) {
     const surface = new Surface([...topology].reverse().map(read));
     assert.equal(surface.organs[0].name, 'sheet ä');
+    for (let v = 0; v < surface.vertices; v++) {
+        assert.deepEqual([...surface.uvs.subarray(2 * v, 2 * v + 2)], [...surface.rest.subarray(3 * v, 3 * v + 2)]);
+    }
+    assert.deepEqual(surface.normals.subarray(-3), Float32Array.of(0, 0.6, 0.8));
+    const [skin, vessel, tissue] = surface.materials;
+    assert.deepEqual([skin.colour, skin.picture, vessel.picture, tissue.colour], [[1, 0.5, 0.25], 3, 0, []]);
+    assert.equal(3 * (skin.triangles + vessel.triangles + tissue.triangles), surface.triangles.length);
     const positions = new Float32Array(3 * surface.vertices), times = [];
     // Without its key frame a frame is nothing.
     assert.equal(new Decoder(surface).take(part(frames[5].parts[0]), positions), null);
@@ -54,6 +62,7 @@ for (const { name, topology, frames } of JSON.parse(readFileSync(join(folder, 'i
         for (let changes = 1 + random(4); changes > 0; changes--) bytes[random(Math.min(bytes.length, 200))] = random(256);
         try {
             decoder.take(wire.decode(bytes.subarray(0, 1 + random(bytes.length)), wire.FRAME), positions);
+            decoder.levels;
         } catch {
             refused += 1;
         }
@@ -69,6 +78,8 @@ for (const { name, topology, frames } of JSON.parse(readFileSync(join(folder, 'i
     const tetrahedron = {
         vertices: 4,
         organs: [],
+        normals: new Float32Array(0),
+        uvs: new Float32Array(0),
         triangles: Uint32Array.of(0, 2, 1, 0, 1, 3, 0, 3, 2, 1, 2, 3),
         rest: Float32Array.of(0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1),
     };
@@ -85,6 +96,45 @@ for (const { name, topology, frames } of JSON.parse(readFileSync(join(folder, 'i
         const [n, x] = [normals, tetrahedron.rest].map((of) => [...of.subarray(v, v + 3)]);
         assert.ok(near(Math.hypot(...n), 1) && n.reduce((sum, c, i) => sum + c * (x[i] - 0.25), 0) > 0);
     }
+}
+
+// A material shows its colour or its picture as soon as that is there, and none where colours mean something.
+{
+    const shading = new Shading(), painted = (materials) => materials.map(({ uniforms }) => uniforms.painted.value);
+    const materials = shading.organ([{ colour: [1, 1, 1], picture: 2 }, { colour: [1, 0, 0], picture: 0 }, { colour: [], picture: 0 }]);
+    assert.deepEqual(painted(materials), [0, 1, 0]);
+    shading.setPicture(1, {});
+    assert.deepEqual(painted(materials), [0, 1, 0]);
+    shading.setPicture(2, { width: 1, height: 1 });
+    assert.deepEqual(painted(materials), [1, 1, 0]);
+    assert.equal(materials[0].uniforms.picture.value.flipY, false);
+    shading.setNatural(false);
+    assert.deepEqual(painted(materials), [0, 0, 0]);
+    shading.setNatural(true);
+    assert.deepEqual(painted(materials), [1, 1, 0]);
+}
+
+// Own normals turn with the surface, and a seam of texture coordinates is smooth.
+{
+    // A quadrangle of two triangles, whose shared edge stands twice.
+    const sheet = {
+        vertices: 6,
+        organs: [],
+        triangles: Uint32Array.of(0, 1, 2, 3, 5, 4),
+        rest: Float32Array.of(0, 0, 0, 1, 0, 0, 0, 1, 0, 1, 0, 0, 0, 1, 0, 1, 1, 0),
+        normals: new Float32Array(0),
+        uvs: new Float32Array(12),
+    };
+    const folded = sheet.rest.slice(), normals = new Float32Array(18), at = (v) => [...normals.subarray(3 * v, 3 * v + 3)];
+    folded[17] = 1;
+    new Deformation(sheet).normals(folded, normals);
+    assert.deepEqual([at(1), at(2)], [at(3), at(4)]);
+    assert.ok(at(0)[2] > 0.99 && at(1)[2] < 0.99);
+    // They lean by as much as they did, about the axis that the triangles turn about: here x, by a right angle.
+    sheet.normals = Float32Array.from({ length: 18 }, (_, i) => [0.6, 0, 0.8][i % 3]);
+    const upright = sheet.rest.map((_, i, x) => [x[i], -x[i + 1], x[i - 1]][i % 3]);
+    new Deformation(sheet).normals(upright, normals);
+    for (let v = 0; v < 6; v++) assert.ok(at(v).every((x, i) => Math.abs(x - [0.6, -0.8, 0][i]) < 1e-5), at(v).join());
 }
 
 // A press goes around the body and then in along the normal, no faster than a hand.

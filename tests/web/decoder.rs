@@ -4,7 +4,8 @@
 use crate::random::Random;
 use palpate_proto::surface::{GridPoint, SurfaceCode, VERTICES_PER_PART};
 use palpate_proto::{
-    ControlRequest, Message, Organ, SurfaceFrame, SurfaceTopology, ToolPose, ToolState, control_request::Request,
+    ControlRequest, Message, Organ, SurfaceFrame, SurfaceMaterial, SurfaceTopology, ToolPose, ToolState,
+    control_request::Request,
 };
 use std::io::Write;
 use std::path::Path;
@@ -25,6 +26,21 @@ fn bytes<const N: usize>(numbers: impl IntoIterator<Item = [u8; N]>) -> Vec<u8> 
     numbers.into_iter().flatten().collect()
 }
 
+/// A picture on the first two triangles, a colour on the third, nothing on the rest of so many.
+fn materials(triangles: usize) -> Vec<SurfaceMaterial> {
+    let material = |name: &str, triangles, colour: &[f32], picture| SurfaceMaterial {
+        name: name.into(),
+        triangles,
+        colour: colour.into(),
+        picture,
+    };
+    vec![
+        material("skin", 2, &[1.0, 0.5, 0.25], 3),
+        material("vessel", 1, &[0.5, 0.0, 0.0], 0),
+        material("", triangles as u32 - 3, &[], 0),
+    ]
+}
+
 /// Writes a topology, frames and what they decode to; gives the index that node reads.
 fn write_vectors(folder: &Path, name: &str, side: u32, wild: bool) -> serde_json::Value {
     let (triangles, rest) = sheet(side);
@@ -33,7 +49,7 @@ fn write_vectors(folder: &Path, name: &str, side: u32, wild: bool) -> serde_json
         std::fs::write(folder.join(&file), bytes).unwrap();
         file
     };
-    let half = rest.len() / 2;
+    let (half, count) = (rest.len() / 2, triangles.len());
     let parts = [(0, &triangles[..], &rest[..half]), (1, &[][..], &rest[half..])].map(|(part, triangles, rest)| {
         let topology = SurfaceTopology {
             topology: TOPOLOGY,
@@ -48,7 +64,9 @@ fn write_vectors(folder: &Path, name: &str, side: u32, wild: bool) -> serde_json
             } else {
                 vec![]
             },
-            ..SurfaceTopology::default()
+            normals: bytes(rest.iter().flat_map(|_| [0.0f32, 0.6, 0.8]).map(f32::to_le_bytes)),
+            uvs: bytes(rest.iter().flat_map(|[x, y, _]| [*x, *y]).map(f32::to_le_bytes)),
+            materials: if part == 0 { materials(count) } else { vec![] },
         };
         put(format!("{name}-topology-{part}"), &topology.encode_to_vec())
     });

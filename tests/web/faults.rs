@@ -115,7 +115,7 @@ fn there_are_no_more_pages_than_there_may_be() {
     let web = Web::start(&free_endpoints());
     let visitor = web.visitor(Rights::Viewer);
     let origin = format!("http://{}", visitor.host);
-    let mut pages: Vec<_> = (0..32).map(|_| visitor.page()).collect();
+    let mut pages: Vec<_> = (0..64).map(|_| visitor.page()).collect();
     let one_more = || visitor.socket(Some(&origin), Some(&visitor.cookie));
     assert_eq!(one_more().unwrap_err(), 503);
     drop(pages.pop());

@@ -5,9 +5,13 @@ mod decoder;
 mod door;
 mod faults;
 mod hands;
+mod memory;
+mod pictures;
 
 #[path = "../common/random.rs"]
 mod random;
+#[path = "../common/textured_cube.rs"]
+mod textured_cube;
 
 use browser::{Page, Visitor};
 use palpate_sdk::Endpoints;
@@ -29,8 +33,14 @@ struct Server(Child);
 impl Server {
     fn start(endpoints: &Endpoints) -> Self {
         let tools = "tool=[{name=\"left\", radius=0.02}, {name=\"right\", radius=0.02}]";
+        Self::of("cube", &["--set", "world.gravity=[0.0, 0.0, 0.0]", "--set", tools], endpoints)
+    }
+
+    /// A server of `scene`, with more arguments.
+    fn of(scene: &str, arguments: &[&str], endpoints: &Endpoints) -> Self {
         let child = Command::new(env!("CARGO_BIN_EXE_palpate"))
-            .args(["serve", "--scene", "cube", "--set", "world.gravity=[0.0, 0.0, 0.0]", "--set", tools])
+            .args(["serve", "--scene", scene])
+            .args(arguments)
             .args(["--force-endpoint", &endpoints.force, "--surface-endpoint", &endpoints.surface])
             .stdin(Stdio::null())
             .stdout(Stdio::null())

@@ -1,8 +1,9 @@
 /* Palpate: touch soft bodies in real time. The client library for C and C++.
  *
- * `cargo build --profile library -p palpate-sdk` leaves it in target/library, stripped: shared (libpalpate_sdk.so,
- * palpate_sdk.dll, libpalpate_sdk.dylib) and static (libpalpate_sdk.a; palpate_sdk.lib with MSVC). The static one needs of
- * the system beside: -lpthread -ldl -lm on Linux. examples/touch.c and examples/watch.c are whole clients.
+ * `cargo build --profile library -p palpate-sdk` leaves it in target/library: shared (libpalpate_sdk.so, palpate_sdk.dll,
+ * libpalpate_sdk.dylib) and static (libpalpate_sdk.a; palpate_sdk.lib with MSVC). On Linux clients/package makes an archive
+ * of both, in which the static one is a quarter as long. That needs of the system beside: -lpthread -ldl -lm on Linux.
+ * examples/touch.c and examples/watch.c are whole clients.
  *
  * Every pose and force here is in the frame of the device that palpate_attachment.frame names; forces are in newtons and
  * torques in newton metres in every frame. Bodies are touched in "body space": right-handed, metres, +x to the right,

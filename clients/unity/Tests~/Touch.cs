@@ -16,7 +16,7 @@ static class Touch
         try
         {
             using (var view = new SurfaceView(server.SurfaceEndpoint, server.Session))
-            using (var tool = new HapticTool(server, rateHz: 500, name: "Touch.cs"))
+            using (var tool = new HapticTool(server, rateHz: 500, device: "Touch", name: "Touch.cs"))
             {
                 var status = new ServerStatus();
                 tool.Status(ref status);
@@ -40,6 +40,7 @@ static class Touch
                 Console.WriteLine("vertices {0}, triangles {1}", view.Positions.Length / 3, view.Indices.Length / 3);
                 Console.WriteLine("clients {0}", tool.Status(ref status) ? status.Clients.ToString() : "unknown");
                 Print("most", most);
+                Print("held", force.Y);
                 Print("lowest", lowest);
             }
             // A tool that is not there is an error in plain words.

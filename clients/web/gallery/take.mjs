@@ -37,7 +37,8 @@ const operator = (await lines.next()).value.replace('to touch: ', '');
 
 const browser = await chromium.launch({
     executablePath: process.env.CHROMIUM ?? '/usr/bin/chromium',
-    args: ['--no-sandbox', '--use-angle=swiftshader', '--enable-unsafe-swiftshader', '--ignore-gpu-blocklist'],
+    // As on a machine without a graphics card.
+    args: ['--no-sandbox', '--disable-gpu', '--enable-unsafe-swiftshader'],
 });
 const context = await browser.newContext({ viewport: { width: 1280, height: 800 } });
 const faults = [];

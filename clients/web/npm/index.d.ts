@@ -16,13 +16,18 @@ export class Surface {
     readonly triangles: Uint32Array;
     /** (3 vertices) [m] at rest. */
     readonly rest: Float32Array;
+    /** (3 vertices) own normals at rest, and (2 vertices) texture coordinates; empty: none. */
+    readonly normals: Float32Array;
+    readonly uvs: Float32Array;
+    /** One's triangles after another's; colour (3) linear or empty, picture from 1, 0: none. Empty: as you like. */
+    readonly materials: { name: string; triangles: number; colour: number[]; picture: number }[];
 }
 
 /** Frames to positions. A frame whose key frame has not come is nothing. */
 export class Decoder {
     constructor(surface: Surface);
-    /** (vertices) level of detail of each, of the last frame that has them. */
-    levels: Uint8Array;
+    /** (vertices) level of detail of each, of the last frame that has them: decoded when asked for, from the bytes that came. */
+    get levels(): Uint8Array;
     /**
      * @param frame a part of a frame: `decode(bytes, FRAME)`
      * @param positions (3 vertices) [m], filled in where the frame is whole

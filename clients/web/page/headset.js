@@ -1,7 +1,7 @@
 // Virtual and mixed reality: each controller holds a tool; its trigger is the tool's button (bit 0), its grip takes the whole
 // organ, and it shakes as the force grows.
 
-import { Group, CylinderGeometry, Matrix4, Mesh, MeshPhongMaterial, Quaternion, Vector3 } from './vendor/three.min.js';
+import { Group, CylinderGeometry, Matrix4, Mesh, Quaternion, Vector3 } from './vendor/three.min.js';
 
 // From the controller's ray's origin to the reference point of its tool [m].
 const AHEAD = 0.09;
@@ -117,7 +117,7 @@ export class Headset {
     #show(hand, ray) {
         if (!this.#handles.has(hand)) {
             const handle = new Group();
-            const material = new MeshPhongMaterial({ color: 0x55606b });
+            const material = this.view.shading.solid([0.09, 0.12, 0.15]);
             const grip = new Mesh(new CylinderGeometry(0.009, 0.012, 0.12, 16), material);
             grip.rotation.x = Math.PI / 2;
             grip.position.z = 0.03;

@@ -2,10 +2,12 @@
 //
 // | module | is |
 // |---|---|
+// | start.js | what takes long to start |
 // | worker.js | the socket, decoded frames to this page, poses and wishes to the gateway |
 // | wire.js, surface.js | messages of the contract; frames to positions |
 // | deformation.js | normals, strain, displacement, colours |
 // | view.js, orbit.js, tools.js | the picture, the camera around it, what tools look like |
+// | shading.js | light, colours, pictures on the organ |
 // | hand.js | a tool moved by mouse or finger, in the worker; the place that they mean |
 // | headset.js | a tool in each controller |
 // | panel.js | buttons, plots, what is wrong |
@@ -16,6 +18,7 @@ import { pick } from './hand.js';
 import { Headset } from './headset.js';
 import { Orbit } from './orbit.js';
 import { Panel } from './panel.js';
+import { context, drawsInSoftware, early, worker } from './start.js';
 import { Vector2, Vector3 } from './vendor/three.min.js';
 import { View } from './view.js';
 
@@ -28,7 +31,6 @@ const NO_FRAMES = 1500; // after so long the picture is old [ms]
 const POSE_RATE = 30;
 const TREMBLE = 80; // between two vibrations of a phone [ms]
 
-const worker = new Worker('worker.js', { type: 'module' });
 const measured = (globalThis.palpate = { firstPicture: null, pictures: 0, frames: 0, decode: [], prepare: [], answers: [], draw: [] });
 const keep = (list, value) => list.push(value) > 600 && list.shift();
 
@@ -61,7 +63,8 @@ const panel = new Panel({
 
 let view = null;
 try {
-    view = new View(document.getElementById('view'));
+    if (!context) throw new Error('it may be switched off');
+    view = new View(document.getElementById('view'), context, drawsInSoftware);
 } catch (error) {
     panel.say('graphics', `this browser draws no WebGL 2: ${error.message}`);
     throw error;
@@ -206,6 +209,7 @@ const heard = {
         view.setTools(session?.tools ?? [], limit);
         panel.setLegend(colouring, surface.largestDisplacement);
         orbit.fit(surface.bounds);
+        new Set(surface.materials.map(({ picture }) => picture)).forEach((number) => number > 0 && paint(surface, number));
     },
     frame(frame) {
         const now = performance.now();
@@ -239,11 +243,32 @@ const heard = {
     },
     fault: (fault) => panel.mention('request', fault),
 };
-worker.onmessage = ({ data }) => {
+const hear = ({ data }) => {
     const [[what, content]] = Object.entries(data);
     heard[what](content);
 };
+worker.onmessage = hear;
+early.splice(0).forEach(hear);
 worker.onerror = (event) => panel.say('socket', `The page is broken: ${event.message ?? 'its worker did not start'}.`);
+
+// Gets the picture `number` of the materials of `of`, made as small as the graphics card needs it.
+async function paint(of, number) {
+    try {
+        const answer = await fetch(`picture/${of.topology}/${number}`);
+        if (!answer.ok) throw new Error(await answer.text());
+        const bitmap = await small(await createImageBitmap(await answer.blob()), view.largestPicture);
+        if (of === surface) view.shading.setPicture(number, bitmap);
+    } catch (error) {
+        panel.mention('request', `A picture on the organ is missing: ${error.message}`);
+    }
+}
+
+async function small(bitmap, largest) {
+    const scale = largest / Math.max(bitmap.width, bitmap.height);
+    if (scale >= 1) return bitmap;
+    const [resizeWidth, resizeHeight] = [bitmap.width, bitmap.height].map((side) => Math.max(1, Math.floor(scale * side)));
+    return createImageBitmap(bitmap, { resizeWidth, resizeHeight, resizeQuality: 'high' });
+}
 
 const shaken = new Map(); // hand: newtons of its newest wrench
 let trembled = 0;
@@ -263,6 +288,7 @@ let rates = { at: last, pictures: 0, frames: 0 };
 
 view.renderer.setAnimationLoop((_, frame) => {
     const now = performance.now();
+    if (!view.isDue(now - last)) return;
     view.adapt(now - last, now);
     last = now;
     if (headset.isOn && frame) {
@@ -272,7 +298,7 @@ view.renderer.setAnimationLoop((_, frame) => {
     } else {
         worker.postMessage({ press: mouse.press });
     }
-    view.setStale(now - newest > NO_FRAMES);
+    view.shading.setStale(now - newest > NO_FRAMES);
     view.draw(now, own);
     keep(measured.draw, performance.now() - now);
     panel.draw(now);

@@ -177,7 +177,7 @@ export class Panel {
             add('span', 'level');
             LEVELS.slice(0, this.levels ?? 1).forEach((colour, level) => add('b', level, colour));
         } else if (colouring !== 'material') {
-            const [title, end] = colouring === 'strain' ? ['strain', `${100 * LARGEST_STRAIN} %`] : ['displacement', `${(1000 * largest).toFixed(0)} mm`];
+            const [title, end] = colouring === 'strain' ? ['strain', `${100 * LARGEST_STRAIN} %`] : ['shift', `${(1000 * largest).toFixed(0)} mm`];
             add('span', `${title} 0`);
             for (let i = 0; i < 12; i++) add('b', '', scale(i / 11));
             add('span', end);

@@ -12,19 +12,28 @@ function joined(parts, Numbers) {
     return new Numbers(bytes.buffer);
 }
 
-// The surface at rest. `triangles` (3 n): corners, counter-clockwise from outside; `rest` (3 n): positions [m].
+// The surface at rest. `triangles` (3 n): corners, counter-clockwise from outside; `rest` (3 n): positions [m]; `normals` (3 n) and
+// `uvs` (2 n): as the contract has them, or empty; `materials`: one's triangles after another's, { name, triangles, colour, picture }.
 export class Surface {
     // Of all parts of a topology, in any order.
     constructor(messages) {
         const parts = messages.map((bytes) => decode(bytes, TOPOLOGY)).sort((a, b) => a.part - b.part);
-        const { topology, vertices, step, organs } = parts[0];
+        const { topology, vertices, step, organs, materials } = parts[0];
         this.topology = topology;
         this.vertices = vertices;
         this.organs = organs;
+        this.materials = materials;
         this.step = step;
         this.triangles = joined(parts.map((part) => part.triangles), Uint32Array);
         this.rest = joined(parts.map((part) => part.restPositions), Float32Array);
-        if (this.rest.length !== 3 * vertices || this.triangles.some((vertex) => vertex >= vertices) || !(step > 0)) {
+        this.normals = joined(parts.map((part) => part.normals), Float32Array);
+        this.uvs = joined(parts.map((part) => part.uvs), Float32Array);
+        const fits = (numbers, each) => numbers.length === 0 || numbers.length === each * vertices;
+        const painted = materials.reduce((sum, { triangles }) => sum + triangles, 0);
+        if (
+            this.rest.length !== 3 * vertices || !fits(this.normals, 3) || !fits(this.uvs, 2) || !(step > 0) ||
+            this.triangles.some((vertex) => vertex >= vertices) || (materials.length > 0 && 3 * painted !== this.triangles.length)
+        ) {
             throw new RangeError('the surface does not fit together');
         }
         this.points = Int32Array.from(this.rest, (x) => Math.floor(x / step + 0.5));
@@ -69,14 +78,14 @@ export class Decoder {
         this.came = new Array(surface.parts).fill(false);
         this.keyPoints = surface.points.slice();
         this.points = surface.points.slice();
-        this.levels = new Uint8Array(surface.vertices);
+        this.coded = new Array(surface.parts).fill(null); // levels of each part as they came
         this.sequence = -1;
         this.tools = [];
         this.#difference = new Int32Array(3 * surface.vertices);
     }
 
-    // Takes a part of a frame; `positions` (3 n) [m] and `levels` (n) are those of the frame that it makes whole. Gives tick,
-    // sequence and tools of that; null where there is none yet. Throws where it is no frame of this surface.
+    // Takes a part of a frame; `positions` (3 n) [m] are those of the frame that it makes whole. Gives tick, sequence and tools of
+    // that; null where there is none yet. Throws where it is no frame of this surface.
     take(frame, positions) {
         const { part, sequence, key } = frame;
         if (frame.topology !== this.surface.topology || part >= this.surface.parts) {
@@ -93,7 +102,7 @@ export class Decoder {
         }
         if (key !== sequence) this.#decode(part, this.keyPoints, frame.displacements, this.points);
         else this.points.set(this.keyPoints.subarray(...this.#range(part)), this.#range(part)[0]);
-        if (frame.levels.length > 0) this.#decodeLevels(part, frame.levels);
+        if (frame.levels.length > 0) this.coded[part] = frame.levels;
         this.came[part] = true;
         if (part === 0) this.tools = frame.tools;
         if (this.came.includes(false)) return null;
@@ -143,14 +152,18 @@ export class Decoder {
         }
     }
 
-    #decodeLevels(part, bytes) {
-        const { first, earlier } = this.surface, { levels } = this;
-        const [from, to] = this.#range(part).map((at) => at / 3);
-        const residuals = this.#unpack(bytes, to - from);
-        for (let v = from; v < to; v++) {
-            const end = first[v + 1];
-            levels[v] = residuals[v - from] + (end > first[v] ? levels[earlier[end - 1]] : 0);
-        }
+    // (n) level of detail that displays each vertex in the newest frame; decoded only where somebody asks.
+    get levels() {
+        const { first, earlier, vertices } = this.surface, levels = new Uint8Array(vertices);
+        this.coded.forEach((bytes, part) => {
+            if (!bytes) return;
+            const [from, to] = this.#range(part).map((at) => at / 3), residuals = this.#unpack(bytes, to - from);
+            for (let v = from; v < to; v++) {
+                const end = first[v + 1];
+                levels[v] = residuals[v - from] + (end > first[v] ? levels[earlier[end - 1]] : 0);
+            }
+        });
+        return levels;
     }
 }
 

@@ -1,8 +1,7 @@
 // What tools look like, and the arrow of the force on them.
 
 import {
-    BufferAttribute, BufferGeometry, ConeGeometry, CylinderGeometry, Group, Mesh, MeshBasicMaterial, MeshPhongMaterial,
-    Quaternion, Vector3,
+    BufferAttribute, BufferGeometry, ConeGeometry, CylinderGeometry, Group, Mesh, Quaternion, Vector3,
 } from './vendor/three.min.js';
 
 const RINGS = 16;
@@ -44,20 +43,22 @@ function skin({ corners, rounding, disc, axis }) {
     return geometry;
 }
 
-const steel = () => new MeshPhongMaterial({ color: 0xb9c4cf, specular: 0x888888, shininess: 60 });
-const red = new MeshBasicMaterial({ color: 0xff5c48 });
+// Linear.
+const STEEL = [0.48, 0.55, 0.62];
+const RED = [1, 0.11, 0.07];
 
 // A tool as the session describes it, with its arrow. `size`: the body's diagonal [m]; `limit`: the largest force [N].
 export class ToolModel {
-    constructor(description, size, limit) {
+    constructor(description, size, limit, shading) {
         const ball = { corners: [0, 0, 0], rounding: description.radius, disc: 0, axis: [] };
         const parts = description.parts.filter(({ corners }) => corners.length >= 3);
         this.body = new Group();
-        this.material = steel();
+        this.material = shading.solid(STEEL);
+        this.red = shading.solid(RED);
         for (const part of parts.length > 0 ? parts : [ball]) this.body.add(new Mesh(skin(part), this.material));
         this.arrow = new Group();
-        this.shaft = new Mesh(new CylinderGeometry(1, 1, 1, 12).translate(0, 0.5, 0), red);
-        this.tip = new Mesh(new ConeGeometry(1, 1, 20).translate(0, 0.5, 0), red);
+        this.shaft = new Mesh(new CylinderGeometry(1, 1, 1, 12).translate(0, 0.5, 0), this.red);
+        this.tip = new Mesh(new ConeGeometry(1, 1, 20).translate(0, 0.5, 0), this.red);
         this.arrow.add(this.shaft, this.tip);
         this.group = new Group();
         this.group.add(this.body, this.arrow);
@@ -94,6 +95,7 @@ export class ToolModel {
     dispose() {
         for (const mesh of this.body.children) mesh.geometry.dispose();
         this.material.dispose();
+        this.red.dispose();
         this.shaft.geometry.dispose();
         this.tip.geometry.dispose();
     }

@@ -2,60 +2,47 @@
 // upright on a screen and is laid into the room in a headset, whose axes are x right, y up, z to the user.
 
 import {
-    AmbientLight, BufferAttribute, BufferGeometry, Color, DirectionalLight, GridHelper, Group, Mesh, MeshPhongMaterial,
-    PerspectiveCamera, Quaternion, Scene, Vector3, WebGLRenderer,
+    BufferAttribute, BufferGeometry, Color, GridHelper, Group, Mesh, PerspectiveCamera, Quaternion, Scene, Vector3, WebGLRenderer,
 } from './vendor/three.min.js';
+import { Shading } from './shading.js';
 import { ToolModel } from './tools.js';
 
-// The picture gets coarser where a frame takes longer than this, and finer where it takes less [ms].
-const SLOW = 30;
-const FAST = 18;
+// Between two pictures at best, with a graphics card and without [ms]: more of them would leave the decoder, and a server on the
+// same machine, no processor.
+const PACE = 1000 / 60;
+const SOFTWARE_PACE = 1000 / 30;
+// The picture gets coarser where its pace is slower by this factor, and finer where it is not by that one.
+const SLOW = 1.8;
+const FAST = 1.1;
 const COARSEST = 0.5;
+// Of a picture on the organ, in pixels: 64 MB with its smaller copies take a phone's memory, and no screen shows more.
+const LARGEST_PICTURE = 4096;
 const BACKGROUND = new Color(0x10151b);
 // Between two frames of the surface at most [ms]: beyond, the next one is shown at once.
 const LONGEST_BLEND = 140;
 
 export class View {
-    constructor(canvas) {
-        const software = drawsInSoftware();
-        this.renderer = new WebGLRenderer({ canvas, antialias: !software, powerPreference: 'high-performance' });
+    // On `canvas`, whose WebGL 2 is `context`; with or without a graphics card.
+    constructor(canvas, context, drawsInSoftware) {
+        this.renderer = new WebGLRenderer({ canvas, context });
         this.renderer.xr.enabled = true;
         this.scene = new Scene();
         this.scene.background = BACKGROUND;
         this.camera = new PerspectiveCamera(35, 1, 0.01, 10);
         this.root = new Group();
-        this.scene.add(this.root, this.camera, new AmbientLight(0xdfe8ff, 0.7));
-        for (const [strength, ...from] of [[2.4, -0.5, -0.7, 1.2], [0.7, 1, 0.2, 0.3]]) {
-            const light = new DirectionalLight(0xffffff, strength);
-            light.position.set(...from);
-            this.root.add(light, light.target);
-        }
-        this.material = this.#tissue();
+        this.scene.add(this.root, this.camera);
+        this.shading = new Shading();
         this.tools = new Map();
         this.states = new Map(); // tool number: [before, now], each { position, orientation, force }
         this.arrived = 0;
         this.interval = 32;
         this.finest = Math.min(globalThis.devicePixelRatio || 1, 2);
-        this.ratio = software ? Math.min(this.finest, 0.75) : this.finest;
-        this.frameTime = (SLOW + FAST) / 2;
+        this.ratio = drawsInSoftware ? Math.min(this.finest, 0.75) : this.finest;
+        this.pace = drawsInSoftware ? SOFTWARE_PACE : PACE;
+        this.slowness = (SLOW + FAST) / 2;
         this.judged = 0;
         this.#resize();
         addEventListener('resize', () => this.#resize());
-    }
-
-    // Between the last frame and the newest one, on the graphics card.
-    #tissue() {
-        const material = new MeshPhongMaterial({ vertexColors: true, specular: 0x555555, shininess: 38 });
-        this.blend = { value: 1 };
-        material.onBeforeCompile = (shader) => {
-            shader.uniforms.blend = this.blend;
-            shader.vertexShader =
-                'attribute vec3 next;\nattribute vec3 nextNormal;\nuniform float blend;\n' +
-                shader.vertexShader
-                    .replace('#include <beginnormal_vertex>', 'vec3 objectNormal = normalize(mix(normal, nextNormal, blend));')
-                    .replace('#include <begin_vertex>', 'vec3 transformed = mix(position, next, blend);');
-        };
-        return material;
     }
 
     #resize() {
@@ -69,23 +56,25 @@ export class View {
     }
 
     // Another organ.
-    setSurface({ triangles, rest, vertices, bounds, size }) {
+    setSurface({ triangles, vertices, uvs, materials, bounds, size }) {
         if (this.organ) {
             this.root.remove(this.organ, this.grid);
             this.organ.geometry.dispose();
+            this.organ.material.forEach((material) => material.dispose());
             this.grid.geometry.dispose();
         }
         this.triangles = triangles;
         this.size = size;
         const geometry = new BufferGeometry();
-        const attribute = (name, array, normalized = false) => geometry.setAttribute(name, new BufferAttribute(array, 3, normalized));
-        attribute('position', rest.slice());
-        attribute('next', rest.slice());
-        attribute('normal', new Float32Array(3 * vertices));
-        attribute('nextNormal', new Float32Array(3 * vertices));
-        attribute('color', new Uint8Array(3 * vertices), true);
+        for (const name of ['position', 'next', 'normal', 'nextNormal']) {
+            geometry.setAttribute(name, new BufferAttribute(new Float32Array(3 * vertices), 3));
+        }
+        geometry.setAttribute('colour', new BufferAttribute(new Uint8Array(4 * vertices), 4, true));
+        geometry.setAttribute('uv', new BufferAttribute(uvs.length > 0 ? uvs : new Float32Array(2 * vertices), 2));
         geometry.setIndex(new BufferAttribute(triangles, 1));
-        this.organ = new Mesh(geometry, this.material);
+        const all = materials.length > 0 ? materials : [{ triangles: triangles.length / 3, colour: [], picture: 0 }];
+        all.reduce((from, { triangles }, i) => (geometry.addGroup(from, 3 * triangles, i), from + 3 * triangles), 0);
+        this.organ = new Mesh(geometry, this.shading.organ(all));
         this.organ.frustumCulled = false;
         this.organ.visible = false;
         // Lines 2 cm apart, as a measure.
@@ -104,27 +93,32 @@ export class View {
         }
         this.tools.clear();
         for (const description of descriptions) {
-            const model = new ToolModel(description, this.size ?? 0.3, limit);
+            const model = new ToolModel(description, this.size ?? 0.3, limit, this.shading);
             this.tools.set(description.tool, model);
             this.root.add(model.group);
         }
     }
 
     // The newest frame; gives the buffers of one that is not drawn any more.
-    setFrame({ positions, normals, colours, tools }, now) {
+    setFrame({ colouring, positions, normals, colours, tools }, now) {
         if (!this.organ) return null;
-        const { attributes } = this.organ.geometry;
-        const old = { positions: attributes.position.array, normals: attributes.normal.array, colours: attributes.color.array };
-        const put = (name, array) => {
-            attributes[name].array = array;
-            attributes[name].needsUpdate = true;
+        const { geometry } = this.organ, { position, normal, colour } = geometry.attributes;
+        const old = { positions: position.array, normals: normal.array, colours: colour.array };
+        const put = (attribute, array) => {
+            attribute.array = array;
+            attribute.needsUpdate = true;
         };
-        const first = !this.organ.visible;
-        put('position', first ? positions.slice() : attributes.next.array);
-        put('normal', first ? normals.slice() : attributes.nextNormal.array);
-        put('next', positions);
-        put('nextNormal', normals);
-        put('color', colours);
+        // What was next is now, and stays where it is on the graphics card; the first frame is both.
+        const turn = (now, next, array) => {
+            const { [now]: before, [next]: after } = geometry.attributes;
+            geometry.setAttribute(now, after);
+            geometry.setAttribute(next, before);
+            put(before, array);
+            if (!this.organ.visible) put(after, array.slice());
+        };
+        turn('position', 'next', positions);
+        turn('normal', 'nextNormal', normals);
+        this.setColours({ colouring, colours });
         this.organ.visible = true;
         const gap = now - this.arrived;
         if (gap < LONGEST_BLEND) this.interval += 0.2 * (gap - this.interval);
@@ -141,11 +135,17 @@ export class View {
         return old;
     }
 
-    setColours(colours) {
-        const attribute = this.organ?.geometry.attributes.color;
+    setColours({ colouring, colours }) {
+        const attribute = this.organ?.geometry.attributes.colour;
         if (attribute?.array.length !== colours.length) return;
         attribute.array = colours;
         attribute.needsUpdate = true;
+        this.shading.setNatural(colouring === 'material');
+    }
+
+    // Longest side of a picture on the organ [pixels].
+    get largestPicture() {
+        return Math.min(this.renderer.capabilities.maxTextureSize, LARGEST_PICTURE);
     }
 
     // The surface as it is now, to be picked from.
@@ -157,7 +157,7 @@ export class View {
     // Draws; `own`: states of tools that this page holds, which are newer than the frame's.
     draw(now, own) {
         const blend = Math.min((now - this.arrived) / Math.max(this.interval, 1), 1);
-        this.blend.value = blend;
+        this.shading.setBlend(blend);
         for (const [number, model] of this.tools) {
             const state = own.get(number), frames = this.states.get(number);
             if (state) model.place(state.position, state.orientation, state.force);
@@ -167,18 +167,18 @@ export class View {
         this.renderer.render(this.scene, this.camera);
     }
 
-    // Grey where nothing comes any more.
-    setStale(stale) {
-        this.material.color.set(stale ? 0x777777 : 0xffffff);
+    // Whether it is time for a picture, so long after the last [ms]: with a graphics card whenever the display asks for one.
+    isDue(time) {
+        return this.pace === PACE || this.renderer.xr.isPresenting || time > this.pace - PACE / 2;
     }
 
-    // As many pixels as the machine can draw; `time`: since the last frame [ms].
+    // As many pixels as the machine can draw; `time`: since the last picture [ms].
     adapt(time, now) {
         if (this.renderer.xr.isPresenting || time > 500) return;
-        this.frameTime += 0.1 * (time - this.frameTime);
+        this.slowness += 0.1 * (time / this.pace - this.slowness);
         if (now - this.judged < 700) return;
         this.judged = now;
-        const ratio = this.frameTime > SLOW ? this.ratio * 0.8 : this.frameTime < FAST ? this.ratio * 1.1 : this.ratio;
+        const ratio = this.slowness > SLOW ? this.ratio * 0.8 : this.slowness < FAST ? this.ratio * 1.1 : this.ratio;
         const bounded = Math.min(Math.max(ratio, COARSEST), this.finest);
         if (bounded === this.ratio) return;
         this.ratio = bounded;
@@ -211,15 +211,6 @@ export class View {
         this.renderer.setClearAlpha(0);
         if (this.grid) this.grid.visible = false;
     }
-}
-
-// Whether there is no graphics card.
-function drawsInSoftware() {
-    const gl = new OffscreenCanvas(1, 1).getContext('webgl2');
-    const named = gl?.getExtension('WEBGL_debug_renderer_info');
-    const name = named ? String(gl.getParameter(named.UNMASKED_RENDERER_WEBGL)) : '';
-    gl?.getExtension('WEBGL_lose_context')?.loseContext();
-    return /swiftshader|llvmpipe|software|basic render/i.test(name);
 }
 
 function between(before, now, blend) {

@@ -17,9 +17,11 @@ export const SESSION = {
     1: ['versionMajor', 'varint'], 2: ['versionMinor', 'varint'], 3: ['name', 'string'], 6: ['ticksPerFrame', 'varint'],
     7: ['body', BODY], 8: ['tools', TOOL, true], 9: ['limits', LIMITS],
 };
+const MATERIAL = { 1: ['name', 'string'], 2: ['triangles', 'varint'], 3: ['colour', 'float', true], 4: ['picture', 'varint'] };
 export const TOPOLOGY = {
     1: ['topology', 'varint'], 2: ['vertices', 'varint'], 3: ['triangles', 'bytes'], 4: ['restPositions', 'bytes'],
     5: ['part', 'varint'], 6: ['parts', 'varint'], 7: ['step', 'double'], 8: ['organs', ORGAN, true],
+    9: ['normals', 'bytes'], 10: ['uvs', 'bytes'], 11: ['materials', MATERIAL, true],
 };
 const TOOL_STATE = {
     1: ['tool', 'varint'], 2: ['position', 'float', true], 3: ['orientation', 'float', true], 4: ['force', 'float', true],

@@ -30,7 +30,7 @@ let decoder = null;
 let deformation = null;
 let session = null;
 let colouring = 'material';
-let lastFrame = null; // { positions, levels, tools } to colour again
+let lastFrame = null; // { positions, touching } to colour again
 const spare = []; // buffers that the page has drawn from
 const hands = new Map(); // hand: { tool, epoch, sequence, pose, at, sent, moved }; `moved`: a Hand, of the mouse
 let press = null; // what the mouse wants
@@ -116,13 +116,13 @@ function takeTopology(content) {
     deformation = new Deformation(surface);
     lastFrame = null;
     spare.length = 0;
-    const { triangles, rest, vertices, organs } = surface, { bounds, size, largestDisplacement } = deformation;
-    postMessage({ surface: { triangles, rest, vertices, organs, bounds, size, largestDisplacement } });
+    const { triangles, vertices, uvs, materials } = surface, { bounds, size, largestDisplacement } = deformation;
+    postMessage({ surface: { topology, triangles, vertices, uvs, materials, bounds, size, largestDisplacement } });
 }
 
 function buffers() {
     const n = 3 * decoder.surface.vertices;
-    return spare.pop() ?? { positions: new Float32Array(n), normals: new Float32Array(n), colours: new Uint8Array(n) };
+    return spare.pop() ?? { positions: new Float32Array(n), normals: new Float32Array(n), colours: new Uint8Array((4 * n) / 3) };
 }
 
 function takeFrame(content) {
@@ -139,10 +139,10 @@ function takeFrame(content) {
     }
     deformation.normals(positions, normals);
     const touching = frame.tools.map(touch).filter(Boolean);
-    lastFrame = { positions: positions.slice(), levels: decoder.levels.slice(), touching };
-    deformation.colours(colouring, positions, decoder.levels, touching, colours);
+    lastFrame = { positions: positions.slice(), touching };
+    deformation.colours(colouring, positions, decoder, touching, colours);
     const times = { decode: decoded - began, prepare: performance.now() - decoded };
-    postMessage({ frame: { ...frame, positions, normals, colours, times } }, [positions.buffer, normals.buffer, colours.buffer]);
+    postMessage({ frame: { ...frame, colouring, positions, normals, colours, times } }, [positions.buffer, normals.buffer, colours.buffer]);
 }
 
 // The part of a tool that touches, where it feels something.
@@ -246,9 +246,9 @@ self.onmessage = ({ data }) => {
     } else if (data.colouring) {
         colouring = data.colouring;
         if (!lastFrame) return;
-        const { colours } = buffers(), { positions, levels, touching } = lastFrame;
-        deformation.colours(colouring, positions, levels, touching, colours);
-        postMessage({ colours });
+        const { colours } = buffers(), { positions, touching } = lastFrame;
+        deformation.colours(colouring, positions, decoder, touching, colours);
+        postMessage({ colours: { colouring, colours } });
     } else if (data.reset) {
         send(wire.reset(), {});
     } else if (data.invite && isOpen()) {

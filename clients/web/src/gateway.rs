@@ -16,11 +16,11 @@ use palpate_sdk::Endpoints;
 use serde::Deserialize;
 
 use crate::access::{Access, VISIT};
-use crate::upstream::Upstream;
+use crate::upstream::{Link, Upstream};
 use crate::{Rights, Tls, files, message, page, tls};
 
-/// Pages at a time.
-const MOST_PAGES: usize = 32;
+/// Pages at a time: a lecture hall. Each takes half a megabyte at most, and its frames some of the network.
+const MOST_PAGES: usize = 64;
 /// What may wait in a WebSocket's own buffer [bytes]: some frames, or a topology.
 const BUFFER: usize = 1 << 20;
 /// How long open pages have to end.
@@ -113,6 +113,7 @@ impl Gateway {
             .route("/", get(index))
             .route("/who", get(who))
             .route("/socket", get(socket))
+            .route("/picture/{surface}/{number}", get(picture))
             .route("/{*file}", get(file))
             .with_state(shared.clone())
             .into_make_service();
@@ -218,6 +219,31 @@ async fn who(State(shared): State<Arc<Shared>>, headers: HeaderMap) -> Response<
 
 async fn file(Path(name): Path<String>, headers: HeaderMap) -> Response<Body> {
     files::get(&name, &headers)
+}
+
+/// A picture on the organ, by the numbers of its surface and its own, for who has a cookie.
+async fn picture(
+    State(shared): State<Arc<Shared>>,
+    Path((surface, number)): Path<(u32, u32)>,
+    headers: HeaderMap,
+) -> Response<Body> {
+    if shared.rights(&headers).is_none() {
+        return door();
+    }
+    let link = shared.upstream.link().borrow().clone();
+    let (status, fault) = match link {
+        Link::Waiting(fault) => (StatusCode::SERVICE_UNAVAILABLE, fault),
+        Link::Open(world) if world.number != surface => (StatusCode::NOT_FOUND, "another surface is shown now".into()),
+        Link::Open(world) => match world.pictures().await.map(|pictures| pictures.get(&number)) {
+            Ok(Some(picture)) => {
+                let kind = (header::CONTENT_TYPE, &picture.media_type[..]);
+                return files::respond(StatusCode::OK, &[kind], picture.bytes.clone());
+            }
+            Ok(None) => (StatusCode::NOT_FOUND, format!("there is no picture {number} in PNG or JPEG")),
+            Err(fault) => (StatusCode::BAD_GATEWAY, fault),
+        },
+    };
+    files::respond(status, &[], fault.into())
 }
 
 /// Counts a page until it is dropped.

@@ -21,7 +21,7 @@ use crate::Rights;
 use crate::gateway::Shared;
 use crate::hands::{Hands, Taken};
 use crate::message::{self, FromPage, Notice, Wish};
-use crate::upstream::{Link, World};
+use crate::upstream::{Link, World, blocking};
 
 /// Between two looks at wrenches and poses that wait.
 const BEAT: Duration = Duration::from_millis(8);
@@ -376,15 +376,5 @@ impl Page {
             }
             None => Err("that is no request".to_owned()),
         }
-    }
-}
-
-/// Runs what waits for the network where nothing else waits for it.
-async fn blocking<T: Send + 'static>(
-    work: impl FnOnce() -> Result<T, palpate_sdk::SdkError> + Send + 'static,
-) -> Result<T, String> {
-    match tokio::task::spawn_blocking(work).await {
-        Ok(outcome) => outcome.map_err(|e| e.to_string()),
-        Err(e) => Err(e.to_string()),
     }
 }

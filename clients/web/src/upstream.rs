@@ -1,5 +1,6 @@
 //! The server: connected to, watched, and connected to again.
 
+use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -7,7 +8,7 @@ use std::time::{Duration, Instant};
 use axum::body::Bytes;
 use palpate_sdk::proto::surface::VERTICES_PER_PART;
 use palpate_sdk::{Connection, Endpoints, SdkError, Session, WatchOptions};
-use tokio::sync::watch;
+use tokio::sync::{OnceCell, watch};
 
 use crate::frames::{Assembler, Newest};
 use crate::message;
@@ -24,6 +25,8 @@ const ASK_SESSION: Duration = Duration::from_secs(1);
 /// A connection to a server, and what comes from it.
 pub(crate) struct World {
     pub connection: Connection,
+    /// Number of the surface.
+    pub number: u32,
     /// Messages of the topology.
     pub topology: Vec<Bytes>,
     /// Message of the session as it is now.
@@ -31,6 +34,32 @@ pub(crate) struct World {
     pub frames: watch::Receiver<Newest>,
     /// Message of the newest status; empty before the first.
     pub status: watch::Receiver<Bytes>,
+    pictures: OnceCell<BTreeMap<u32, PictureFile>>,
+}
+
+/// A picture on the surface: its type, `image/png` or `image/jpeg`, and the bytes of its file.
+#[derive(Clone)]
+pub(crate) struct PictureFile {
+    pub media_type: String,
+    pub bytes: Bytes,
+}
+
+impl World {
+    /// The pictures on the surface by their numbers. The first who asks waits for the server; where it does not answer, the
+    /// next one asks again.
+    ///
+    /// # Errors
+    /// Why they cannot be had.
+    pub async fn pictures(&self) -> Result<&BTreeMap<u32, PictureFile>, String> {
+        let ask = async || {
+            let (connection, number) = (self.connection.clone(), self.number);
+            let pictures = blocking(move || connection.surface_pictures(number)).await?;
+            // A browser runs what is of another type.
+            let known = pictures.into_iter().filter(|p| ["image/png", "image/jpeg"].contains(&&p.media_type[..]));
+            Ok(known.map(|p| (p.number, PictureFile { media_type: p.media_type, bytes: p.bytes.into() })).collect())
+        };
+        self.pictures.get_or_try_init(ask).await
+    }
 }
 
 /// Whether the server is there.
@@ -113,8 +142,15 @@ fn hold(
     // There is something to see before the next key frame.
     connection.key_frame()?.into_iter().for_each(|frame| take(frame));
 
-    let world =
-        World { connection: connection.clone(), topology: encoded(&topology), session: session_out, frames, status };
+    let world = World {
+        connection: connection.clone(),
+        number,
+        topology: encoded(&topology),
+        session: session_out,
+        frames,
+        status,
+        pictures: OnceCell::new(),
+    };
     link.send_replace(Link::Open(Arc::new(world)));
     let mut asked = Instant::now();
     while !stop.load(Relaxed) {
@@ -149,4 +185,14 @@ fn described(connection: &Connection) -> Result<Session, SdkError> {
 
 fn encoded(topology: &[palpate_sdk::SurfaceTopology]) -> Vec<Bytes> {
     topology.iter().map(|part| message::to_page(message::SURFACE_TOPOLOGY, part)).collect()
+}
+
+/// Runs what waits for the network where nothing else waits for it.
+pub(crate) async fn blocking<T: Send + 'static>(
+    work: impl FnOnce() -> Result<T, SdkError> + Send + 'static,
+) -> Result<T, String> {
+    match tokio::task::spawn_blocking(work).await {
+        Ok(outcome) => outcome.map_err(|e| e.to_string()),
+        Err(e) => Err(e.to_string()),
+    }
 }

@@ -1,5 +1,5 @@
 export {
-    AmbientLight, BufferAttribute, BufferGeometry, Color, ConeGeometry, CylinderGeometry, DirectionalLight, GridHelper,
-    Group, Matrix4, Mesh, MeshBasicMaterial, MeshPhongMaterial, PerspectiveCamera, Quaternion, Scene, Vector2,
-    Vector3, WebGLRenderer,
+    BufferAttribute, BufferGeometry, Color, ConeGeometry, CylinderGeometry, DataTexture, DoubleSide, GridHelper, Group,
+    LinearMipmapNearestFilter, Matrix4, Mesh, PerspectiveCamera, Quaternion, RepeatWrapping, Scene, ShaderMaterial,
+    Texture, Vector2, Vector3, WebGLRenderer,
 } from 'three';
