@@ -360,9 +360,9 @@ pub fn steps(out: &Path, progress: Progress) -> Result<String> {
         let before = printed.energies().0;
         printed.frame(&mut |_, _| ());
         let rate = -0.5 * (printed.energies().0 / before).ln() / FRAME;
-        drag += &format!("filter at {safety} × 2 of eq. 10: a body in free flight loses speed at {rate:.1} /s\n");
+        drag += &format!("- filter at {safety} × 2 of eq. 10: a body in free flight loses speed at {rate:.1} /s\n");
     }
-    Ok(text + &drag)
+    Ok(format!("{text}\n{drag}"))
 }
 
 #[cfg(test)]

@@ -31,15 +31,17 @@ fn commit() -> Option<String> {
     Some(format!("commit {}{changed}", git(&["rev-parse", "--short", "HEAD"])?))
 }
 
+/// Whether `text` shows the `picture`.
+pub fn shows(text: &str, picture: &Path) -> bool {
+    text.contains(&format!("({})", picture.file_name().unwrap_or_default().to_string_lossy()))
+}
+
 /// What a study found, in Markdown, and those of the `pictures` that it does not show itself.
 pub fn section(study: &Study, found: &str, pictures: &[PathBuf]) -> String {
     let mut text = format!("\n## {}: {}\n\n{}\n", study.name, study.about, found.trim_end());
-    for picture in pictures {
+    for picture in pictures.iter().filter(|picture| !shows(found, picture)) {
         let name = picture.file_stem().unwrap_or_default().to_string_lossy();
         let file = picture.file_name().unwrap_or_default().to_string_lossy();
-        if found.contains(&format!("({file})")) {
-            continue;
-        }
         text += &format!("\n![{}]({file})\n", name.replace(['-', '_'], " "));
     }
     text

@@ -213,7 +213,7 @@ pub fn claims(out: &Path, progress: Progress) -> Result<Vec<Claim>> {
         });
     }
     charts(out, "indicator_ranks", "Where resolution is needed, and where the indicators say so", &panels)?;
-    let legend = ["lowest 40 %", "to 60 %", "to 80 %", "to 90 %", "highest 10 %"];
+    let legend = ["lowest 40 %", "to 60 %", "to 80 %", "to 90 %", "top 10 %"];
     coloured(out, "indicators", "Nodes of a cube pressed on one face, ranked", &maps, 3, &legend)?;
     let header =
         ["moment", "time", "γ: rank correlation", "γ: tenth found", "jump: rank correlation", "jump: tenth found"];

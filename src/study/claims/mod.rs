@@ -84,7 +84,8 @@ pub fn page(claims: &[Claim]) -> String {
     );
     let word = |verdict: &Option<Verdict>| verdict.as_ref().map_or("–", Verdict::word);
     for (i, c) in claims.iter().enumerate() {
-        text += &format!("| {} | {} | {} | {} | {} |\n", i + 1, c.says, c.section, word(&c.printed), word(&c.shipped));
+        let says = c.says.replace('|', "\\|");
+        text += &format!("| {} | {says} | {} | {} | {} |\n", i + 1, c.section, word(&c.printed), word(&c.shipped));
     }
     for (i, c) in claims.iter().enumerate() {
         text += &format!("\n### Claim {}: {} [{}]\n\n", i + 1, c.says, c.section);
