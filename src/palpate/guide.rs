@@ -14,7 +14,7 @@
 //! | [`contact`] | tools, contact points, friction |
 //! | [`resolution`] | refinement, governor, budget |
 //! | [`remote`] | hands far away |
-//! | [`figures`] | what was measured, and how |
+//! | [`figures`] | what a live run gives; the rest is in the report of the studies |
 //!
 //! Terms and symbols: the [glossary](palpate_core::glossary).
 
@@ -38,6 +38,7 @@ macro_rules! page {
         /// [`surface`]: surface
         /// [`web`]: web
         /// [glossary]: palpate_core::glossary
+        /// [report]: commands
         /// [`palpate_body`]: palpate_body
         /// [`palpate_body::geometry::mesh_io`]: palpate_body::geometry::mesh_io
         /// [`palpate_body::prepare::body_file`]: palpate_body::prepare::body_file

@@ -1,16 +1,17 @@
-//! Tables: both couplings on the same active sets, both kinds of rows, four kinds of weights.
+//! Tables: both kinds of rows, four kinds of weights.
 
 use super::Progress;
-use super::coupling::{Coupling, Mixed, Motion};
-use super::laws::{Law, green_strain};
-use super::levels::{Levels, Random};
-use super::oscillate::{GRAVITY, material};
+use super::coupling::{Coupling, Mixed};
+use super::drift::{let_go, random_gradient};
+use super::laws::Law;
+use super::levels::Levels;
+use super::oscillate::material;
 use super::patch::{Press, Weights, patch_error, sliding_walls, weigh};
-use super::plot::{Chart, Curve, charts, table};
+use super::plot::table;
 use super::rows::{RowKind, rows};
 use palpate_body::cover::cover;
 use palpate_core::geometry::primitives::box_surface;
-use palpate_core::math::{Mat3, Real, Vec3};
+use palpate_core::math::{Real, Vec3};
 use rayon::prelude::*;
 use std::io::{Error, Result};
 use std::path::Path;
@@ -26,71 +27,6 @@ fn covers() -> Result<Levels> {
     Ok(Levels::new(levels.map_err(Error::other)?, material(), |_| false))
 }
 
-/// What happened to one undamped body.
-struct Run {
-    /// Largest change of the total energy over the largest kinetic energy of the first second.
-    drift: Real,
-    /// When the energy had changed by ten times that, if ever [s].
-    blown: Option<Real>,
-    /// Largest speed of the centre of mass that no force accounts for [m/s].
-    centre_speed: Real,
-    /// Largest |E| of any element.
-    strain: Real,
-    /// Largest energy change so far over the same scale, as a power of ten, against time [s].
-    energy: Vec<(Real, Real)>,
-}
-
-/// Lets `mixed` go with the velocities `v` [m/s] for `duration` [s] at steps of `dt` [s].
-fn let_go(mixed: &Mixed, v: Vec<Vec3>, gravity: Vec3, duration: Real, dt: Real) -> Run {
-    let mut motion = Motion::new(mixed, v, gravity);
-    let mass: Real = mixed.mass.iter().sum();
-    let start = motion.sums(mixed);
-    let mut run = Run { drift: 0.0, blown: None, centre_speed: 0.0, strain: 0.0, energy: Vec::new() };
-    let mut scale = start.kinetic;
-    let mut changes: Vec<(Real, Real)> = Vec::new();
-    for step in 1..=(duration / dt) as usize {
-        motion.step(mixed, dt);
-        if step % 8 > 0 {
-            continue;
-        }
-        let (time, sums) = (step as Real * dt, motion.sums(mixed));
-        if time <= 1.0 && sums.kinetic.is_finite() {
-            scale = scale.max(sums.kinetic.min(1e4));
-        }
-        changes.push((time, sums.energy - start.energy));
-        run.centre_speed = run.centre_speed.max((sums.momentum - start.momentum).norm() / mass);
-        let strain = |(e, _): &(usize, Real)| green_strain(&mixed.levels.elements[*e].gradient_of(&motion.x)).norm();
-        run.strain = mixed.weighted.iter().map(strain).fold(run.strain, Real::max);
-        let change = (sums.energy - start.energy).abs();
-        if change.is_nan() || change >= 10.0 * scale {
-            run.blown = Some(time);
-            break;
-        }
-    }
-    run.drift = changes.iter().map(|c| c.1.abs() / scale).fold(0.0, Real::max);
-    if run.blown.is_some() {
-        // `max` passes over NaN, so a body that overflows between two samples would look quiet.
-        (run.drift, run.strain) = (Real::INFINITY, Real::INFINITY);
-    }
-    let mut most: Real = 1e-12;
-    for (time, change) in changes {
-        most = most.max(change.abs() / scale);
-        run.energy.push((time, most.log10()));
-    }
-    run
-}
-
-/// Velocities [m/s] of a free body: a random gradient of up to `rate` [1/s], no linear momentum.
-fn random_velocities(mixed: &Mixed, seed: u64, rate: Real) -> Vec<Vec3> {
-    let mut random = Random::new(seed);
-    let gradient = Mat3::from_fn(|_, _| rate * (2.0 * random.unit() - 1.0));
-    let mut v: Vec<Vec3> = mixed.levels.rest.iter().map(|u| gradient * u).collect();
-    let mass: Real = mixed.mass.iter().sum();
-    let mean: Vec3 = v.iter().zip(&mixed.mass).map(|(v, m)| v * (*m / mass)).sum();
-    v.iter_mut().for_each(|v| *v -= mean);
-    v
-}
-
 fn sorted(values: impl Iterator<Item = Real>) -> Vec<Real> {
     let mut values: Vec<Real> = values.collect();
     values.sort_by(Real::total_cmp);
@@ -104,81 +40,6 @@ fn median(values: impl Iterator<Item = Real>) -> Real {
 
 fn largest(values: impl Iterator<Item = Real>) -> Real {
     sorted(values).last().copied().unwrap_or(0.0)
-}
-
-/// Couplings by forces and by energy, undamped, on the same random active sets: a free body that spins and wobbles and a
-/// cube that hangs on one side, 20 s each.
-pub fn couplings(out: &Path, progress: Progress) -> Result<String> {
-    const SETS: u64 = 8;
-    let cases = [
-        (Coupling::Force, RowKind::Hosts),
-        (Coupling::Energy, RowKind::Hosts),
-        (Coupling::Energy, RowKind::MovingLeastSquares),
-    ];
-    let mut table_rows = Vec::new();
-    let mut panels = Vec::new();
-    for clamped in [false, true] {
-        let body = if clamped { "clamped cube" } else { "free cube" };
-        let levels = Levels::of_cube(material(), clamped);
-        let mut curves = Vec::new();
-        for (coupling, kind) in cases {
-            progress(&format!("{body}, coupled {}, rows by {}", coupling.name(), kind.name()));
-            let one = |seed: u64| {
-                let active = levels.random_active_set(seed);
-                let mixed = Mixed::new(&levels, active, Law::GreenWithCompression, coupling, kind);
-                // The coupling by forces has no symmetric stiffness, so no frequency to bound its step: take a quarter
-                // of the altitude, well below what the coupling by energy allows.
-                let dt = match coupling {
-                    Coupling::Force => 0.25 * mixed.smallest_altitude() / levels.material.wave_speed(),
-                    Coupling::Energy => 1.0 / mixed.largest_frequency(),
-                };
-                let (v, gravity) = if clamped {
-                    (vec![Vec3::zeros(); levels.rest.len()], GRAVITY)
-                } else {
-                    (random_velocities(&mixed, seed, 1.0), Vec3::zeros())
-                };
-                let_go(&mixed, v, gravity, 20.0, dt)
-            };
-            let runs: Vec<Run> = (0..SETS).into_par_iter().map(one).collect();
-            let blown = sorted(runs.iter().filter_map(|r| r.blown));
-            table_rows.push(vec![
-                body.into(),
-                coupling.name().into(),
-                kind.name().into(),
-                match (blown.first(), blown.last()) {
-                    (Some(a), Some(b)) => format!("{} of {SETS} ({a:.1}–{b:.1} s)", blown.len()),
-                    _ => format!("0 of {SETS}"),
-                },
-                power(median(runs.iter().map(|r| r.drift))),
-                power(largest(runs.iter().map(|r| r.drift))),
-                if clamped { "–".into() } else { format!("{:.1e}", median(runs.iter().map(|r| r.centre_speed))) },
-                if clamped { "–".into() } else { format!("{:.1e}", largest(runs.iter().map(|r| r.centre_speed))) },
-            ]);
-            let points = runs.into_iter().next().map(|r| r.energy).unwrap_or_default();
-            curves.push(Curve { name: format!("{}, {}", coupling.name(), kind.name()), points, ..Curve::default() });
-        }
-        panels.push(Chart {
-            title: format!("{body}, refined around one point"),
-            x_label: "time [s]".into(),
-            y_label: "energy error so far / peak kinetic".into(),
-            curves,
-            y_range: Some((-6.0, 1.0)),
-            powers: true,
-            ..Chart::default()
-        });
-    }
-    charts(out, "couplings_energy", "Undamped bodies of mixed resolution", &panels)?;
-    let header = [
-        "body",
-        "coupling",
-        "rows",
-        "blown up in 20 s",
-        "drift median",
-        "drift worst",
-        "centre [m/s] median",
-        "centre worst",
-    ];
-    table(out, "couplings", &header, &table_rows)
 }
 
 /// Interface rows by hosts and by moving least squares: their lengths and signs, and what they do to step, patch
@@ -204,8 +65,7 @@ pub fn rows_compared(out: &Path, progress: Progress) -> Result<String> {
                     let lengths = || found.iter().map(|r| r.iter().filter(|(_, w)| w.abs() > 1e-6).count() as Real);
                     let negative = |r: &&Vec<(usize, Real)>| r.iter().map(|(_, w)| w.min(0.0)).sum::<Real>() < -0.01;
                     let frequency = mixed.largest_frequency();
-                    let run =
-                        let_go(&mixed, random_velocities(&mixed, seed, 1.0), Vec3::zeros(), 10.0, 1.0 / frequency);
+                    let run = let_go(&mixed, random_gradient(seed), Vec3::zeros(), 10.0, 1.0 / frequency);
                     [
                         lengths().sum::<Real>() / count,
                         lengths().fold(0.0, Real::max),

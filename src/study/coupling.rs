@@ -1,6 +1,6 @@
 //! Levels in one body: the printed coupling by forces, and the one by energy, on the same active sets.
 
-use super::laws::Law;
+use super::laws::{Law, Spring};
 use super::levels::Levels;
 use super::rows::{Row, RowKind, rows};
 use palpate_core::math::{Real, Vec3};
@@ -43,6 +43,8 @@ pub struct Mixed<'a> {
     pub interface: Vec<(usize, Row)>,
     /// Elements that touch an active node, with their weight `w_t`.
     pub weighted: Vec<(usize, Real)>,
+    /// Springs that end at an active node, with the active part of their ends; used under [`Law::MassSpring`] alone.
+    weighted_springs: Vec<(usize, Real)>,
     /// Mass [kg] of the moving nodes (n_nodes), 0 for the others.
     pub mass: Vec<Real>,
 }
@@ -64,8 +66,13 @@ impl<'a> Mixed<'a> {
         let found = rows(kind, levels, &active, &wanted);
         let moving: Vec<bool> = active.iter().zip(&levels.fixed).map(|(a, f)| *a && !f).collect();
         let interface = wanted.into_iter().zip(found).collect();
-        let mut mixed =
-            Self { levels, law, coupling, moving, active, interface, weighted, mass: vec![0.0; touched.len()] };
+        let part = |(s, spring): (usize, &Spring)| {
+            let n_active = spring.nodes.iter().filter(|n| active[**n]).count();
+            (n_active > 0).then_some((s, 0.5 * n_active as Real))
+        };
+        let weighted_springs = levels.springs.iter().enumerate().filter_map(part).collect();
+        let mass = vec![0.0; touched.len()];
+        let mut mixed = Self { levels, law, coupling, moving, active, interface, weighted, weighted_springs, mass };
         mixed.lump_mass();
         mixed
     }
@@ -109,6 +116,10 @@ impl<'a> Mixed<'a> {
     /// `U` [J] with the interface placed in `x` [m]. For the coupling by forces it is only a measure: no force derives
     /// from it.
     pub fn energy(&self, x: &[Vec3]) -> Real {
+        if self.law == Law::MassSpring {
+            let energy = |(s, w): &(usize, Real)| w * self.levels.springs[*s].energy(x);
+            return self.levels.material.youngs_modulus() * self.weighted_springs.iter().map(energy).sum::<Real>();
+        }
         let one = |(e, w): &(usize, Real)| {
             let element = &self.levels.elements[*e];
             let factor = self.levels.stiffness_factor(*e);
@@ -124,7 +135,18 @@ impl<'a> Mixed<'a> {
 
     fn force_under(&self, law: Law, x: &[Vec3]) -> Vec<Vec3> {
         let mut force = vec![Vec3::zeros(); x.len()];
-        for (e, weight) in &self.weighted {
+        let (springs, elements) = match law {
+            Law::MassSpring => (&self.weighted_springs[..], &[][..]),
+            _ => (&[][..], &self.weighted[..]),
+        };
+        for (s, weight) in springs {
+            let weight = if self.coupling == Coupling::Force { 1.0 } else { *weight };
+            let spring = &self.levels.springs[*s];
+            let pull = spring.pull(x) * (weight * self.levels.material.youngs_modulus());
+            force[spring.nodes[0]] += pull;
+            force[spring.nodes[1]] -= pull;
+        }
+        for (e, weight) in elements {
             let element = &self.levels.elements[*e];
             let weight = if self.coupling == Coupling::Force { 1.0 } else { *weight };
             let weight = weight * self.levels.stiffness_factor(*e);
@@ -279,9 +301,9 @@ mod tests {
     #[test]
     fn only_the_coupling_by_energy_is_the_gradient_of_an_energy() {
         let levels = levels(true);
-        for kind in KINDS {
+        for (kind, law) in [(KINDS[0], Law::Green), (KINDS[1], Law::Green), (KINDS[0], Law::MassSpring)] {
             for (coupling, is_gradient) in [(Coupling::Energy, true), (Coupling::Force, false)] {
-                let mixed = Mixed::new(&levels, levels.random_active_set(2), Law::Green, coupling, kind);
+                let mixed = Mixed::new(&levels, levels.random_active_set(2), law, coupling, kind);
                 let x = shaken(&mixed, 0.03);
                 let force = mixed.force(&x);
                 let largest = force.iter().map(|f| f.norm()).fold(0.0, Real::max);
@@ -298,7 +320,7 @@ mod tests {
                         worst = worst.max((force[n][axis] + (energy(h) - energy(-h)) / (2.0 * h)).abs());
                     }
                 }
-                assert_eq!(worst < 1e-6 * largest, is_gradient, "{kind:?} {coupling:?}: {worst} of {largest}");
+                assert_eq!(worst < 1e-6 * largest, is_gradient, "{law:?} {kind:?} {coupling:?}: {worst} of {largest}");
             }
         }
     }

@@ -1,30 +1,26 @@
-//! A ball pressed into a block, against answers for the continuum: what the dent below the mesh's size does to the force,
-//! and 'move and hold', the paper's own response.
+//! A ball pressed into a block, against answers for the continuum: what the dent below the mesh's size does to the force.
 
 use super::Progress;
-use super::laws::{Law, Solid};
 use super::plot::{Chart, Curve, charts, table};
-use super::relax::relax;
+use super::trial::{Trial, attached, held_at};
 use palpate_body::prepare::{self, Recipe, Region, prepare};
 use palpate_core::adaptation::Adaptivity;
-use palpate_core::contact::safety::ForceLimits;
-use palpate_core::contact::tool::{Coupling, Following, PoseSample, Shape, Tool, ToolEvent};
 use palpate_core::geometry::Moments;
-use palpate_core::geometry::primitives::{box_mesh, box_surface};
+use palpate_core::geometry::primitives::box_surface;
 use palpate_core::hierarchy::{Level, embedding};
-use palpate_core::math::{Bounds, Pose, Real, Vec3};
+use palpate_core::math::{Bounds, Real, Vec3};
 use palpate_core::model::{Body, Material};
-use palpate_core::simulation::{Inputs, Settings, Simulation, Snapshot};
 use rayon::prelude::*;
 use std::io::{Error, Result};
 use std::path::Path;
 use std::sync::Arc;
 
-/// Radius of the ball, size of the block [m].
-const RADIUS: Real = 0.02;
-const SIZE: Vec3 = Vec3::new(0.2, 0.2, 0.1);
+/// Radius of the ball [m].
+pub const RADIUS: Real = 0.02;
+/// Size of the block [m].
+pub const SIZE: Vec3 = Vec3::new(0.2, 0.2, 0.1);
 /// Depth [m] and force [N] of a frictionless ball: elements of third order, Newton's method (NGSolve 6.2).
-const CONTINUUM: [(Real, Real); 3] = [(2.5e-4, 8.30e-3), (5e-4, 0.02320), (1e-3, 0.0642)];
+pub const CONTINUUM: [(Real, Real); 3] = [(2.5e-4, 8.30e-3), (5e-4, 0.02320), (1e-3, 0.0642)];
 /// Finest spacings, each with coarser levels above it [m].
 const SPACINGS: [Real; 5] = [0.018, 0.013, 0.009, 0.0064, 0.0045];
 /// Spacings that only the middle of the top has, down to half of the contact's radius [m].
@@ -41,7 +37,8 @@ const DAMPING: Real = 0.3;
 const STAY: u32 = 700;
 const GOING: u32 = 300;
 
-fn material() -> Material {
+/// What the block is made of.
+pub fn material() -> Material {
     Material::from_young(1e4, 0.35, 1000.0)
 }
 
@@ -66,7 +63,11 @@ fn covered(size: Vec3, cells: [u32; 3], spacings: Vec<Real>) -> Result<Body> {
     prepare(&recipe, &mut |_, _, _| {}).map_err(Error::other)
 }
 
-fn block(finest: Real) -> Result<Arc<Body>> {
+/// The block on its bottom, down to the spacing `finest` [m].
+///
+/// # Errors
+/// When it cannot be prepared.
+pub fn block(finest: Real) -> Result<Arc<Body>> {
     let mut spacings: Vec<Real> = (0..4).map(|i| finest * Real::powi(1.77, i)).filter(|s| *s < 0.036).collect();
     spacings.reverse();
     Ok(Arc::new(covered(SIZE, [160, 160, 20], spacings)?))
@@ -101,31 +102,23 @@ fn drawn_out(finest: Real, triangle: Real) -> Result<Arc<Body>> {
 }
 
 /// Force [N] at each of `depths` [m]; `restored`: with the compliance of the dent below the mesh's size.
-fn felt(body: &Arc<Body>, depths: &[Real], restored: bool) -> Result<Vec<Real>> {
-    let settings = Settings {
-        gravity: Vec3::zeros(),
-        tools: vec![Tool { name: "ball".into(), shape: Shape::ball(RADIUS), friction: 0.0 }],
-        following: Following { speed: 1.0, engage_ticks: 1 },
-        limits: ForceLimits { force: 100.0, torque: 10.0, slew: 1e6 },
-        adaptivity: Some(Adaptivity { split: 0.01, ..Adaptivity::default() }),
-        most_elements: 1_000_000,
-    };
-    let mut press = Simulation::new(body.clone(), settings, Snapshot::at_rest(body, 0, 1)).map_err(Error::other)?;
+///
+/// # Errors
+/// When the body does not start.
+pub fn felt(body: &Arc<Body>, depths: &[Real], restored: bool) -> Result<Vec<Real>> {
+    let adaptivity = Adaptivity { split: 0.01, ..Adaptivity::default() };
+    let mut press = Trial::ball(RADIUS, Some(adaptivity)).on_level(body, 0)?;
     if !restored {
         press.restore_no_dents();
     }
-    let mut event = Some(ToolEvent::Attach { epoch: 1, period_ticks: 1, coupling: Coupling::RIGID });
+    press.advance(&attached());
     let (mut forces, mut before) = (Vec::new(), -1e-3);
     for &depth in depths {
         let mut force = 0.0;
         for tick in 0..STAY {
             let reached = before + (depth - before) * (Real::from(tick) / Real::from(GOING)).min(1.0);
-            let pose =
-                Pose { position: Vec3::new(0.5 * SIZE.x, 0.5 * SIZE.y, SIZE.z + RADIUS - reached), ..Pose::default() };
-            let sample = PoseSample { sequence: tick, time_ns: 0, pose, buttons: 0 };
-            let mut inputs = Inputs::default();
-            inputs.tools[0] = event.take().or(Some(ToolEvent::Pose(sample)));
-            force = press.advance(&inputs).tools[0].state.physical_force.z;
+            let centre = Vec3::new(0.5 * SIZE.x, 0.5 * SIZE.y, SIZE.z + RADIUS - reached);
+            force = press.advance(&held_at(tick + 1, centre)).tools[0].state.physical_force.z;
         }
         before = depth;
         forces.push(force);
@@ -133,82 +126,7 @@ fn felt(body: &Arc<Body>, depths: &[Real], restored: bool) -> Result<Vec<Real>> 
     Ok(forces)
 }
 
-/// What 'move and hold' gives at one spacing under the ball.
-#[derive(Clone, Copy, Debug)]
-pub struct Held {
-    /// Spacing under the ball [m].
-    pub spacing: Real,
-    /// Points that are held, of a quarter.
-    pub points: usize,
-    /// Sum of the forces that hold them [N].
-    pub force: Real,
-    /// The printed sum: each force times the area that its point samples [N·m²].
-    pub weighted: Real,
-}
-
-/// Where the planes of a mesh stand that is `spacing` fine within 8 mm of the middle and ever coarser away from it, from
-/// 0 to `half` [m].
-fn planes(spacing: Real, half: Real) -> Vec<Real> {
-    let mut all: Vec<Real> = (0..=(8e-3 / spacing).round() as u32).map(|i| Real::from(i) * spacing).collect();
-    let mut step = spacing;
-    while all[all.len() - 1] < half {
-        step *= 1.35;
-        all.push(all[all.len() - 1] + step);
-    }
-    let stretch = half / all[all.len() - 1];
-    all.iter().map(|p| if *p > 8.5e-3 { p * stretch } else { *p }).collect()
-}
-
-/// 'Move and hold' [DDCB01 section 4.2]: the points of the surface inside the ball are moved along its normal onto it, and
-/// held there in all directions, so that those near the rim are pulled down. Static, Green strain, `depth` [m] deep in a
-/// block of 0.2 by 0.2 by 0.1 m.
-pub fn move_and_hold(spacing: Real, depth: Real) -> Held {
-    let across = planes(spacing, 0.1);
-    let n = across.len() as u32 - 1;
-    // A quarter of it: its inner faces stay in their planes.
-    let mut mesh = box_mesh(Vec3::repeat(Real::from(n)), [n; 3]);
-    let at = |i: Real| across[i.round() as usize];
-    mesh.nodes.iter_mut().for_each(|p| *p = Vec3::new(at(p.x), at(p.y), 0.1 - at(Real::from(n) - p.z)));
-    let solid = Solid::new(&mesh, material());
-    let mut x = solid.rest.clone();
-    // Masses that let every element take the same step: only the end counts.
-    let mut mass = vec![0.0; x.len()];
-    for e in &solid.elements {
-        let steepest = e.gradient.iter().map(Vec3::norm_squared).fold(0.0, Real::max);
-        let share = e.volume * steepest * (solid.material.lambda + 2.0 * solid.material.mu);
-        e.nodes.iter().for_each(|n| mass[*n] += share);
-    }
-    let mut held = Vec::new();
-    for (i, u) in solid.rest.iter().enumerate() {
-        let aside = u.x * u.x + u.y * u.y;
-        let down = if u.z > 0.1 - 1e-9 && aside < RADIUS * RADIUS {
-            depth - RADIUS + (RADIUS * RADIUS - aside).sqrt()
-        } else {
-            0.0
-        };
-        if down > 0.0 {
-            x[i].z -= down;
-            held.push(i);
-        }
-        if down > 0.0 || u.z < 1e-9 {
-            mass[i] = 0.0;
-        }
-    }
-    let mut forces = Vec::new();
-    relax(&mut x, &mass, 0.5, 6000, |x| {
-        forces = solid.force(Law::Green, x);
-        for (f, u) in forces.iter_mut().zip(&solid.rest) {
-            (f.x, f.y) = (if u.x > 0.0 { f.x } else { 0.0 }, if u.y > 0.0 { f.y } else { 0.0 });
-        }
-        let reaction: Real = held.iter().map(|n| forces[*n].z).sum();
-        let left: Real = (0..x.len()).filter(|n| mass[*n] > 0.0).map(|n| forces[n].norm_squared()).sum();
-        (left.sqrt() > 1e-4 * reaction.abs()).then(|| forces.clone())
-    });
-    let force = 4.0 * held.iter().map(|n| forces[*n].z).sum::<Real>();
-    Held { spacing, points: held.len(), force, weighted: force * spacing * spacing }
-}
-
-/// Error of the force against spacing, with and without the dent, and 'move and hold' on three meshes.
+/// Error of the force against spacing, with and without the dent.
 ///
 /// # Errors
 /// When a picture cannot be written.
@@ -262,25 +180,7 @@ pub fn indentation(out: &Path, progress: Progress) -> Result<String> {
     };
     charts(out, "indentation", "A ball pressed into a block, against the continuum", &[chart])?;
     let header = ["spacing [mm]", "depth [mm]", "spacing over contact radius", "with the dent [%]", "without [%]"];
-    let text = table(out, "indentation-table", &header, &rows)?;
-
-    progress("'move and hold', as printed");
-    let depth = 1e-3;
-    let held: Vec<Held> = [4e-3, 2e-3, 1e-3].into_par_iter().map(|s| move_and_hold(s, depth)).collect();
-    let rows: Vec<Vec<String>> = held
-        .iter()
-        .map(|h| {
-            vec![
-                format!("{:.0}", h.spacing * 1e3),
-                h.points.to_string(),
-                format!("{:.4}", h.force),
-                format!("{:.4}", h.weighted * 1e6),
-            ]
-        })
-        .collect();
-    let header =
-        ["spacing [mm]", "points held in a quarter", "sum of their forces [N]", "weighted by area, as printed [N·mm²]"];
-    Ok(text + &table(out, "move-and-hold-table", &header, &rows)?)
+    table(out, "indentation-table", &header, &rows)
 }
 
 #[cfg(test)]
@@ -321,15 +221,5 @@ mod tests {
         let (spacing, row) = (0.00225, CONTINUUM[2]);
         let force = felt(&drawn_out(spacing, 6.25e-4).unwrap(), &[row.0], true).unwrap()[0];
         assert!(error(spacing, row, force) < 0.05);
-    }
-
-    /// R4's rows of displacement-driven contact: 0.0436 N at 1 mm, two thirds of what a ball without friction feels.
-    #[test]
-    fn move_and_hold_comes_to_the_continuum_and_its_weights_to_nothing() {
-        let [coarse, fine] = [2e-3, 1e-3].map(|spacing| move_and_hold(spacing, 1e-3));
-        let limit = fine.force + (fine.force - coarse.force);
-        println!("{coarse:?}, {fine:?}, towards {limit:.4} N");
-        assert!((fine.force / 0.0436 - 1.0).abs() < 0.15 && (limit / 0.0436 - 1.0).abs() < 0.05);
-        assert!(fine.weighted < 0.3 * coarse.weighted, "a force that goes with the area of a triangle is none");
     }
 }

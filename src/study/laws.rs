@@ -189,6 +189,37 @@ pub struct Spring {
     pub thickness: Real,
 }
 
+impl Spring {
+    /// Springs along the edges of `elements`, whose nodes are at `rest` [m].
+    pub fn along(elements: &[Element], rest: &[Vec3]) -> Vec<Self> {
+        let pairs = |e: &Element| {
+            let [a, b, c, d] = e.nodes;
+            [[a, b], [a, c], [a, d], [b, c], [b, d], [c, d]].map(|[a, b]| ([a.min(b), a.max(b)], e.volume))
+        };
+        let mut edges: Vec<([usize; 2], Real)> = elements.iter().flat_map(pairs).collect();
+        edges.sort_by_key(|edge| edge.0);
+        let springs = edges.chunk_by(|a, b| a.0 == b.0).map(|around| {
+            let nodes = around[0].0;
+            let length = (rest[nodes[0]] - rest[nodes[1]]).norm();
+            let volume: Real = around.iter().map(|edge| edge.1).sum();
+            Self { nodes, length, thickness: volume / (length * length) }
+        });
+        springs.collect()
+    }
+
+    /// Its energy per Young's modulus [m³] at the positions `x` [m].
+    pub fn energy(&self, x: &[Vec3]) -> Real {
+        let stretch = (x[self.nodes[1]] - x[self.nodes[0]]).norm() - self.length;
+        0.5 * self.thickness * stretch * stretch
+    }
+
+    /// What it pulls its first node with, and its second the other way, per Young's modulus [m²].
+    pub fn pull(&self, x: &[Vec3]) -> Vec3 {
+        let along = x[self.nodes[1]] - x[self.nodes[0]];
+        along * (self.thickness * (1.0 - self.length / along.norm()))
+    }
+}
+
 /// One mesh of one material at rest, with everything that any of the laws needs.
 #[derive(Clone, Debug)]
 pub struct Solid {
@@ -211,38 +242,21 @@ impl Solid {
     pub fn new(mesh: &TetMesh, material: Material) -> Self {
         let mut mass = vec![0.0; mesh.nodes.len()];
         let mut elements = Vec::new();
-        let mut edges = Vec::new();
         let mut altitude = Real::INFINITY;
         for e in 0..mesh.elements.len() {
             let element = Element::new(mesh.elements[e].map(|n| n as usize), mesh.corners(e), 1.0);
-            for (i, a) in element.nodes.iter().enumerate() {
-                mass[*a] += 0.25 * material.density * element.volume;
-                for b in &element.nodes[i + 1..] {
-                    edges.push(([*a.min(b), *a.max(b)], element.volume));
-                }
-            }
+            element.nodes.iter().for_each(|n| mass[*n] += 0.25 * material.density * element.volume);
             altitude = altitude.min(mesh.smallest_altitude(e));
             elements.push(element);
         }
-        edges.sort_by_key(|edge| edge.0);
-        let springs = edges.chunk_by(|a, b| a.0 == b.0).map(|around| {
-            let nodes = around[0].0;
-            let length = (mesh.nodes[nodes[0]] - mesh.nodes[nodes[1]]).norm();
-            let volume: Real = around.iter().map(|edge| edge.1).sum();
-            Spring { nodes, length, thickness: volume / (length * length) }
-        });
-        Self { rest: mesh.nodes.clone(), mass, springs: springs.collect(), elements, altitude, material }
+        let springs = Spring::along(&elements, &mesh.nodes);
+        Self { rest: mesh.nodes.clone(), mass, springs, elements, altitude, material }
     }
 
     /// Energy [J] under `law` at the positions `x` [m].
     pub fn energy(&self, law: Law, x: &[Vec3]) -> Real {
         if law == Law::MassSpring {
-            let young = self.material.youngs_modulus();
-            let one = |s: &Spring| {
-                let stretch = (x[s.nodes[1]] - x[s.nodes[0]]).norm() - s.length;
-                0.5 * young * s.thickness * stretch * stretch
-            };
-            return self.springs.iter().map(one).sum();
+            return self.material.youngs_modulus() * self.springs.iter().map(|s| s.energy(x)).sum::<Real>();
         }
         self.elements.iter().map(|e| e.volume * law.energy_density(&self.material, &e.gradient_of(x))).sum()
     }
@@ -253,9 +267,7 @@ impl Solid {
         if law == Law::MassSpring {
             let young = self.material.youngs_modulus();
             for s in &self.springs {
-                let along = x[s.nodes[1]] - x[s.nodes[0]];
-                let length = along.norm();
-                let pull = along * (young * s.thickness * (length - s.length) / length);
+                let pull = s.pull(x) * young;
                 force[s.nodes[0]] += pull;
                 force[s.nodes[1]] -= pull;
             }

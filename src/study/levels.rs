@@ -2,7 +2,7 @@
 //!
 //! The nodes of all levels stand in one array, coarsest level first, so that a node is one number whatever its level.
 
-use super::laws::Element;
+use super::laws::{Element, Spring};
 use palpate_body::prepare::calibration::{CalibrationError, calibrate};
 use palpate_core::geometry::TetMesh;
 use palpate_core::geometry::primitives::box_mesh;
@@ -82,6 +82,8 @@ pub struct Levels {
     pub fixed: Vec<bool>,
     /// All elements, with numbered-through nodes.
     pub elements: Vec<Element>,
+    /// Springs along the edges of all elements, for the law that has no elements.
+    pub springs: Vec<Spring>,
     /// Smallest altitude [m] of each element.
     pub altitude: Vec<Real>,
     /// Children of each node (n_nodes); none on the finest level.
@@ -115,7 +117,20 @@ impl Levels {
             }
         }
         let fixed = rest.iter().map(fixed).collect();
-        Self { tied: levels, first_node, first_element, rest, level_of, fixed, elements, altitude, children, material }
+        let springs = Spring::along(&elements, &rest);
+        Self {
+            tied: levels,
+            first_node,
+            first_element,
+            rest,
+            level_of,
+            fixed,
+            elements,
+            springs,
+            altitude,
+            children,
+            material,
+        }
     }
 
     /// A box of `size` [m] with one independent conforming mesh for each of `cells`, coarsest first; `clamped` fixes
@@ -188,6 +203,11 @@ impl Levels {
     /// All nodes of one level active.
     pub fn uniform(&self, level: usize) -> Vec<bool> {
         self.level_of.iter().map(|l| *l == level).collect()
+    }
+
+    /// True where `node` has given way to finer ones: one below it is active.
+    pub fn is_refined(&self, active: &[bool], node: usize) -> bool {
+        self.children[node].iter().any(|c| active[*c] || self.is_refined(active, *c))
     }
 
     /// Replaces the active `node` by its children; refuses when it has none.

@@ -6,12 +6,15 @@ use palpate::picture::{Area, Drawn, INK, LEVELS, font, panels, size};
 use palpate_core::math::{Real, Vec3};
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
-use std::fmt::Write as _;
 use std::io::Result;
 use std::path::Path;
 
-/// Size of one panel [pixel].
-const PANEL: (u32, u32) = (880, 560);
+/// Size of one panel [pixel]; of several rows of them.
+const PANEL: (u32, u32) = (800, 520);
+const SMALL_PANEL: (u32, u32) = (620, 420);
+
+/// Size of a coloured shape [pixel].
+const COLOURED: (u32, u32) = (330, 250);
 
 /// Colours of the curves: the paper's red, black and blue, toned down, then three more that stay apart in grey.
 pub const COLOURS: [RGBColor; 6] = [
@@ -54,7 +57,16 @@ pub struct Chart {
     pub log_x: bool,
 }
 
-/// Writes `name.png` with the `charts` side by side under `title`, and `name.csv` with every point, into `out`.
+/// Charts in a row, by how many there are.
+fn columns(charts: usize) -> usize {
+    match charts {
+        0..=3 => charts,
+        4 => 2,
+        _ => 3,
+    }
+}
+
+/// Writes `name.png` with the `charts`, up to three in a row, under `title`, and `name.csv` with every point, into `out`.
 pub fn charts(out: &Path, name: &str, title: &str, charts: &[Chart]) -> Result<()> {
     let mut csv = csv::Writer::from_path(out.join(format!("{name}.csv")))?;
     csv.write_record(["panel", "curve", "x", "y"])?;
@@ -66,7 +78,8 @@ pub fn charts(out: &Path, name: &str, title: &str, charts: &[Chart]) -> Result<(
         }
     }
     csv.flush()?;
-    panels(out, name, title, PANEL, charts.len(), charts, draw_chart)
+    let size = if charts.len() > 3 { SMALL_PANEL } else { PANEL };
+    panels(out, name, title, size, columns(charts.len()), charts, draw_chart)
 }
 
 /// A triangulated shape for [`shapes`].
@@ -86,12 +99,33 @@ pub fn shapes(out: &Path, name: &str, title: &str, shapes: &[Shape], columns: us
     panels(out, name, title, (440, 430), columns, shapes, |area, shape| draw_shape(area, shape, rest))
 }
 
-/// Writes `name.png` with the `shapes`, `columns` in a row, each triangle in the colour of its level.
-pub fn coloured(out: &Path, name: &str, title: &str, shapes: &[(Shape, Vec<usize>)], columns: usize) -> Result<()> {
-    panels(out, name, title, (560, 400), columns, shapes, draw_coloured)
+/// A shape in colours.
+#[derive(Clone, Debug)]
+pub struct Coloured {
+    /// The shape.
+    pub shape: Shape,
+    /// Place in the legend of each triangle (n_triangles).
+    pub class: Vec<usize>,
+    /// Seen from where this points.
+    pub toward: Vec3,
+    /// Only what is as close to this place as the second [m]; all of it when absent.
+    pub around: Option<(Vec3, Real)>,
 }
 
-/// Writes `name.csv` into `out` and gives the same table back with aligned columns, to be printed.
+/// Writes `name.png` with the `shapes`, `columns` in a row, each triangle in the colour of its class; `legend`: a word
+/// for each.
+pub fn coloured(
+    out: &Path,
+    name: &str,
+    title: &str,
+    shapes: &[Coloured],
+    columns: usize,
+    legend: &[&str],
+) -> Result<()> {
+    panels(out, name, title, COLOURED, columns, shapes, |area, shape| draw_coloured(area, shape, legend))
+}
+
+/// Writes `name.csv` into `out` and gives the same table back as [`markdown`].
 pub fn table(out: &Path, name: &str, header: &[&str], rows: &[Vec<String>]) -> Result<String> {
     let mut csv = csv::Writer::from_path(out.join(format!("{name}.csv")))?;
     csv.write_record(header)?;
@@ -99,27 +133,33 @@ pub fn table(out: &Path, name: &str, header: &[&str], rows: &[Vec<String>]) -> R
         csv.write_record(row)?;
     }
     csv.flush()?;
-    let width = |column: usize| {
-        let cells = rows.iter().map(|r| r[column].chars().count());
-        cells.chain([header[column].chars().count()]).max().unwrap_or(0)
-    };
+    Ok(markdown(header, rows))
+}
+
+/// A table in Markdown with aligned columns, which reads as well where it is printed.
+pub fn markdown(header: &[&str], rows: &[Vec<String>]) -> String {
+    let escaped = |cell: &str| cell.replace('|', "\\|");
+    let cells: Vec<Vec<String>> = std::iter::once(header.iter().map(|h| escaped(h)).collect())
+        .chain(rows.iter().map(|row| row.iter().map(|cell| escaped(cell)).collect()))
+        .collect();
+    let width = |column: usize| cells.iter().map(|row| row[column].chars().count()).max().unwrap_or(0).max(3);
     let widths: Vec<usize> = (0..header.len()).map(width).collect();
-    let line = |cells: Vec<&str>| {
-        let mut line = String::new();
-        for (cell, width) in cells.into_iter().zip(&widths) {
-            let _ = write!(line, "{cell:<width$}  ");
-        }
-        line.trim_end().to_owned() + "\n"
+    let line = |row: &Vec<String>| {
+        let padded = row.iter().zip(&widths).map(|(cell, width)| format!("{cell:<width$}"));
+        format!("| {} |\n", padded.collect::<Vec<_>>().join(" | "))
     };
-    Ok(line(header.to_vec()) + &rows.iter().map(|r| line(r.iter().map(String::as_str).collect())).collect::<String>())
+    let rule: Vec<String> = widths.iter().map(|width| "-".repeat(*width)).collect();
+    let body: String = cells[1..].iter().map(line).collect();
+    format!("{}{}{body}", line(&cells[0]), line(&rule))
 }
 
 fn draw_chart(area: &Area, chart: &Chart) -> Drawn {
     let place = |p: &(Real, Real)| (if chart.log_x { p.0.log2() } else { p.0 }, p.1);
     let shown = |c: &Curve| c.points.iter().map(place).take_while(|p| p.0.is_finite() && p.1.is_finite()).collect();
     let curves: Vec<Vec<(Real, Real)>> = chart.curves.iter().map(shown).collect();
+    let dots: Vec<Vec<(Real, Real)>> = chart.curves.iter().map(|c| c.dots.iter().map(place).collect()).collect();
     let span = |pick: fn(&(Real, Real)) -> Real| {
-        let values = || curves.iter().flatten().map(pick);
+        let values = || curves.iter().chain(&dots).flatten().map(pick);
         (values().fold(Real::INFINITY, Real::min), values().fold(-Real::INFINITY, Real::max))
     };
     let (mut left, mut right) = span(|p| p.0);
@@ -137,7 +177,8 @@ fn draw_chart(area: &Area, chart: &Chart) -> Drawn {
         (low - 0.06 * (high - low), high + 0.06 * (high - low))
     });
     let longest = chart.curves.iter().map(|c| c.name.chars().count()).max().unwrap_or(0);
-    let (columns, width) = if longest > 23 { (2, 380) } else { (3, 255) };
+    let width = if longest > 23 { 330 } else { 245 };
+    let columns = ((area.dim_in_pixel().0 / size(1) - 100) / width).max(1) as usize;
     let legend_rows = chart.curves.len().div_ceil(columns) as u32;
     let (strip, body) = area.split_vertically(size(44 + 30 * legend_rows));
     strip.draw_text(
@@ -177,13 +218,14 @@ fn draw_chart(area: &Area, chart: &Chart) -> Drawn {
         .draw()?;
     for (i, points) in curves.into_iter().enumerate() {
         let colour = COLOURS[i % COLOURS.len()];
+        let points_only = points.is_empty();
         // A run that leaves the axes is drawn up to where it does.
         let inside: Vec<_> = points.into_iter().take_while(|p| p.1 >= low && p.1 <= high).collect();
         // Piece by piece with round joints: the joints of one long line stick out as spikes where it turns sharply.
         axes.draw_series(inside.windows(2).map(|two| PathElement::new(two, colour.stroke_width(size(2)))))?;
         axes.draw_series(inside.iter().map(|p| Circle::new(*p, size(1), colour.filled())))?;
-        let dots = chart.curves[i].dots.iter().map(place).filter(|p| p.1 >= low && p.1 <= high);
-        axes.draw_series(dots.map(|p| Circle::new(p, size(5), colour.filled())))?;
+        let inside = dots[i].iter().filter(|p| p.1 >= low && p.1 <= high);
+        axes.draw_series(inside.map(|p| Circle::new(*p, size(if points_only { 3 } else { 5 }), colour.filled())))?;
     }
     Ok(())
 }
@@ -256,10 +298,10 @@ fn draw_shape(area: &Area, shape: &Shape, rest: Vec3) -> Drawn {
     Ok(())
 }
 
-fn draw_coloured(area: &Area, (shape, levels): &(Shape, Vec<usize>)) -> Drawn {
+fn draw_coloured(area: &Area, coloured: &Coloured, legend: &[&str]) -> Drawn {
     let (w, h) = area.dim_in_pixel();
-    // From the front, well above, so that the place that is pressed shows.
-    let mut view = View::new(Vec3::new(0.15, -0.75, 0.75), Vec3::zeros(), 1.0, (w, h));
+    let shape = &coloured.shape;
+    let mut view = View::new(coloured.toward, Vec3::zeros(), 1.0, (w, h));
     let seen = |axis: &Vec3| {
         let along = || shape.vertices.iter().map(|v| v.dot(axis));
         (along().fold(Real::INFINITY, Real::min), along().fold(-Real::INFINITY, Real::max))
@@ -267,17 +309,28 @@ fn draw_coloured(area: &Area, (shape, levels): &(Shape, Vec<usize>)) -> Drawn {
     let (across, upward) = (seen(&view.right), seen(&view.up));
     view.centre = 0.5 * (view.right * (across.0 + across.1) + view.up * (upward.0 + upward.1));
     view.scale = (0.72 * Real::from(w) / (across.1 - across.0)).min(0.72 * Real::from(h) / (upward.1 - upward.0));
-    let most = levels.iter().copied().max().unwrap_or(0);
-    draw_triangles(area, shape, &view, |t| LEVELS[levels[t].min(LEVELS.len() - 1)])?;
-    for level in 0..=most {
-        let y = size(24 + 26 * level as u32) as i32;
-        let box_ = [(size(18) as i32, y - size(8) as i32), (size(38) as i32, y + size(8) as i32)];
-        area.draw(&Rectangle::new(box_, LEVELS[level.min(LEVELS.len() - 1)].filled()))?;
-        let style = font(16).pos(Pos::new(HPos::Left, VPos::Center));
-        area.draw_text(&format!("level {level}"), &style, (size(46) as i32, y))?;
+    let mut shape = shape.clone();
+    let mut class = coloured.class.clone();
+    if let Some((place, reach)) = coloured.around {
+        let is_near = |t: &[u32; 3]| t.iter().all(|v| (shape.vertices[*v as usize] - place).norm() < reach);
+        let near: Vec<bool> = shape.triangles.iter().map(is_near).collect();
+        let mut kept = near.iter();
+        class.retain(|_| kept.next().is_some_and(|k| *k));
+        let mut kept = near.iter();
+        shape.triangles.retain(|_| kept.next().is_some_and(|k| *k));
+        (view.centre, view.scale) = (place, 0.45 * Real::from(w.min(h)) / reach);
     }
-    let style = font(20).pos(Pos::new(HPos::Center, VPos::Bottom));
-    area.draw_text(&shape.title, &style, (w as i32 / 2, h as i32 - size(14) as i32))?;
+    let colour = |class: usize| LEVELS[class.min(LEVELS.len() - 1)];
+    draw_triangles(area, &shape, &view, |t| colour(class[t]))?;
+    for (class, word) in legend.iter().enumerate() {
+        let y = size(16 + 18 * class as u32) as i32;
+        let box_ = [(size(8) as i32, y - size(6) as i32), (size(22) as i32, y + size(6) as i32)];
+        area.draw(&Rectangle::new(box_, colour(class).filled()))?;
+        let style = font(13).pos(Pos::new(HPos::Left, VPos::Center));
+        area.draw_text(word, &style, (size(27) as i32, y))?;
+    }
+    let style = font(16).pos(Pos::new(HPos::Center, VPos::Bottom));
+    area.draw_text(&shape.title, &style, (w as i32 / 2, h as i32 - size(6) as i32))?;
     Ok(())
 }
 
@@ -304,4 +357,15 @@ fn draw_triangles(area: &Area, shape: &Shape, view: &View, colour: impl Fn(usize
         area.draw(&PathElement::new(outline, RGBColor(60, 84, 120).stroke_width(1)))?;
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_table_reads_as_markdown_whatever_stands_in_its_cells() {
+        let text = markdown(&["a", "max |E|"], &[vec!["1".into(), "2.5".into()]]);
+        assert_eq!(text, "| a   | max \\|E\\| |\n| --- | --------- |\n| 1   | 2.5       |\n");
+    }
 }

@@ -7,13 +7,15 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::SystemTime;
 
-/// Title, machine, version, commit and date.
+/// Title, machine, version, commit, build and date.
 pub fn head() -> String {
     format!(
-        "# Report\n\nWritten by `palpate-study all`.\n\n- machine: {}\n- version: {}, {}\n- date: {}\n",
+        "# Report\n\nWritten by `palpate-study`; nothing in it is typed by hand.\n\n- machine: {}\n- version: {}, {}\n- build: {}\n\
+         - date: {}\n",
         machine(),
         env!("CARGO_PKG_VERSION"),
         commit().unwrap_or_else(|| "commit unknown".into()),
+        if cfg!(debug_assertions) { "with debug assertions, so times are longer" } else { "optimised" },
         humantime::format_rfc3339_seconds(SystemTime::now())
     )
 }
@@ -29,10 +31,15 @@ fn commit() -> Option<String> {
     Some(format!("commit {}{changed}", git(&["rev-parse", "--short", "HEAD"])?))
 }
 
-/// Tables and `pictures` of a study, as Markdown.
-pub fn section(study: &Study, tables: &str, pictures: &[PathBuf]) -> String {
-    let mut text = format!("\n## {}: {}\n\n```text\n{}\n```\n", study.name, study.about, tables.trim_end());
-    for picture in pictures {
+/// Whether `text` shows the `picture`.
+pub fn shows(text: &str, picture: &Path) -> bool {
+    text.contains(&format!("({})", picture.file_name().unwrap_or_default().to_string_lossy()))
+}
+
+/// What a study found, in Markdown, and those of the `pictures` that it does not show itself.
+pub fn section(study: &Study, found: &str, pictures: &[PathBuf]) -> String {
+    let mut text = format!("\n## {}: {}\n\n{}\n", study.name, study.about, found.trim_end());
+    for picture in pictures.iter().filter(|picture| !shows(found, picture)) {
         let name = picture.file_stem().unwrap_or_default().to_string_lossy();
         let file = picture.file_name().unwrap_or_default().to_string_lossy();
         text += &format!("\n![{}]({file})\n", name.replace(['-', '_'], " "));
@@ -76,9 +83,10 @@ mod tests {
         old.set_modified(began - Duration::from_secs(60)).unwrap();
         let pictures = pictures_since(&folder, began).unwrap();
         std::fs::remove_dir_all(&folder).unwrap();
-        let text = section(&crate::STUDIES[0], "1 2 3\n", &pictures);
-        assert!(text.contains("## laws: ") && text.contains("```text\n1 2 3\n```"), "{text}");
-        assert!(text.contains("![a](a.png)\n\n![b curve](b_curve.png)") && !text.contains("old"), "{text}");
+        let text = section(&crate::STUDIES[0], "1 2 3\n\n![shown](a.png)\n", &pictures);
+        assert!(text.contains("## claims: ") && text.contains("\n1 2 3\n"), "{text}");
+        assert!(text.contains("![shown](a.png)\n\n![b curve](b_curve.png)"), "{text}");
+        assert!(!text.contains("![a](a.png)") && !text.contains("old"), "{text}");
         assert!(head().contains("machine: ") && head().contains("date: 20"));
     }
 }

@@ -52,13 +52,9 @@ fn direct_row(levels: &Levels, active: &[bool], master: &[bool], node: usize) ->
     let (coarser, finer) = (levels.coarser_host(node), levels.finer_host(node));
     let (open_coarser, open_finer): (Real, Real) = (open(&coarser), open(&finer));
     let alike = (open_coarser - open_finer).abs() < 1e-9;
-    let finer_wins = if alike { has_active_descendant(levels, active, node) } else { open_finer < open_coarser };
+    let finer_wins = if alike { levels.is_refined(active, node) } else { open_finer < open_coarser };
     // One of the two exists, because a body of one level has no interface nodes.
     if finer_wins { finer } else { coarser }.unwrap_or([(node, 0.25); 4])
-}
-
-fn has_active_descendant(levels: &Levels, active: &[bool], node: usize) -> bool {
-    levels.children[node].iter().any(|c| active[*c] || has_active_descendant(levels, active, *c))
 }
 
 /// Weight on other interface nodes that ends the substitution.

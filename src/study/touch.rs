@@ -1,29 +1,30 @@
-//! What adaptive resolution buys under a tool: error of the force against cost, a budget cut in the middle of a press,
-//! and the paper's figure 8. All of it runs the core as it is, driven by its own indicator.
+//! What adaptive resolution buys under a tool: error of the force against cost, and a budget cut in the middle of a press.
+//! All of it runs the core as it is, driven by its own indicator.
 
 use super::Progress;
-use super::plot::{Chart, Curve, Shape as Picture, charts, coloured, table};
+use super::plot::{Chart, Curve, charts, table};
+use super::trial::{Trial, attached, held_at};
 use palpate_body::geometry::decimate::decimate;
 use palpate_body::geometry::primitives::liver_surface;
 use palpate_body::prepare::{self, Recipe, Region, prepare};
 use palpate_core::adaptation::Adaptivity;
-use palpate_core::contact::safety::ForceLimits;
-use palpate_core::contact::tool::{Coupling, Following, PoseSample, Shape, Tool, ToolEvent};
 use palpate_core::geometry::Surface;
 use palpate_core::geometry::primitives::box_surface;
-use palpate_core::math::{Bounds, Pose, Real, Vec3};
+use palpate_core::math::{Bounds, Real, Vec3};
 use palpate_core::model::step_class::TICK;
 use palpate_core::model::{Body, Material};
-use palpate_core::simulation::{Budget, Inputs, Settings, Simulation, Snapshot};
+use palpate_core::simulation::{Budget, Inputs, Simulation};
 use std::io::{Error, Result};
 use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// A ball that presses and strokes a body.
-struct Stroke {
-    body: Arc<Body>,
-    radius: Real,
+pub struct Stroke {
+    /// What it presses.
+    pub body: Arc<Body>,
+    /// Of the ball [m].
+    pub radius: Real,
     depth: Real,
     /// Where the ball's centre stands when its surface touches the rest shape, at the start of the stroke.
     start: Vec3,
@@ -41,11 +42,13 @@ const SPEED: Real = 0.1;
 const TELL: Duration = Duration::from_secs(20);
 
 impl Stroke {
-    fn ticks(&self) -> u32 {
+    /// How long it takes.
+    pub fn ticks(&self) -> u32 {
         ((PRESS + REST + self.length / SPEED) / TICK) as u32 + 50
     }
 
-    fn place(&self, tick: u32) -> Vec3 {
+    /// Centre of the ball [m] at `tick`.
+    pub fn place(&self, tick: u32) -> Vec3 {
         let time = Real::from(tick) * TICK;
         let air = 0.5 * self.radius;
         let depth = if time < PRESS { (self.depth + air) * time / PRESS - air } else { self.depth };
@@ -59,46 +62,39 @@ impl Stroke {
 }
 
 /// What one run gave.
-struct Run {
+pub struct Run {
     /// [N], (n_ticks).
-    force: Vec<Real>,
-    /// Element evaluations in all, and what one global step would have taken for the same elements.
-    evaluations: Real,
-    global: Real,
+    pub force: Vec<Real>,
+    /// Element evaluations in all, ...
+    pub evaluations: Real,
+    /// ... and what one global step would have taken for the same elements.
+    pub global: Real,
     /// [s].
-    wall: Real,
-    elements: Real,
+    pub wall: Real,
+    /// In use, on the mean.
+    pub elements: Real,
 }
 
-fn settings(radius: Real, adaptivity: Option<Adaptivity>) -> Settings {
-    Settings {
-        gravity: Vec3::zeros(),
-        tools: vec![Tool { name: "ball".into(), shape: Shape::ball(radius), friction: 0.0 }],
-        following: Following { speed: 1.0, engage_ticks: 1 },
-        limits: ForceLimits { force: 1e3, torque: 1e2, slew: 1e9 },
-        adaptivity,
-        most_elements: 4_000_000,
-    }
-}
-
-fn pose(sequence: u32, position: Vec3) -> Option<ToolEvent> {
-    let pose = Pose { position, ..Pose::default() };
-    Some(ToolEvent::Pose(PoseSample { sequence, time_ns: 0, pose, buttons: 0 }))
-}
-
-fn begin(body: &Arc<Body>, settings: Settings, level: usize) -> Result<Simulation> {
-    let mut simulation =
-        Simulation::new(body.clone(), settings, Snapshot::at_rest(body, level, 1)).map_err(Error::other)?;
-    let mut inputs = Inputs::default();
-    inputs.tools[0] = Some(ToolEvent::Attach { epoch: 1, period_ticks: 1, coupling: Coupling::RIGID });
-    simulation.advance(&inputs);
+/// `adaptivity` on the coarsest level, or one level alone, with the ball in hand.
+fn begin(on: &Stroke, adaptivity: Option<Adaptivity>, level: usize) -> Result<Simulation> {
+    let mut simulation = Trial::ball(on.radius, adaptivity).on_level(&on.body, level)?;
+    simulation.advance(&attached());
     Ok(simulation)
 }
 
 /// `what` is run, for `progress`: a fine uniform mesh takes minutes.
-fn stroke(on: &Stroke, adaptivity: Option<Adaptivity>, level: usize, what: &str, progress: Progress) -> Result<Run> {
+///
+/// # Errors
+/// When the body does not start.
+pub fn stroke(
+    on: &Stroke,
+    adaptivity: Option<Adaptivity>,
+    level: usize,
+    what: &str,
+    progress: Progress,
+) -> Result<Run> {
     progress(what);
-    let mut simulation = begin(&on.body, settings(on.radius, adaptivity), level)?;
+    let mut simulation = begin(on, adaptivity, level)?;
     let mut run = Run { force: Vec::new(), evaluations: 0.0, global: 0.0, wall: 0.0, elements: 0.0 };
     let started = Instant::now();
     let mut told = started;
@@ -107,9 +103,7 @@ fn stroke(on: &Stroke, adaptivity: Option<Adaptivity>, level: usize, what: &str,
             progress(&format!("{what}: tick {tick} of {}", on.ticks()));
             told = Instant::now();
         }
-        let mut inputs = Inputs::default();
-        inputs.tools[0] = pose(tick + 1, on.place(tick));
-        let outputs = simulation.advance(&inputs);
+        let outputs = simulation.advance(&held_at(tick + 1, on.place(tick)));
         run.force.push(outputs.tools[0].state.physical_force.norm());
         run.evaluations += Real::from(outputs.element_evaluations);
         run.elements += Real::from(outputs.elements) / Real::from(on.ticks());
@@ -122,7 +116,7 @@ fn stroke(on: &Stroke, adaptivity: Option<Adaptivity>, level: usize, what: &str,
 }
 
 /// Error of the force: root mean square over the stroke, over the peak.
-fn error(run: &Run, reference: &Run) -> Real {
+pub fn error(run: &Run, reference: &Run) -> Real {
     let peak = reference.force.iter().copied().fold(0.0, Real::max);
     let squares: Real = run.force.iter().zip(&reference.force).map(|(a, b)| (a - b) * (a - b)).sum();
     (squares / run.force.len() as Real).sqrt() / peak
@@ -141,7 +135,10 @@ fn body(surface: Surface, spacings: &[Real], young: Real, holds: Bounds) -> Resu
 }
 
 /// A clamped cube of 0.1 m, ball of a tenth of that pressed half its radius in and stroked over half the face.
-fn cube_stroke(spacings: &[Real]) -> Result<Stroke> {
+///
+/// # Errors
+/// When the cube cannot be prepared.
+pub fn cube_stroke(spacings: &[Real]) -> Result<Stroke> {
     let side = 0.1;
     let surface = box_surface(Vec3::repeat(side), [24; 3]);
     let body = body(surface, spacings, 1e4, Bounds::new(Vec3::zeros(), Vec3::new(side, side, 0.0)))?;
@@ -150,7 +147,10 @@ fn cube_stroke(spacings: &[Real]) -> Result<Stroke> {
 }
 
 /// An organ in its bed, a ball of 10 mm pressed 10 mm and stroked 50 mm along its top.
-fn organ_stroke(surface: Surface, spacings: &[Real], young: Real) -> Result<Stroke> {
+///
+/// # Errors
+/// When the organ cannot be prepared.
+pub fn organ_stroke(surface: Surface, spacings: &[Real], young: Real) -> Result<Stroke> {
     let Bounds { low, high } = surface.bounds();
     let bed = Vec3::new(high.x, high.y, low.z + 0.45 * (high.z - low.z));
     let radius = 0.01;
@@ -274,14 +274,13 @@ const BUDGET: [u32; 3] = [3_200_000, 320_000, 3_200_000];
 pub fn overload(out: &Path, progress: Progress) -> Result<String> {
     progress("a press with the budget cut tenfold");
     let on = organ_stroke(liver_surface(0.005), &[0.026, 0.015, 0.0085, 0.005], 5e3)?;
-    let mut simulation =
-        begin(&on.body, settings(on.radius, Some(Adaptivity { reach: 3.0, ..Adaptivity::default() })), 0)?;
+    let mut simulation = begin(&on, Some(Adaptivity { reach: 3.0, ..Adaptivity::default() }), 0)?;
     let (mut force, mut rendered, mut nodes) = (Vec::new(), Vec::new(), Vec::new());
     let (mut needed, mut budget) = (Vec::new(), Vec::new());
     let (mut stood, mut overspent, mut longest, mut now) = (0u32, 0u32, 0u32, 0u32);
     for tick in 0..3000u32 {
-        let mut inputs = Inputs { budget: Budget::of(BUDGET[(tick / 1000) as usize]), ..Inputs::default() };
-        inputs.tools[0] = pose(tick + 1, on.place(tick.min(400)));
+        let inputs =
+            Inputs { budget: Budget::of(BUDGET[(tick / 1000) as usize]), ..held_at(tick + 1, on.place(tick.min(400))) };
         let outputs = simulation.advance(&inputs);
         let time = Real::from(tick) * TICK;
         force.push((time, outputs.tools[0].state.physical_force.norm()));
@@ -318,67 +317,4 @@ pub fn overload(out: &Path, progress: Progress) -> Result<String> {
     ];
     charts(out, "overload", "The budget cut tenfold in the middle of a press", &panels)?;
     Ok(text)
-}
-
-/// The paper's figure 8: one body from very soft to stiff, pressed and released, coloured by level.
-pub fn stiffnesses(out: &Path, progress: Progress) -> Result<String> {
-    let mut pictures = Vec::new();
-    let mut rows = Vec::new();
-    for exponent in 2..=6 {
-        let mu = Real::powi(10.0, exponent);
-        progress(&format!("figure 8: μ = 1e{exponent} Pa"));
-        // ν = 0.45, so E = 2.9 μ.
-        let on = organ_stroke(liver_surface(0.005), &[0.026, 0.015, 0.0085, 0.005], 2.9 * mu)?;
-        let adaptivity = Adaptivity { split: 0.05, ..Adaptivity::default() };
-        let usable = palpate_core::adaptation::finest_steppable(&on.body);
-        let mut simulation = begin(&on.body, settings(on.radius, Some(adaptivity)), 0)?;
-        let mut pressed_force: Real = 0.0;
-        let mut restored = 0;
-        for tick in 0..700u32 {
-            let mut inputs = Inputs { budget: Budget::of(1_600_000), ..Inputs::default() };
-            // Down and held, then up again in half a second.
-            let up = (Real::from(tick) * TICK - 0.3).max(0.0);
-            inputs.tools[0] = pose(tick + 1, on.place(tick.min(200)) + Vec3::z() * (0.1 * up));
-            let outputs = simulation.advance(&inputs).clone();
-            restored += u32::from(outputs.restored);
-            pressed_force = pressed_force.max(outputs.tools[0].state.physical_force.norm());
-            if tick == 299 {
-                pictures.push(picture(&simulation, &format!("μ = {} kPa", 1e-3 * mu)));
-                rows.push(vec![
-                    format!("1e{exponent}"),
-                    usable.to_string(),
-                    outputs.active[..on.body.levels().len()].iter().map(u32::to_string).collect::<Vec<_>>().join(" + "),
-                    outputs.elements.to_string(),
-                    outputs.element_evaluations.to_string(),
-                ]);
-            }
-        }
-        if let Some(row) = rows.last_mut() {
-            row.push(format!("{pressed_force:.3}"));
-            row.push(restored.to_string());
-        }
-    }
-    coloured(out, "figure8", "Pressed 10 mm: from very soft to stiff, coloured by level of detail", &pictures, 3)?;
-    let header = [
-        "mu [Pa]",
-        "finest level used",
-        "active nodes by level",
-        "elements",
-        "evaluations",
-        "peak force [N]",
-        "restored",
-    ];
-    table(out, "figure8-table", &header, &rows)
-}
-
-/// The surface with the level that each triangle hangs on.
-fn picture(simulation: &Simulation, title: &str) -> (Picture, Vec<usize>) {
-    let (body, mesh) = (simulation.body(), simulation.mesh());
-    let mut vertices = vec![Vec3::zeros(); body.surface().vertices.len()];
-    mesh.skin(&mut vertices);
-    let mut of_vertex = vec![0; vertices.len()];
-    mesh.display_levels(body, &mut of_vertex);
-    let level = |v: u32| usize::from(of_vertex[v as usize]);
-    let levels = body.surface().triangles.iter().map(|t| t.map(level).into_iter().max().unwrap_or(0)).collect();
-    (Picture { title: title.into(), vertices, triangles: body.surface().triangles.clone() }, levels)
 }
