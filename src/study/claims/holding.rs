@@ -32,8 +32,11 @@ pub struct Held {
     pub area: Real,
 }
 
+/// A response that [`Held`] has.
+pub type Reading = fn(&Held) -> Real;
+
 /// How the weights are read, and what of [`Held`] that is.
-pub const READINGS: [(&str, fn(&Held) -> Real); 4] = [
+pub const READINGS: [(&str, Reading); 4] = [
     ("not weighted [N]", |h| h.sum),
     ("part of the nodes' area [N]", |h| h.part),
     ("part of the collision's area [N]", |h| h.mean),

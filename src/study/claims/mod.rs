@@ -102,12 +102,15 @@ pub fn page(claims: &[Claim]) -> String {
     text
 }
 
+/// A module's claims, measured; its pictures and tables go into the folder.
+type Part = fn(&Path, Progress) -> Result<Vec<Claim>>;
+
 /// All claims, measured.
 ///
 /// # Errors
 /// When a body cannot be prepared or a picture not be written.
 pub fn claims(out: &Path, progress: Progress) -> Result<String> {
-    let parts: [fn(&Path, Progress) -> Result<Vec<Claim>>; 10] = [
+    let parts: [Part; 10] = [
         swings::claims,
         mixes::claims,
         modes::claims,

@@ -153,7 +153,7 @@ pub fn compare(levels: &Levels, method: Method, load: Real, duration: Real) -> R
     let extent = |pick: fn(Real, Real) -> Real| finest.height.iter().map(|p| p.1).fold(0.0, pick);
     let width = extent(Real::max) - extent(Real::min);
     let largest = |of: &dyn Fn(&Swung) -> Real| {
-        coarser.iter().map(|s| of(s)).fold(0.0, |a: Real, b| if b > a || b.is_nan() { b } else { a })
+        coarser.iter().map(of).fold(0.0, |a: Real, b| if b > a || b.is_nan() { b } else { a })
     };
     let (depth, period, apart) = (
         largest(&|s| (s.depth_and_period().0 / depth - 1.0).abs()),
