@@ -140,9 +140,10 @@ fn the_simulation_thread_allocates_nothing() {
             2500 => stopped.store(true, Ordering::Relaxed),
             _ => {}
         }
-        // Presses from above for 0.6 s, then falls silent until the watchdog lets go, then comes back.
+        // Presses from above, twice, as it has to come from outside after a stall; then falls silent until the watchdog
+        // lets go, then comes back.
         if (101..1000).contains(&tick) || (1600..1900).contains(&tick) {
-            let down = 0.035 * ((tick as f64 - 150.0) / 300.0).clamp(0.0, 1.0);
+            let down = 0.035 * (((tick % 500) as f64 - 100.0) / 250.0).clamp(0.0, 1.0);
             let position = Vec3::new(surface_area / 2.0, 0.05, 0.1 + 0.02 + 0.02 - down);
             let sample = PoseSample {
                 sequence: tick as u32,
