@@ -9,6 +9,8 @@ mod browser;
 mod c_program;
 #[path = "common/served.rs"]
 mod served;
+#[path = "common/wheel.rs"]
+mod wheel;
 
 use browser::{Heard, Page, Visitor};
 use c_program::{Linked, compile_example, held_forces, library, run};
@@ -108,6 +110,27 @@ fn in_csharp(program: &Path, endpoints: &Endpoints, place: [f64; 3]) -> Option<F
     said.contains("Held and Engaged").then_some(Felt { newtons, answers: vec![] })
 }
 
+/// In Python; prints the force while it holds still and how the tool is doing.
+const PYTHON: &str = "
+import sys, numpy as np, palpate
+*server, x, y, z, above, settled, ends = sys.argv[1:]
+time = np.arange(0.0, float(ends), 1e-3)
+heights = float(above) * np.maximum(1.0 - time, 0.0)
+poses = np.array([float(x), float(y), float(z)]) + np.outer(heights, [0.0, 0.0, 1.0])
+with palpate.connect(*server).attach('ball', device='Touch') as tool:
+    felt = tool.follow(poses)
+    print(np.median(felt.force[time > float(settled), 2]), tool.state['hold'], tool.state['phase'])
+";
+
+fn in_python(python: &Path, endpoints: &Endpoints, place: [f64; 3]) -> Option<Felt> {
+    let numbers = place.into_iter().chain([ABOVE, SETTLED, ENDS]).map(|x| x.to_string());
+    let mut script = Command::new(python);
+    script.args(["-c", PYTHON, &endpoints.force, &endpoints.surface, &endpoints.session]).args(numbers);
+    let said = run(&mut script);
+    let (newtons, state) = said.trim().split_once(' ').unwrap_or_else(|| panic!("{said}"));
+    (state == "held engaged").then(|| Felt { newtons: newtons.parse().unwrap(), answers: vec![] })
+}
+
 /// Through the gateway, 90 poses a second. A page has no device, whose coupling would hang its tool back: its place is
 /// that of the tool itself.
 fn on_a_page(page: &mut Page, place: [f64; 3]) -> Option<Felt> {
@@ -170,6 +193,9 @@ fn every_client_feels_the_same_at_the_same_place() {
         table.push(("C#", pressed("C#", || in_csharp(&touch, &endpoints, place))));
     } else {
         println!("C# is left out: mcs or mono is not there (apt-get install mono-mcs mono-runtime)");
+    }
+    if let Some(python) = wheel::python() {
+        table.push(("Python", pressed("Python", || in_python(&python, &endpoints, place))));
     }
     let mut web = Command::new(program);
     web.args(["web", "--listen", "127.0.0.1:0", "--force-endpoint", &endpoints.force]);
