@@ -2,6 +2,8 @@
 
 #[cfg(unix)]
 mod c_client;
+#[path = "../common/stranger.rs"]
+mod stranger;
 mod two_hands;
 mod viewers;
 
@@ -14,6 +16,7 @@ use palpate_sdk::{Attachment, Connection, Endpoints, PoseSample, SdkError, Tool,
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
+use stranger::stranger;
 use viewers::Viewer;
 use zenoh::Wait;
 
@@ -79,19 +82,6 @@ impl Running {
     fn refused(&self, reason: &str) -> u64 {
         self.status().refused.iter().find(|r| r.reason == reason).map_or(0, |r| r.count)
     }
-}
-
-/// Somebody without the sdk's care.
-fn stranger(endpoint: &str) -> zenoh::Session {
-    let mut config = zenoh::Config::default();
-    for (key, value) in [
-        ("mode", "\"client\"".to_owned()),
-        ("connect/endpoints", format!("[{endpoint:?}]")),
-        ("scouting/multicast/enabled", "false".into()),
-    ] {
-        config.insert_json5(key, &value).unwrap();
-    }
-    zenoh::open(config).wait().unwrap()
 }
 
 /// Looks every millisecond; a minute is long enough for a machine on which much else runs.

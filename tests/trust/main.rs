@@ -6,6 +6,8 @@ mod hand;
 #[path = "../common/served.rs"]
 mod served;
 mod stopped;
+#[path = "../common/stranger.rs"]
+mod stranger;
 mod strangers;
 
 /// What replay says of `recording`, and its exit code.

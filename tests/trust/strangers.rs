@@ -2,6 +2,7 @@
 
 use super::hand::{Hand, INSIDE, length};
 use super::served::Served;
+use super::stranger::stranger;
 use palpate_proto::{self as proto, Message, control_request::Request, keys};
 use palpate_sdk::{Connection, Endpoints, ToolPhase};
 use std::net::TcpStream;
@@ -21,19 +22,6 @@ fn serve() -> Served {
 fn connected(served: &Served) -> Connection {
     let [force, surface] = served.endpoints.clone();
     Connection::open(&Endpoints { force, surface, ..Endpoints::default() }).unwrap()
-}
-
-/// Somebody without the sdk's care.
-fn stranger(endpoint: &str) -> zenoh::Session {
-    let mut config = zenoh::Config::default();
-    for (key, value) in [
-        ("mode", "\"client\"".to_owned()),
-        ("connect/endpoints", format!("[{endpoint:?}]")),
-        ("scouting/multicast/enabled", "false".into()),
-    ] {
-        config.insert_json5(key, &value).unwrap();
-    }
-    zenoh::open(config).wait().unwrap()
 }
 
 /// A wrench that pushes sideways with all that there is.

@@ -34,8 +34,8 @@ pub const STEP_VISCOSITY: Real = 0.1;
 /// Contact is held at least this often.
 pub const LONGEST_CONTACT_CLASS: usize = 1;
 /// And as often as the shortest-stepped element of the body moves, up to this class; beyond, only what carries the contact
-/// counts. Tuned: with more solves a tool on soft springs shakes within the tick (torque 1.5 % from that of a rigid tool
-/// led along the same way, 0.4 % with this), with fewer strokes over short-stepped elements are rough.
+/// counts. Tuned: on viscous elements more solves let a tool on soft springs shake within the tick (torque 1.5 % from that
+/// of a rigid tool led along the same way, 0.4 % with this); fewer were not tried.
 pub const SOFT_CONTACT_CLASS: usize = 2;
 /// By class of step: forces that act with the elements, or the contact, that they stand for.
 pub type Ease<T> = [T; CLASSES];
