@@ -169,7 +169,9 @@ impl Hand {
                 match desk.path.get(at).copied() {
                     Some(pose) => {
                         desk.next += 1;
-                        let device = (pose.position.into(), [0.0; 3], pose.orientation);
+                        let before = desk.path[at.saturating_sub(1)].position;
+                        let velocity = (pose.position - before) / period.as_secs_f64();
+                        let device = (pose.position.into(), velocity.into(), pose.orientation);
                         desk.device = Some(device);
                         (Some(device), true)
                     }

@@ -32,7 +32,7 @@ def pressed(tool, watch):
         felt = tool.follow(press(0.008, 1500))
         if comes(lambda: watch.latest() and watch.latest()["tools"], 60):
             under = np.linalg.norm(watch.rest_vertices - TOP, axis=1).argmin()
-            seen = comes(lambda: watch.latest()["vertices"][under, 2] < 0.1 - 0.003, 3)
+            seen = comes(lambda: watch.latest()["vertices"][under, 2] < 0.1 - 0.001, 3)
             if seen and tool.state["phase"] == "engaged" and tool.force[2] > 0.3:
                 return felt
     raise AssertionError("pressed ten times, and never felt and seen")
