@@ -11,7 +11,7 @@ use palpate_core::contact::tool::{Coupling, PoseSample, ToolEvent};
 use palpate_core::ids::Node;
 use palpate_core::math::{Pose, Vec3};
 use palpate_core::model::active_set::Change;
-use palpate_core::model::element_kernel::{Path as KernelPath, Rates};
+use palpate_core::model::element_kernel::{Rates, Simd};
 use palpate_core::model::element_pool::CLASSES;
 use palpate_core::model::{ActiveMesh, Body, State};
 use palpate_core::simulation::{Budget, Inputs, Simulation, Snapshot};
@@ -53,7 +53,7 @@ fn element_kernel(c: &mut Criterion) {
         mesh.change_motion(|_, x, _| *x *= 1.01);
         let rates = Rates { volume: 0.1, shear: 0.1, decay: [0.98, 0.9], share: [0.2, 0.3] };
         group.throughput(Throughput::Elements(elements));
-        for path in KernelPath::available() {
+        for path in Simd::available() {
             let name = format!("{path:?}, {} branches, {elements} elements", body.maxwell().len());
             group.bench_function(name, |b| b.iter(|| mesh.add_forces(path, 0, black_box(&rates))));
         }

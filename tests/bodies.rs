@@ -6,7 +6,7 @@ use palpate_core::geometry::primitives::box_mesh;
 use palpate_core::geometry::{Moments, Surface, TetMesh};
 use palpate_core::ids::Slot;
 use palpate_core::math::{Bounds, Real, Vec3};
-use palpate_core::model::element_kernel::{Path as KernelPath, Rates};
+use palpate_core::model::element_kernel::{Rates, Simd};
 use palpate_core::model::element_pool::CLASSES;
 use palpate_core::model::step_class::{self, Strained};
 use palpate_core::model::{ActiveMesh, Body, State};
@@ -98,11 +98,11 @@ fn explicit_limit(body: &Body, mesh: &mut ActiveMesh) -> Real {
         let scale = 1e-6;
         mesh.change_motion(|n, x, _| *x = body.rest(n) + shape[index[n.index()]] * scale);
         for class in 0..CLASSES {
-            mesh.add_forces(KernelPath::best(), class, &Rates::ELASTIC);
+            mesh.add_forces(Simd::best(), class, &Rates::ELASTIC);
         }
-        for hold in body.holds() {
+        for hold in body.supports() {
             let pull = (body.surface().vertices[hold.vertex.index()] - mesh.vertex(hold.vertex)) * hold.stiffness;
-            let attachment = *mesh.attachment(hold.vertex);
+            let attachment = *mesh.embedding(hold.vertex);
             for (slot, w) in attachment.slots.iter().zip(attachment.weights) {
                 (0..3).for_each(|c| mesh.motion.force[slot.index()][c] += pull[c] * w);
             }

@@ -1,7 +1,7 @@
 //! The command line: what a user types, and what it says when something is wrong.
 
 use assert_cmd::Command;
-use palpate_core::model::element_kernel::Path as KernelPath;
+use palpate_core::model::element_kernel::Simd;
 use std::fs;
 use std::path::Path;
 
@@ -292,7 +292,7 @@ fn help_lists_every_bundled_scene_and_the_values_of_every_choice() {
         assert!(e.contains(wrong) && e.contains(&format!("[possible values: {known}]")), "{e}");
         assert!(known.split(", ").all(|name| help(command).contains(name)), "{}", help(command));
     }
-    let forms = KernelPath::ALL.map(KernelPath::name).join(", ");
+    let forms = Simd::ALL.map(Simd::name).join(", ");
     assert!(help("replay").contains(&format!("[possible values: {forms}]")), "{}", help("replay"));
 }
 
@@ -302,7 +302,7 @@ fn a_recording_replays_on_each_form_of_the_kernel_that_the_cpu_has() {
     let at = |name: &str| folder.path().join(name).display().to_string();
     let simulate = ["simulate", "cube", "--seconds", "0.1", "--set", "body.active_level=0", "--set", "world.settle=0"];
     palpate(&[&simulate[..], &["--out", &at("out"), "--record", &at("run.mcap")]].concat()).success();
-    for path in KernelPath::ALL {
+    for path in Simd::ALL {
         let outcome = palpate(&["replay", &at("run.mcap"), "--kernel", path.name()]);
         if path.is_available() {
             let said = outcome.success();

@@ -15,7 +15,7 @@ mod wheel;
 use browser::{Heard, Page, Visitor};
 use c_program::{Linked, compile_example, held_forces, library, run};
 use palpate_proto::ToolPhase;
-use palpate_sdk::{Attachment, Connection, Device, Endpoints, PoseSample, Registration};
+use palpate_sdk::{Connection, Device, Embedding, Endpoints, PoseSample, Registration};
 use served::Served;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
@@ -64,7 +64,7 @@ impl Drop for Killed {
 fn in_rust(endpoints: &Endpoints, place: [f64; 3]) -> Option<(Felt, [f64; 3])> {
     let connection = Connection::open(endpoints).unwrap();
     let device = Device::by_name("Touch").unwrap();
-    let mut tool = connection.attach(&Attachment::of("Rust", &device, &Registration::default())).unwrap();
+    let mut tool = connection.attach(&Embedding::of("Rust", &device, &Registration::default())).unwrap();
     let (mut forces, mut answers, mut hung) = (Vec::new(), Vec::new(), place);
     let (begun, mut answered) = (Instant::now(), 0);
     loop {

@@ -11,7 +11,7 @@ use palpate_core::contact::tool::{Coupling, PoseSample, ToolEvent};
 use palpate_core::geometry::Surface as Touched;
 use palpate_core::math::{Pose, Vec3, to_parry};
 use palpate_core::model::Body;
-use palpate_core::model::element_kernel::Path as KernelPath;
+use palpate_core::model::element_kernel::Simd;
 use palpate_core::simulation::{Inputs, Outputs, Simulation};
 use palpate_proto::Message;
 use palpate_proto::surface::MOST_MESSAGE_BYTES;
@@ -131,7 +131,7 @@ fn a_recording_of_it_replays_identical() {
     });
     writer.finish().unwrap();
     let recording = Recording::read(&file).unwrap();
-    let report = replay(&recording, KernelPath::best()).unwrap();
+    let report = replay(&recording, Simd::best()).unwrap();
     assert_eq!((report.difference, report.ticks), (None, 640));
     let shown = loaded.scene.display(&body).unwrap();
     assert_eq!((&recording.display.rest, &recording.display.triangles), (&shown.rest, &shown.triangles));

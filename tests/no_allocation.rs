@@ -260,7 +260,7 @@ fn memory_grows_no_faster_than_nodes() {
             materials: vec![*prepared.material()],
             labels: LabelParts::default(),
             material_of: vec![Vec::new(); prepared.levels().len()],
-            holds: prepared.holds().to_vec(),
+            supports: prepared.supports().to_vec(),
             maxwell: prepared.maxwell().to_vec(),
             slowest_mode: prepared.slowest_mode(),
             organs: vec![],

@@ -9,7 +9,7 @@ use palpate_core::contact::tool::{Coupling, PoseSample, ToolEvent};
 use palpate_core::ids::{OrganId, Slot, Vertex};
 use palpate_core::math::{Pose, Real, Vec3, is_finite};
 use palpate_core::model::active_set::Change;
-use palpate_core::model::element_kernel::Path as KernelPath;
+use palpate_core::model::element_kernel::Simd;
 use palpate_core::model::{ActiveMesh, Body, State};
 use palpate_core::simulation::{Budget, Inputs, MOST_FROZEN, Simulation};
 use std::f64::consts::PI;
@@ -389,7 +389,7 @@ fn a_recording_of_two_organs_replays_identical() {
     writer.finish().unwrap();
     let recording = Recording::read(&file).unwrap();
     assert_eq!(recording.body.organs().len(), 2);
-    for path in KernelPath::available() {
+    for path in Simd::available() {
         let report = replay(&recording, path).unwrap();
         assert_eq!((report.difference, report.ticks, report.hashes), (None, 640, 20));
     }

@@ -266,7 +266,7 @@ fn prepare_refuses_with_a_remedy_and_draws_what_it_makes() {
     // Held elsewhere, the levels that cover the body still agree, with the region's as they did.
     let before = body.level(1).stiffness_factor.clone();
     let held = load(Path::new(&out), &["hold.0.max=[1.0, 1.0, 0.4]"]).build(&mut silent).unwrap();
-    assert!(held.holds().len() > body.holds().len() && held.level(1).stiffness_factor == before);
+    assert!(held.supports().len() > body.supports().len() && held.level(1).stiffness_factor == before);
     assert!(held.level(0).stiffness_factor != body.level(0).stiffness_factor);
 }
 

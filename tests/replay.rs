@@ -10,7 +10,7 @@ use palpate::recording::{FORMAT, Recording, RecordingWriter, replay};
 use palpate::scene::LoadedScene;
 use palpate_core::contact::tool::{Coupling, PoseSample, ToolEvent};
 use palpate_core::math::{Pose, Vec3};
-use palpate_core::model::element_kernel::Path as KernelPath;
+use palpate_core::model::element_kernel::Simd;
 use palpate_core::model::{Body, State};
 use palpate_core::simulation::{Budget, Inputs, Simulation, Snapshot, ToolOutput};
 use palpate_proto::keys::topics;
@@ -115,12 +115,12 @@ impl Stage {
         Snapshot::with_state(self.start.clone(), self.loaded.scene.tool.len())
     }
 
-    fn simulation(&self, path: KernelPath) -> Simulation {
+    fn simulation(&self, path: Simd) -> Simulation {
         Simulation::new(self.body.clone(), self.loaded.scene.settings(), self.start()).unwrap().with_path(path)
     }
 
     /// Each tool's force [N] and torque [N·m] on it every [`TRACE`] ticks, every frame's hash, and the final hash.
-    fn run(&self, path: KernelPath, trajectory: &Trajectory) -> Ran {
+    fn run(&self, path: Simd, trajectory: &Trajectory) -> Ran {
         let mut simulation = self.simulation(path);
         let mut ran = Ran::default();
         offline::run(&mut simulation, trajectory, trajectory.last_tick(), |_, outputs| {
@@ -140,7 +140,7 @@ impl Stage {
 
     /// Records what `inputs` of each of `ticks` ticks bring about, into `file`.
     fn record(&self, inputs: impl Fn(u64) -> Inputs, ticks: u64, file: &Path) {
-        let mut simulation = self.simulation(KernelPath::best());
+        let mut simulation = self.simulation(Simd::best());
         let scene = &self.loaded.scene;
         let mut writer = RecordingWriter::create(file, scene, &self.body, &self.start(), &self.start).unwrap();
         for tick in 1..=ticks {
@@ -176,7 +176,7 @@ fn peak(trace: &[Vec<f64>], at: usize) -> f64 {
 
 /// Compares what `stage` gives under `trajectory` with its trace, or writes the trace anew; gives the final hash.
 fn check_run(name: &str, stage: &Stage, trajectory: &Trajectory) -> u64 {
-    let ran = stage.run(KernelPath::best(), trajectory);
+    let ran = stage.run(Simd::best(), trajectory);
     let file = folder("trajectories").join(format!("{name}.trace.csv"));
     if writing() {
         let mut out = csv::Writer::from_path(&file).unwrap();
@@ -207,7 +207,7 @@ fn check_run(name: &str, stage: &Stage, trajectory: &Trajectory) -> u64 {
     }
     assert!(touched > 0.05, "{name} touches: {touched} N");
     // The other forms of the kernel give the same bits at every frame.
-    for path in KernelPath::available().into_iter().filter(|path| *path != KernelPath::best()) {
+    for path in Simd::available().into_iter().filter(|path| *path != Simd::best()) {
         assert_eq!(stage.run(path, trajectory), ran, "{name} on {path:?}");
     }
     ran.hash
@@ -311,7 +311,7 @@ fn a_recording_replays_identical_in_the_library_and_on_the_command_line() {
     let file = folder.path().join("tap.mcap");
     let ticks = cube.record_trajectory(&trajectory("tap"), &file);
     let recording = Recording::read(&file).unwrap();
-    for path in KernelPath::available() {
+    for path in Simd::available() {
         let report = replay(&recording, path).unwrap();
         assert_eq!((report.difference, report.ticks), (None, ticks));
         assert!(report.hashes == ticks / 32 && report.wrenches > ticks * 9 / 10);
@@ -340,7 +340,7 @@ fn a_changed_input_is_found_with_its_tick_and_its_size() {
     let Some(ToolEvent::Pose(pose)) = &mut inputs.tools[0] else { panic!("a pose") };
     pose.pose.position.z += 1e-4;
     let changed = pose.sequence;
-    let report = replay(&recording, KernelPath::best()).unwrap();
+    let report = replay(&recording, Simd::best()).unwrap();
     let difference = report.difference.unwrap();
     println!("{changed}: {difference:?}");
     // While it presses: the force is another, too.
@@ -360,7 +360,7 @@ fn a_recording_cut_short_replays_up_to_the_cut() {
         let cut = folder.path().join(format!("cut{percent}.mcap"));
         fs::write(&cut, &bytes[..bytes.len() * percent / 100]).unwrap();
         let recording = Recording::read(&cut).unwrap();
-        let report = replay(&recording, KernelPath::best()).unwrap();
+        let report = replay(&recording, Simd::best()).unwrap();
         println!("{percent} %: {} of {ticks} ticks, {:?}", report.ticks, recording.cut);
         assert_eq!(report.difference, None);
         // The index at the end of the file counts too, and a chunk that is not whole is lost.

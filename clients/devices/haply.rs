@@ -6,7 +6,7 @@
 //! X Y Z \[m\] is the place in the body that the origin of the service's space is registered to.
 
 use palpate_sdk::{
-    Attachment, Clutch, Connection, Device, Endpoints, Frame, PoseSample, Registration, RenderMode, Renderer, Tool,
+    Clutch, Connection, Device, Embedding, Endpoints, Frame, PoseSample, Registration, RenderMode, Renderer, Tool,
 };
 use serde_json::{Value, json};
 use std::error::Error;
@@ -79,7 +79,7 @@ struct Hand {
 impl Hand {
     fn take(connection: &Connection, device: &Device, registration: &Registration) -> Result<Self, Box<dyn Error>> {
         Ok(Self {
-            tool: connection.attach(&Attachment::of("haply", device, registration))?,
+            tool: connection.attach(&Embedding::of("haply", device, registration))?,
             renderer: Renderer::new(&registration.in_body(device), RenderMode::default()),
             clutch: Clutch::new(*registration),
             sent: None,

@@ -313,7 +313,7 @@ pub fn summary(s: &proto::Status) -> String {
         lines.push(format!("refused: {}", refused.join(", ")));
     }
     if s.restored_states > 0 {
-        lines.push(format!("{} states that were not finite, or knotted, were replaced", s.restored_states));
+        lines.push(format!("{} states that were not finite, or entangled, were replaced", s.restored_states));
     }
     if let Some(r) = &s.recording {
         let fault = if r.fault.is_empty() { String::new() } else { format!("; ENDED EARLY: {}", r.fault) };

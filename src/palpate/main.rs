@@ -19,7 +19,7 @@ use palpate::recording::{Recording, RecordingWriter, replay};
 use palpate::scene::LoadedScene;
 use palpate::server::{self, Reach, Server};
 use palpate::{say, tell, writable};
-use palpate_core::model::element_kernel::Path as KernelPath;
+use palpate_core::model::element_kernel::Simd;
 use palpate_core::simulation::{Inputs, Simulation, Snapshot, TICK};
 use palpate_proto::{self as proto, keys};
 use std::io::IsTerminal;
@@ -215,16 +215,16 @@ struct ReplayArgs {
     file: PathBuf,
     /// Run on this form of the kernel instead of all that this CPU has
     #[arg(long, value_parser = kernel_form())]
-    kernel: Option<KernelPath>,
+    kernel: Option<Simd>,
     /// Write the tools' poses as a trajectory that `simulate` reads
     #[arg(long, value_name = "FILE")]
     trajectory_out: Option<PathBuf>,
 }
 
 /// A form of the kernel by its name.
-fn kernel_form() -> impl TypedValueParser<Value = KernelPath> {
-    PossibleValuesParser::new(KernelPath::ALL.map(KernelPath::name)).try_map(|name| {
-        KernelPath::ALL.into_iter().find(|path| path.name() == name).ok_or("there is no such form of the kernel")
+fn kernel_form() -> impl TypedValueParser<Value = Simd> {
+    PossibleValuesParser::new(Simd::ALL.map(Simd::name)).try_map(|name| {
+        Simd::ALL.into_iter().find(|path| path.name() == name).ok_or("there is no such form of the kernel")
     })
 }
 
@@ -479,10 +479,10 @@ fn record(args: &RecordArgs) -> anyhow::Result<ExitCode> {
 
 fn replay_file(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
     let paths = match args.kernel {
-        None => KernelPath::available(),
+        None => Simd::available(),
         Some(path) if path.is_available() => vec![path],
         Some(path) => {
-            let available = KernelPath::available().into_iter().map(KernelPath::name).collect::<Vec<_>>().join(", ");
+            let available = Simd::available().into_iter().map(Simd::name).collect::<Vec<_>>().join(", ");
             bail!("--kernel {}: this CPU cannot run it. Remedy: give one of {available}, or none", path.name())
         }
     };

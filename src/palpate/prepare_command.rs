@@ -137,7 +137,7 @@ pub fn run(args: &PrepareArgs) -> anyhow::Result<ExitCode> {
         1e3 * body.parts().shape.volume,
         body.mass(),
         body.slowest_mode() / std::f64::consts::TAU,
-        body.holds().len() + body.level(body.finest()).fixed.len()
+        body.supports().len() + body.level(body.finest()).fixed.len()
     )?;
     for line in said {
         writeln!(text, "{line}")?;

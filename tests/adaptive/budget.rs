@@ -167,7 +167,7 @@ fn unsettled(press: &Simulation, budget: u32) -> Vec<Node> {
     let prices = Prices::COMMON;
     let load = work::of_motion(press.body(), mesh, &prices, points) + work::of_contact(&prices, points, false);
     let sheds = pressed <= 0.0 || load.saturating_add(work::of_rest(&prices, true)) > budget;
-    let unsettled = mesh.active().iter().filter(|s| !sheds && mesh.eased(**s).norm() > 0.02 * pressed);
+    let unsettled = mesh.active().iter().filter(|s| !sheds && mesh.residual(**s).norm() > 0.02 * pressed);
     unsettled.map(|s| mesh.node(*s)).collect()
 }
 

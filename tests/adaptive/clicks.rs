@@ -7,12 +7,12 @@ use super::*;
 use palpate_core::math::Bounds;
 
 /// Jump of the force [N] that a hand does not feel, at any force.
-const UNFELT: Real = 0.010;
+const NOTICEABLE: Real = 0.010;
 /// The same over the force: a hand tells steps of 7 to 10 per cent.
 const UNFELT_PART: Real = 0.05;
 /// Motion of the surface within a frame that no eye sees, over the body's size.
 const UNSEEN: Real = 1e-3;
-/// How far beyond [`UNFELT`] the force may get in [`RINGS`] ticks where resolution comes late or has to go: the coarse level
+/// How far beyond [`NOTICEABLE`] the force may get in [`RINGS`] ticks where resolution comes late or has to go: the coarse level
 /// does not agree with the fine one on a dent as small as its elements, so it has to go somewhere, but a hand tells 10 to
 /// 15 per cent that come within some milliseconds.
 const MOST_RING: Real = 2.5;
@@ -42,11 +42,11 @@ fn most_apart(a: &[Vec3], b: &[Vec3]) -> Real {
 /// What the surface moves by at most within a frame because of what changes have left to fade [m].
 fn most_fade(simulation: &mut Simulation) -> Real {
     let mesh = simulation.mesh_mut();
-    let before = mesh.fade.clone();
-    (0..TICKS_PER_FRAME).for_each(|_| mesh.fade_out());
-    let moved = before.iter().zip(&mesh.fade).map(|(a, b)| Vec3::new(a[0] - b[0], a[1] - b[1], a[2] - b[2]).norm());
+    let before = mesh.geomorph.clone();
+    (0..TICKS_PER_FRAME).for_each(|_| mesh.decay_geomorph());
+    let moved = before.iter().zip(&mesh.geomorph).map(|(a, b)| Vec3::new(a[0] - b[0], a[1] - b[1], a[2] - b[2]).norm());
     let most = moved.fold(0.0, Real::max);
-    mesh.fade = before;
+    mesh.geomorph = before;
     most
 }
 
@@ -97,7 +97,7 @@ fn compare(press: &mut Simulation, from: u64, ticks: u64, at: impl Fn(u64) -> In
         let mut without = Simulation::new(press.body().clone(), settings(None), before.clone()).unwrap();
         let expected = without.advance(&at(i)).tools[0].state.force;
         let jump = (force - expected).norm();
-        let over = jump / UNFELT.max(UNFELT_PART * expected.norm());
+        let over = jump / NOTICEABLE.max(UNFELT_PART * expected.norm());
         clicks.changes += changes;
         clicks.ticks += 1;
         clicks.force = clicks.force.max(jump);
@@ -109,7 +109,7 @@ fn compare(press: &mut Simulation, from: u64, ticks: u64, at: impl Fn(u64) -> In
         for k in 1..=RINGS {
             let force = with.advance(&at(i + k)).tools[0].state.force;
             let expected = without.advance(&at(i + k)).tools[0].state.force;
-            let over = (force - expected).norm() / UNFELT.max(UNFELT_PART * expected.norm());
+            let over = (force - expected).norm() / NOTICEABLE.max(UNFELT_PART * expected.norm());
             clicks.rings = clicks.rings.max(over);
         }
     }
@@ -225,7 +225,7 @@ fn refining_and_coarsening_the_whole_contact_in_one_tick_is_not_felt() {
         assert!(before > 0.1);
         // What the fade does not take up is below a picometre a batch.
         assert!(jumped < 1e-11, "the surface jumps by {jumped:e} m");
-        worst.force = worst.force.max(after / UNFELT.max(UNFELT_PART * before));
+        worst.force = worst.force.max(after / NOTICEABLE.max(UNFELT_PART * before));
         worst.fade = worst.fade.max(fade);
     }
     assert!(worst.fade < UNSEEN * SIDE, "{} mm fade in a frame", worst.fade * 1e3);

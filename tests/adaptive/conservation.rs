@@ -109,7 +109,7 @@ fn what_changes_of_resolution_leave_to_fade_is_no_push() {
         }
         assert_eq!(frozen(&free), budget < u32::MAX, "the body sheds when the ball leaves it");
         free.advance(&cut(tick, inputs(ToolEvent::Detach)));
-        let eases = |mesh: &ActiveMesh| -> Real { mesh.active().iter().map(|s| mesh.eased(*s).abs().sum()).sum() };
+        let eases = |mesh: &ActiveMesh| -> Real { mesh.active().iter().map(|s| mesh.residual(*s).abs().sum()).sum() };
         let (before, held) = (energy(&body, free.mesh(), Vec3::zeros()), eases(free.mesh()));
         let (mut changes, mut linear, mut angular) = (0, 0.0 as Real, 0.0 as Real);
         let scale = (2.0 * before.kinetic * body.mass()).sqrt();

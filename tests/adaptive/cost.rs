@@ -16,7 +16,7 @@ fn without_finest(body: &Body) -> Arc<Body> {
         levels,
         materials: vec![*body.material()],
         labels: LabelParts::default(),
-        holds: body.holds().to_vec(),
+        supports: body.supports().to_vec(),
         maxwell: body.maxwell().to_vec(),
         slowest_mode: body.slowest_mode(),
         organs: vec![],
@@ -55,17 +55,17 @@ fn a_level_ten_times_as_large_costs_nothing_until_it_is_used() {
     let adaptivity = Adaptivity { finest: small.finest(), ..Adaptivity::default() };
     let run = |body: &Arc<Body>| {
         let mut press = simulation(body, &settings(Some(adaptivity.clone())), uniform(body, 0));
-        let (mut evaluations, mut units, mut upkeep) = (0u64, 0u64, 0u64);
+        let (mut evaluations, mut units, mut cost) = (0u64, 0u64, 0u64);
         for i in 0..800 {
             let o = press.advance(&press_and_stroke(i));
             evaluations += u64::from(o.element_evaluations);
             units += u64::from(o.plan.taken);
-            upkeep += u64::from(o.adapted.work);
+            cost += u64::from(o.adapted.work);
         }
-        [evaluations, units, upkeep].map(|x| x as Real)
+        [evaluations, units, cost].map(|x| x as Real)
     };
     let (a, b) = (run(&small), run(&large));
-    println!("a press: evaluations, units and upkeep {a:?} without the level, {b:?} with it");
+    println!("a press: evaluations, units and cost {a:?} without the level, {b:?} with it");
     for (a, b) in a.iter().zip(&b) {
         assert!((a / b - 1.0).abs() < 0.01);
     }

@@ -1,7 +1,7 @@
 //! A simulation that was saved and restored while its resolution changes goes on bit for bit.
 
 use super::*;
-use palpate_core::model::element_kernel::Path;
+use palpate_core::model::element_kernel::Simd;
 
 /// Ticks that are compared after a restore.
 const COMPARED: u64 = 500;
@@ -109,7 +109,7 @@ fn restored_at(moment: u64, body: &Arc<Body>, start: impl Fn() -> Simulation, sc
     let bytes = postcard::to_stdvec(&half.snapshot()).unwrap();
     let snapshot: Snapshot = postcard::from_bytes(&bytes).unwrap();
     assert_eq!(snapshot, half.snapshot(), "postcard");
-    for path in [Path::Portable, Path::best()] {
+    for path in [Simd::Portable, Simd::best()] {
         let settings = half.settings().clone();
         let mut restored = Simulation::new(body.clone(), settings, snapshot.clone()).unwrap().with_path(path);
         assert_eq!(restored.hash(), half.hash());
@@ -146,9 +146,9 @@ fn every_path_of_the_kernel_gives_the_same_bits() {
         let mut pressed = simulation(&body, &settings, uniform(&body, 0)).with_path(path);
         advance(&mut pressed, press_and_stroke, 0, 900)
     };
-    let portable = run(Path::Portable);
-    for path in Path::available() {
+    let portable = run(Simd::Portable);
+    for path in Simd::available() {
         assert!(run(path) == portable, "{path:?}");
     }
-    println!("{:?}: {} ticks alike", Path::available(), portable.len());
+    println!("{:?}: {} ticks alike", Simd::available(), portable.len());
 }

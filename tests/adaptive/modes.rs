@@ -1,7 +1,7 @@
 //! The slowest modes do not tell which nodes are active.
 
 use super::*;
-use palpate_core::model::element_kernel::{Path, Rates};
+use palpate_core::model::element_kernel::{Rates, Simd};
 
 /// Displacements small enough for the forces to be linear in them: strains of 1e-5 leave 1e-5 of them, and differences
 /// of forces 1e-10.
@@ -32,11 +32,11 @@ impl<'a> Linear<'a> {
             i += 1;
         });
         for class in 0..8 {
-            self.mesh.add_forces(Path::best(), class, &Rates::ELASTIC);
+            self.mesh.add_forces(Simd::best(), class, &Rates::ELASTIC);
         }
-        for hold in self.body.holds() {
+        for hold in self.body.supports() {
             let stretch = self.body.surface().vertices[hold.vertex.index()] - self.mesh.vertex(hold.vertex);
-            let attachment = *self.mesh.attachment(hold.vertex);
+            let attachment = *self.mesh.embedding(hold.vertex);
             for (slot, w) in attachment.slots.iter().zip(attachment.weights) {
                 for c in 0..3 {
                     self.mesh.motion.force[slot.index()][c] += stretch[c] * hold.stiffness * w;

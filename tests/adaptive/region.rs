@@ -62,10 +62,10 @@ fn outside_its_region_the_level_before_it_carries_the_tool() {
     let held = forces[650].norm();
     println!("{held:.3} N, at most {} finest nodes in use", finest.iter().max().unwrap());
     assert!(held > 0.05 && finest.iter().all(|n| *n == 0));
-    // On the rim, too.
+    // In the ghost layer, too.
     let (forces, finest) = press(&body, TOP + Vec3::new(0.04, 0.0, 0.0), -Vec3::z());
     let rough = forces[600..].windows(2).map(|pair| (pair[1] - pair[0]).norm()).fold(0.0, Real::max);
-    println!("on the rim {:.3} N, {} finest nodes in use, {rough:.1e} N a tick", forces[650].norm(), finest[650]);
+    println!("on the ghosts {:.3} N, {} finest nodes in use, {rough:.1e} N a tick", forces[650].norm(), finest[650]);
     assert!(forces[650].norm() > 0.05 && finest[650] > 0 && rough < 0.02 * forces[650].norm());
 }
 
@@ -88,15 +88,15 @@ fn a_body_with_a_region_survives_its_file_and_never_uses_the_rim() {
     let again = Body::from_bytes(body.bytes()).unwrap();
     assert_eq!(again.levels(), body.levels());
     assert!((again.mass() / 1.0 - 1.0).abs() < 1e-2, "{} kg", again.mass());
-    let rim = body.nodes_of(2).find(|n| body.is_on_rim(*n)).unwrap();
+    let ghosts = body.nodes_of(2).find(|n| body.is_ghost(*n)).unwrap();
     let mut nodes = body.covering(2);
     assert!(State::at_rest_on(&body, nodes.clone()).is_some());
-    nodes.push(rim);
+    nodes.push(ghosts);
     assert!(State::at_rest_on(&body, nodes).is_none());
-    // A rim that runs through a family is refused.
+    // A ghost layer that runs through a family is refused.
     let mut parts = again.into_parts();
-    let first = parts.levels[2].rim.remove(0);
+    let first = parts.levels[2].ghosts.remove(0);
     let refused = Body::new(parts).unwrap_err().to_string();
-    println!("node {first} taken off the rim: {refused}");
+    println!("node {first} taken off the ghosts: {refused}");
     assert!(refused.contains("runs through a family") || refused.contains("lies in no element"), "{refused}");
 }

@@ -3,8 +3,8 @@
 use super::*;
 use palpate_body::geometry::primitives::toy_surface;
 use palpate_core::ids::{Slot, Vertex};
-use palpate_core::model::active_mesh::{Momenta, Upkeep};
-use palpate_core::model::element_kernel::Path;
+use palpate_core::model::active_mesh::{ChangeCost, Momenta};
+use palpate_core::model::element_kernel::Simd;
 use palpate_core::stepping::step::{self, World};
 use std::collections::BTreeSet;
 
@@ -133,7 +133,7 @@ fn check_mesh(body: &Body, mesh: &ActiveMesh, worst: &mut Worst) {
     worst.centre = worst.centre.max((moment / mass - body.centre_of_mass()).norm() / size(body));
 
     for v in body.vertices() {
-        let a = mesh.attachment(v);
+        let a = mesh.embedding(v);
         assert!(mesh.pool().contains(a.element), "display vertex {v} hangs on element {}, not in use", a.element);
         assert_eq!(Some(a.slots), mesh.pool().nodes_of(a.element), "display vertex {v}");
     }
@@ -154,7 +154,7 @@ fn derived(body: &Body, mesh: &ActiveMesh) -> Vec<(u32, Vec<u64>)> {
         all.push((mesh.node(slot).0, row.chain(x).collect()));
     }
     for v in body.vertices() {
-        let a = mesh.attachment(v);
+        let a = mesh.embedding(v);
         let place = mesh.vertex(v);
         let bits = a.weights.into_iter().chain([a.spacing, place.x, place.y, place.z]).map(Real::to_bits);
         all.push((a.element.0, bits.collect()));
@@ -212,20 +212,20 @@ fn change(body: &Body, mesh: &mut ActiveMesh, changes: &[Change], random: &mut R
     let (before, speed): (Momenta, Real) = (mesh.momenta(), fastest(mesh));
     let (linear, angular) = scale(mesh);
     let shown: Vec<Vec3> = body.vertices().map(|v| mesh.vertex(v)).collect();
-    let parts = |u: Upkeep| [u.elements, u.rows];
-    let foreseen = parts(mesh.foresee(body, changes, false));
+    let parts = |u: ChangeCost| [u.elements, u.rows];
+    let foreseen = parts(mesh.estimate(body, changes, false));
     let took = parts(mesh.apply(body, changes));
     (0..2).for_each(|i| worst.taken[i] = worst.taken[i].max(Real::from(took[i]) / Real::from(foreseen[i].max(1))));
     assert!((0..2).all(|i| took[i] <= foreseen[i]), "{took:?} elements and rows, {foreseen:?} foreseen");
     let after = mesh.momenta();
     worst.shown = body.vertices().map(|v| (mesh.vertex(v) - shown[v.index()]).norm()).fold(worst.shown, Real::max);
-    let faded = body.vertices().filter(|v| mesh.fade[v.index()] != [0.0; 4]);
+    let faded = body.vertices().filter(|v| mesh.geomorph[v.index()] != [0.0; 4]);
     assert!(faded.eq({
-        let mut fading = mesh.fading().to_vec();
+        let mut fading = mesh.morphing().to_vec();
         fading.sort_unstable();
         fading
     }));
-    mesh.fade_out();
+    mesh.decay_geomorph();
     worst.linear = worst.linear.max((after.linear - before.linear).norm() / linear);
     worst.angular = worst.angular.max((after.angular - before.angular).norm() / angular);
     worst.faster = worst.faster.max(fastest(mesh) / speed);
@@ -260,7 +260,7 @@ fn walk(body: &Body, seeds: std::ops::Range<u64>, batches: usize) {
             if batch % 5 == 4 {
                 check_history(body, &mesh);
                 let fresh = ActiveMesh::new(body, &saved(body, &mesh), body.element_count()).unwrap();
-                let element = |mesh: &ActiveMesh, v: Vertex| mesh.attachment(v).element;
+                let element = |mesh: &ActiveMesh, v: Vertex| mesh.embedding(v).element;
                 let hung = body.vertices().filter(|v| element(&mesh, *v) != element(&fresh, *v));
                 assert_eq!(
                     hung.collect::<Vec<Vertex>>(),
@@ -336,7 +336,7 @@ fn a_mesh_that_was_changed_and_one_made_from_its_state_step_alike() {
                         *v = along * (arm * 8.0);
                     });
                     step::tick(
-                        &World { path: Path::best(), body: &body, gravity: Vec3::zeros() },
+                        &World { path: Simd::best(), body: &body, gravity: Vec3::zeros() },
                         mesh,
                         &mut [],
                         0,

@@ -63,7 +63,7 @@ fn unrest(body: &Body, simulation: &Simulation) -> (Real, Real) {
     })
 }
 
-/// What one seed did: largest displacement [m], most elements, changes, ticks until rest, whether it was knotted and put
+/// What one seed did: largest displacement [m], most elements, changes, ticks until rest, whether it was entangled and put
 /// back, what was left [m, m/s].
 struct Ran {
     bend: Real,
@@ -71,7 +71,7 @@ struct Ran {
     changes: u32,
     least_det: Real,
     until_rest: u64,
-    knotted: bool,
+    entangled: bool,
     left: (Real, Real),
 }
 
@@ -90,7 +90,7 @@ fn run(body: &Arc<Body>, seed: u64) -> Ran {
         changes: 0,
         least_det: 1.0,
         until_rest: REST,
-        knotted: false,
+        entangled: false,
         left: (Real::INFINITY, 0.0),
     };
     for i in 0..WILD {
@@ -181,10 +181,10 @@ fn run(body: &Arc<Body>, seed: u64) -> Ran {
             // Not before it is known to stay as it is.
             let untouched = WILD + i - touched;
             assert!(
-                untouched >= 2_000 && !ran.knotted && outputs.extremes.det_f < 0.6,
+                untouched >= 2_000 && !ran.entangled && outputs.extremes.det_f < 0.6,
                 "seed {seed}, tick {i} of rest"
             );
-            ran.knotted = true;
+            ran.entangled = true;
         }
         ran.changes += outputs.adapted.splits + outputs.adapted.merges;
         if i % 50 == 49 {
@@ -278,7 +278,7 @@ fn no_wild_tool_breaks_the_body_and_it_comes_back_to_rest() {
     assert_eq!(ran.len() as u64, count);
     let most = |f: &dyn Fn(&Ran) -> Real| ran.iter().map(|r| f(&r.1)).fold(0.0, Real::max);
     let changes: u64 = ran.iter().map(|r| u64::from(r.1.changes)).sum();
-    let knots = ran.iter().filter(|r| r.1.knotted).count() as u64;
+    let knots = ran.iter().filter(|r| r.1.entangled).count() as u64;
     println!(
         "{count} seeds: up to {:.0} mm from rest, least det F {:.2}, up to {} elements, {changes} changes; at rest \
          after {:.2} s at most, {knots} of them put back out of a knot",
@@ -287,7 +287,7 @@ fn no_wild_tool_breaks_the_body_and_it_comes_back_to_rest() {
         ran.iter().map(|r| r.1.elements).max().unwrap(),
         most(&|r| r.until_rest as Real) * TICK
     );
-    let seeds: Vec<u64> = ran.iter().filter(|r| r.1.knotted).map(|r| r.0).collect();
+    let seeds: Vec<u64> = ran.iter().filter(|r| r.1.entangled).map(|r| r.0).collect();
     println!("put back: {seeds:?}");
     let unsettled: Vec<String> = ran
         .iter()

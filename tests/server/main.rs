@@ -10,9 +10,9 @@ mod viewers;
 use palpate::recording::{Recording, replay};
 use palpate::scene::LoadedScene;
 use palpate::server::{Options, Server};
-use palpate_core::model::element_kernel::Path as KernelPath;
+use palpate_core::model::element_kernel::Simd;
 use palpate_proto::{self as proto, Message, WrenchFlag, control_request::Request, keys};
-use palpate_sdk::{Attachment, Connection, Endpoints, PoseSample, SdkError, Tool, ToolPhase, WatchOptions, Wrench};
+use palpate_sdk::{Connection, Embedding, Endpoints, PoseSample, SdkError, Tool, ToolPhase, WatchOptions, Wrench};
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
@@ -21,8 +21,8 @@ use viewers::Viewer;
 use zenoh::Wait;
 
 /// `tool` for `client`, held rigidly.
-fn rigid(client: &str, tool: &str, rate_hz: f64) -> Attachment {
-    Attachment { client: client.to_owned(), tool: tool.to_owned(), rate_hz, ..Attachment::default() }
+fn rigid(client: &str, tool: &str, rate_hz: f64) -> Embedding {
+    Embedding { client: client.to_owned(), tool: tool.to_owned(), rate_hz, ..Embedding::default() }
 }
 
 /// Two ports that nobody listens on.
@@ -192,7 +192,7 @@ fn tools_have_one_holder_and_requests_that_make_no_sense_are_answered() {
     assert!(refused(connection.attach(&rigid("second", "left", 1000.0))).contains("held by first"));
     assert!(refused(connection.attach(&rigid("second", "scalpel", 1000.0))).contains("left, right"));
     assert!(refused(connection.attach(&rigid("second", "", 0.5))).contains("rate_hz"));
-    let soft = Attachment { coupling_angular_stiffness: 1e-3, ..rigid("second", "", 1000.0) };
+    let soft = Embedding { coupling_angular_stiffness: 1e-3, ..rigid("second", "", 1000.0) };
     assert!(refused(connection.attach(&soft)).contains("coupling_angular_stiffness is 0.001 N·m/rad"));
     let right = connection.attach(&rigid("second", "", 80.0)).unwrap();
     assert_eq!((left.id(), right.id()), (0, 1));
@@ -457,7 +457,7 @@ fn a_recording_of_a_live_session_replays_bit_for_bit() {
     assert!(recording.inputs.iter().any(|(_, inputs)| inputs.reset));
     let pressed = recording.wrenches.values().filter(|w| w.contact_points > 0).count();
     assert!(pressed > 100, "{pressed}");
-    for path in KernelPath::available() {
+    for path in Simd::available() {
         let report = replay(&recording, path).unwrap();
         println!("{path:?}: {}", report.verdict());
         assert_eq!(report.difference, None);

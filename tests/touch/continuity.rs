@@ -8,7 +8,7 @@ use palpate_core::feedback::relaxed::Probe;
 use palpate_core::math::Mat3;
 
 /// Step of the force [N], or its part of the force, that a hand does not feel.
-const UNFELT: (Real, Real) = (0.010, 0.05);
+const NOTICEABLE: (Real, Real) = (0.010, 0.05);
 /// Ticks from a copy of the simulation to its local model.
 const ANSWERED: u32 = 16;
 /// Step of the stiffness in a tick, over the largest eigenvalue.
@@ -61,7 +61,7 @@ fn run(setup: &Setup, compliance: Real, depth: Real) -> Steps {
         let touches = tool.contact_points > 0;
         if let Some((last, touched)) = before.filter(|(last, _)| last.range > 0.0 && now.range > 0.0) {
             let k = matrix(&last);
-            let unfelt = UNFELT.0.max(UNFELT.1 * tool.state.force.norm());
+            let unfelt = NOTICEABLE.0.max(NOTICEABLE.1 * tool.state.force.norm());
             let felt = |m: &LocalModel, x: Vec3| {
                 let f = m.force - matrix(m) * (x - m.position);
                 if f.dot(&m.normal) > 0.0 { f } else { Vec3::zeros() }
@@ -111,7 +111,7 @@ fn a_tick_in_which_the_body_stands_still_is_not_felt() {
             still += u32::from(outputs.plan.taken < outputs.plan.needed);
             let force = outputs.tools[0].state.force;
             if i > 180 {
-                worst = worst.max((force - last).norm() / (UNFELT.1 * force.norm()).max(UNFELT.0));
+                worst = worst.max((force - last).norm() / (NOTICEABLE.1 * force.norm()).max(NOTICEABLE.0));
             }
             last = force;
         }

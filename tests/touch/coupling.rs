@@ -31,9 +31,9 @@ fn the_tool_hangs_back_by_the_force_over_the_stiffness() {
     let tools = pressed(&rough(), COMPLIANCE, 1.0, press_and_stroke);
     let mut most = 0.0 as Real;
     for tool in &tools {
-        let hangs = tool.pose.position - tool.handle.position;
+        let hangs = tool.pose.position - tool.device.position;
         assert!((hangs - tool.physical_force * COMPLIANCE).norm() < 1e-12);
-        assert_eq!(tool.pose.orientation, tool.handle.orientation);
+        assert_eq!(tool.pose.orientation, tool.device.orientation);
         most = most.max(hangs.norm());
     }
     println!("the tool hangs back by up to {:.2} mm", most * 1e3);
@@ -77,7 +77,7 @@ fn a_tool_turns_by_the_torque_over_the_angular_stiffness() {
         let mut most = 0.0 as Real;
         for tool in &tools {
             let angle = tool.physical_torque * angular_compliance;
-            assert_eq!(tool.pose.orientation, tool.handle.turned(angle).orientation);
+            assert_eq!(tool.pose.orientation, tool.device.turned(angle).orientation);
             most = most.max(angle.norm());
         }
         let end = tools.last().unwrap();
@@ -95,7 +95,7 @@ fn the_coupling_bounds_what_the_hand_may_feel_per_millimetre() {
     for coupling in [1.0 / 2000.0, COMPLIANCE, 1.0 / 200.0] {
         let tools = pressed(&cube, coupling, 0.5, press_and_stroke);
         for (a, b) in tools.iter().zip(tools.iter().skip(1)) {
-            let (moved, change) = (b.handle.position - a.handle.position, b.physical_force - a.physical_force);
+            let (moved, change) = (b.device.position - a.device.position, b.physical_force - a.physical_force);
             // A body that swings adds a little of its own.
             assert!(change.norm() < moved.norm() / coupling * 1.05 + 0.01, "{change:?} for {moved:?}");
         }

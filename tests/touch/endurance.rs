@@ -160,7 +160,7 @@ fn wild_clients_never_break_the_body_and_it_recovers() {
     ];
     assert!(cubes[..2].iter().all(|cube| cube.rest.body.history.len() == 384));
     let limit = cubes[0].settings.limits.force * (1.0 + 1e-9);
-    let (mut worst_bend, mut folded, mut knotted) = (0.0 as Real, 0, 0);
+    let (mut worst_bend, mut folded, mut entangled) = (0.0 as Real, 0, 0);
     let clients = cases(9, 30);
     for seed in 0..clients {
         let mut client = Wild::new(seed);
@@ -181,7 +181,7 @@ fn wild_clients_never_break_the_body_and_it_recovers() {
         // What is left to fade moves by 1e-3 of the body's size in a frame at most.
         let restored = (0..4000).filter(|_| wild.advance(&Inputs::default()).restored).count();
         assert!(restored <= 1, "seed {seed} is put back {restored} times");
-        knotted += restored;
+        entangled += restored;
         let left = rest_distance(&wild);
         println!("seed {seed}: up to {:.0} mm from rest, {physical:.1} N; {:.3} mm left", bend * 1e3, left * 1e3);
         worst_bend = worst_bend.max(bend);
@@ -194,9 +194,9 @@ fn wild_clients_never_break_the_body_and_it_recovers() {
             assert!(rest_distance(&wild) < 1e-6 * SIDE, "a reset unfolds it");
         }
     }
-    println!("{folded} of {clients} keep a fold, {knotted} were put back out of one");
+    println!("{folded} of {clients} keep a fold, {entangled} were put back out of one");
     assert!(worst_bend > 0.02, "wild enough to mean something");
-    assert!(folded == 0 && knotted as u64 <= clients.div_ceil(10));
+    assert!(folded == 0 && entangled as u64 <= clients.div_ceil(10));
 }
 
 // ---- The same inputs, the same bits ----
@@ -263,7 +263,7 @@ fn the_same_inputs_give_the_same_bits() {
         let ticks = 20 * TICKS_PER_FRAME;
         let first = run(&mut simulation(&cube), 0, ticks);
         assert!(first.iter().any(|row| row.1[0].norm() > 0.1) && first.iter().any(|row| row.1[2].norm() > 0.1));
-        for path in element_kernel::Path::available() {
+        for path in element_kernel::Simd::available() {
             same(&first, &run(&mut simulation(&cube).with_path(path), 0, ticks), &format!("{path:?}"));
         }
         for middle in [100, 201, 333, 441] {
@@ -299,7 +299,7 @@ fn what_differs(a: &Snapshot, b: &Snapshot) -> Vec<&'static str> {
         ("classes", a.body.classes == b.body.classes),
         ("history", a.body.history == b.body.history),
         ("strain limit", a.body.strain_limit == b.body.strain_limit),
-        ("fade", a.body.fade == b.body.fade),
+        ("geomorph", a.body.geomorph == b.body.geomorph),
     ];
     parts.into_iter().filter(|p| !p.1).map(|p| p.0).collect()
 }

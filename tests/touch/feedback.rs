@@ -21,7 +21,7 @@ fn stroke(depth: Real) -> impl Fn(Real) -> Vec3 {
 fn held_at(from: &Snapshot, setup: &Setup, place: Vec3) -> Vec3 {
     let settings = Settings { adaptivity: None, ..setup.settings.clone() };
     let mut hold = Simulation::new(setup.body.clone(), settings, from.clone()).unwrap();
-    let start = from.tools[0].handle.position;
+    let start = from.tools[0].device.position;
     let mut sum = Vec3::zeros();
     for i in 0..SETTLES + 50 {
         let on_the_way = start + (place - start) * ease(Real::from(i), 0.0, 100.0);
@@ -62,7 +62,7 @@ fn ask(setup: &Setup, coupling: Coupling, depth: Real, moments: usize) -> (Real,
         let told = told.expect("the tool touches");
         let snapshot = press.snapshot();
         let mut found = Mat3::zeros();
-        let place = snapshot.tools[0].handle.position;
+        let place = snapshot.tools[0].device.position;
         for k in 0..3 {
             let mut nudge = Vec3::zeros();
             nudge[k] = NUDGE;

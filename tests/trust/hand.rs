@@ -1,6 +1,6 @@
 //! A hand as a careful program has it: it presses, notices when its tool is gone, and attaches again.
 
-use palpate_sdk::{Attachment, Connection, Endpoints, Hold, PoseSample, Tool, ToolPhase, Wrench};
+use palpate_sdk::{Connection, Embedding, Endpoints, Hold, PoseSample, Tool, ToolPhase, Wrench};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
@@ -38,7 +38,7 @@ impl Hand {
         if self.tool.is_none() {
             let seen = self.wrenches.clone();
             let observer = move |wrench: &Wrench, _| seen.lock().unwrap().push(*wrench);
-            let attachment = Attachment { client: "hand".into(), ..Attachment::default() };
+            let attachment = Embedding { client: "hand".into(), ..Embedding::default() };
             // Refused, or unanswered, it tries again with the next step.
             self.tool = self.connection.attach_observed(&attachment, observer).ok();
             self.attached += u32::from(self.tool.is_some());

@@ -99,7 +99,7 @@ impl Connection {
         let mode: RenderMode = render.parse().map_err(bad_value)?;
         let registration = Registration::new(scale, rotation, translation).map_err(bad_value)?;
         let attachment =
-            sdk::Attachment { tool: tool.to_owned(), rate_hz, ..sdk::Attachment::of(client, &device, &registration) };
+            sdk::Embedding { tool: tool.to_owned(), rate_hz, ..sdk::Embedding::of(client, &device, &registration) };
         let tool = py.detach(|| self.0.attach(&attachment)).map_err(no_connection)?;
         let renderer = Renderer::new(&registration.in_body(&device), mode);
         Tool::start(Hand { tool, renderer, frame, registration }, rate_hz)

@@ -33,5 +33,5 @@ pub use palpate_proto::{
     ControlReply, ControlRequest, Organ, Session, Status, SurfaceFrame, SurfaceTopology, ToolDescription, ToolPhase,
     ToolState, control_request,
 };
-pub use tool::{Attachment, Counters, Received, Tool, ToolStatus};
+pub use tool::{Counters, Embedding, Received, Tool, ToolStatus};
 pub use watch::{SurfaceWatch, WatchCounters, WatchOptions};

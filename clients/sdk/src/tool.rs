@@ -26,7 +26,7 @@ use crate::{
 
 /// How to take a tool.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Attachment {
+pub struct Embedding {
     /// A name for people.
     pub client: String,
     /// Name of the tool to take; empty for any free one.
@@ -40,7 +40,7 @@ pub struct Attachment {
     pub coupling_angular_stiffness: f64,
 }
 
-impl Attachment {
+impl Embedding {
     /// Any free tool for `client`, 1000 poses a second, as stiff as `device` can render it where it is registered.
     pub fn of(client: &str, device: &Device, registration: &Registration) -> Self {
         Self {
@@ -52,7 +52,7 @@ impl Attachment {
     }
 }
 
-impl Default for Attachment {
+impl Default for Embedding {
     /// Any free tool, held rigidly, 1000 poses a second, by nobody in particular.
     fn default() -> Self {
         Self {
@@ -145,7 +145,7 @@ pub struct Tool {
 impl Connection {
     /// Takes a tool. Errors: [`SdkError::Refused`] when it does not exist or is taken, or a number is out of bounds;
     /// [`SdkError::NoForceChannel`], [`SdkError::NoAnswer`].
-    pub fn attach(&self, attachment: &Attachment) -> Result<Tool, SdkError> {
+    pub fn attach(&self, attachment: &Embedding) -> Result<Tool, SdkError> {
         self.attach_observed(attachment, |_, _| ())
     }
 
@@ -155,11 +155,11 @@ impl Connection {
     /// and finds it with [`Tool::latest_wrench`].
     pub fn attach_observed(
         &self,
-        attachment: &Attachment,
+        attachment: &Embedding,
         observer: impl Fn(&Wrench, u64) + Send + Sync + 'static,
     ) -> Result<Tool, SdkError> {
         let force = self.force_session()?;
-        let Attachment { client, tool, rate_hz, coupling_stiffness, coupling_angular_stiffness } = attachment.clone();
+        let Embedding { client, tool, rate_hz, coupling_stiffness, coupling_angular_stiffness } = attachment.clone();
         let version_minor = VERSION_MINOR;
         let attach = Attach { client, tool, rate_hz, coupling_stiffness, coupling_angular_stiffness, version_minor };
         let attached = self.control(ControlRequest { request: Some(Request::Attach(attach)) })?.attached.ok_or(

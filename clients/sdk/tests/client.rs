@@ -9,13 +9,13 @@ use std::{
 
 use fake_server::{FLOOR_STIFFNESS, FakeServer, height};
 use palpate_sdk::{
-    Attachment, ClientError, Connection, ControlRequest, Device, Endpoints, PoseSample, Registration, SdkError,
+    ClientError, Connection, ControlRequest, Device, Embedding, Endpoints, PoseSample, Registration, SdkError,
     SurfaceWatch, WatchOptions,
 };
 
 /// `tool` for `client`, held rigidly.
-fn rigid(client: &str, tool: &str, rate_hz: f64) -> Attachment {
-    Attachment { client: client.to_owned(), tool: tool.to_owned(), rate_hz, ..Attachment::default() }
+fn rigid(client: &str, tool: &str, rate_hz: f64) -> Embedding {
+    Embedding { client: client.to_owned(), tool: tool.to_owned(), rate_hz, ..Embedding::default() }
 }
 
 fn pose(z: f64) -> PoseSample {
@@ -39,7 +39,7 @@ fn a_device_holds_its_tool_as_stiffly_as_it_can_render() {
     let server = FakeServer::current();
     let connection = Connection::open(&server.endpoints).unwrap();
     let device = Device::by_name("PHANTOM Premium 1.5 6DOF").unwrap();
-    let _tool = connection.attach(&Attachment::of("test", &device, &Registration::default())).unwrap();
+    let _tool = connection.attach(&Embedding::of("test", &device, &Registration::default())).unwrap();
     let asked = server.attached.lock().unwrap().clone();
     assert_eq!((asked.coupling_stiffness, asked.coupling_angular_stiffness), (800.0, 0.3));
 }

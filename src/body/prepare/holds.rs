@@ -5,14 +5,14 @@ use palpate_core::geometry::Surface;
 use palpate_core::hierarchy::Level;
 use palpate_core::ids::Vertex;
 use palpate_core::math::{Bounds, Real, Vec3};
-use palpate_core::model::body::{Hold, vertices_in};
+use palpate_core::model::body::{Support, vertices_in};
 use palpate_core::model::material::Material;
 use std::collections::BTreeMap;
 
 /// What holds the levels of a body.
 pub(super) struct Held {
     /// Display vertices on springs.
-    pub(super) springs: Vec<Hold>,
+    pub(super) springs: Vec<Support>,
     /// Nodes that do not move at all, ascending, (n_levels) lists.
     pub(super) fixed: Vec<Vec<u32>>,
 }
@@ -55,7 +55,8 @@ pub(super) fn hold_regions(
                 return Err(empty("surface point"));
             }
             let spread = spread_out(&vertices, surface, &areas, APART * finest.spacing);
-            held.springs.extend(spread.into_iter().map(|(vertex, area)| Hold { vertex, stiffness: per_area * area }));
+            held.springs
+                .extend(spread.into_iter().map(|(vertex, area)| Support { vertex, stiffness: per_area * area }));
         }
     }
     Ok(held)

@@ -47,7 +47,7 @@ const MOST_HALVINGS: u32 = 5;
 
 /// The materials of a body of `levels` that is of `base` but for `inclusions`, of which later ones cover earlier ones: a
 /// list, and for each level the place in it of each element's, or nothing where all are of the first, `base`. An
-/// element partly inside is of a [`mixture`] by volume, in steps of one in [`PARTS`]; `labels` say where they are.
+/// element partly inside is of a [`mixed_cell`] by volume, in steps of one in [`PARTS`]; `labels` say where they are.
 ///
 /// # Errors
 /// When an inclusion lies in no element.
@@ -57,7 +57,7 @@ pub(super) fn materials(
     levels: &[Level],
     labels: &LabelParts,
 ) -> Result<(Vec<Material>, Vec<Vec<u16>>), PrepareError> {
-    let mut has: Vec<i64> = labels.mixtures.iter().flatten().map(|(label, _)| *label).collect();
+    let mut has: Vec<i64> = labels.mixed_cells.iter().flatten().map(|(label, _)| *label).collect();
     has.sort_unstable();
     has.dedup();
     for (i, inclusion) in inclusions.iter().enumerate() {
@@ -77,14 +77,14 @@ pub(super) fn materials(
             parts
                 .iter_mut()
                 .zip(of)
-                .for_each(|(parts, m)| add_labels(parts, inclusions, &labels.mixtures[usize::from(*m)]));
+                .for_each(|(parts, m)| add_labels(parts, inclusions, &labels.mixed_cells[usize::from(*m)]));
         }
         let mut of = Vec::new();
         for (e, parts) in parts.into_iter().enumerate().filter(|(_, parts)| parts.iter().any(|n| *n > 0)) {
             met.iter_mut().zip(&parts).for_each(|(met, n)| *met |= *n > 0);
             let next = u16::try_from(list.len()).map_err(|_| PrepareError::TooManyMixtures)?;
             let number = *number_of.entry(parts).or_insert_with_key(|parts| {
-                list.push(mixture(base, inclusions, parts));
+                list.push(mixed_cell(base, inclusions, parts));
                 next
             });
             of.resize(level.mesh.elements.len(), 0);
@@ -98,9 +98,9 @@ pub(super) fn materials(
     }
 }
 
-/// Adds what an element of the labels in `mixture` has of inclusions that go by labels to its `parts` of the others. What
+/// Adds what an element of the labels in `mixed_cell` has of inclusions that go by labels to its `parts` of the others. What
 /// an element has of a label and what it has of another place overlap in proportion.
-fn add_labels(parts: &mut [u32], inclusions: &[Inclusion], mixture: &[(i64, u8)]) {
+fn add_labels(parts: &mut [u32], inclusions: &[Inclusion], mixed_cell: &[(i64, u8)]) {
     let (mut later_places, mut later_labels) = (0, 0);
     let mut taken = Vec::new();
     for (part, inclusion) in parts.iter_mut().zip(inclusions).rev() {
@@ -111,7 +111,7 @@ fn add_labels(parts: &mut [u32], inclusions: &[Inclusion], mixture: &[(i64, u8)]
             }
             Place::Labelled(label) if !taken.contains(&label) => {
                 taken.push(label);
-                let own = mixture.iter().find(|(of, _)| *of == label).map_or(0, |(_, n)| u32::from(*n));
+                let own = mixed_cell.iter().find(|(of, _)| *of == label).map_or(0, |(_, n)| u32::from(*n));
                 *part = (own * PARTS.saturating_sub(later_places) + PARTS / 2) / PARTS;
                 later_labels = (later_labels + own).min(PARTS);
             }
@@ -183,7 +183,7 @@ fn eighths(corners: &[[Real; 4]; 4]) -> [[[Real; 4]; 4]; 8] {
 /// others in it. For given volumes that is Hashin and Shtrikman's bound (1963), in which `base` surrounds the rest; the
 /// plain mean would be right only for what lies side by side along every load, and count a tenth part of what is ten
 /// times as stiff for twice the stiffness.
-fn mixture(base: Material, inclusions: &[Inclusion], parts: &[u32]) -> Material {
+fn mixed_cell(base: Material, inclusions: &[Inclusion], parts: &[u32]) -> Material {
     let bulk = |m: &Material| m.lambda + 2.0 / 3.0 * m.mu;
     let inside: u32 = parts.iter().sum();
     let all = Real::from(inside.max(PARTS));
@@ -253,12 +253,12 @@ mod tests {
     fn a_mixture_is_what_theory_says_of_few_balls_and_each_material_when_alone() {
         let ball = |factor: Real| [stiff(Reach::Ball(Vec3::zeros(), 1.0), factor)];
         for factor in [0.1, 10.0] {
-            let all = mixture(BASE, &ball(factor), &[PARTS]);
+            let all = mixed_cell(BASE, &ball(factor), &[PARTS]);
             assert!((all.mu / BASE.mu / factor - 1.0).abs() < 1e-12, "{all:?}");
             assert!((all.lambda / BASE.lambda / factor - 1.0).abs() < 1e-12, "{all:?}");
-            let none = mixture(BASE, &ball(factor), &[0]);
+            let none = mixed_cell(BASE, &ball(factor), &[0]);
             assert!((none.mu / BASE.mu - 1.0).abs() < 1e-12 && (none.lambda / BASE.lambda - 1.0).abs() < 1e-12);
-            let half = mixture(BASE, &ball(factor), &[PARTS / 2]).mu / BASE.mu;
+            let half = mixed_cell(BASE, &ball(factor), &[PARTS / 2]).mu / BASE.mu;
             let (plain, harmonic) = ((1.0 + factor) / 2.0, 2.0 / (1.0 + 1.0 / factor));
             assert!(harmonic < half && half < plain, "{harmonic} {half} {plain}");
         }
@@ -266,14 +266,14 @@ mod tests {
         let soft = Material::from_young(1e3, 0.4999, 1000.0);
         let rigid = [Inclusion { youngs_modulus: 1e9, ..ball(1.0)[0] }];
         let c = 1.0 / Real::from(PARTS);
-        let found = (mixture(soft, &rigid, &[1]).mu / soft.mu - 1.0) / c;
+        let found = (mixed_cell(soft, &rigid, &[1]).mu / soft.mu - 1.0) / c;
         assert!((found - 2.5 / (1.0 - c)).abs() < 0.01, "{found}");
         // What does not mind its volume changing stays a stable solid.
         let loose = Material::from_young(1e4, 0.0, 1000.0);
         let stiffer = [Inclusion { youngs_modulus: 7e4, poisson_ratio: 0.0, ..ball(1.0)[0] }];
-        assert!((0..=PARTS).all(|n| mixture(loose, &stiffer, &[n]).lambda >= 0.0));
+        assert!((0..=PARTS).all(|n| mixed_cell(loose, &stiffer, &[n]).lambda >= 0.0));
         // Viscosities go along; densities go by volume.
-        let mixed = mixture(BASE, &ball(10.0), &[PARTS / 4]);
+        let mixed = mixed_cell(BASE, &ball(10.0), &[PARTS / 4]);
         assert!((mixed.psi / mixed.mu / (BASE.psi / BASE.mu) - 1.0).abs() < 1e-12);
         assert!((mixed.density / 1125.0 - 1.0).abs() < 1e-12);
     }
@@ -334,7 +334,7 @@ mod tests {
     fn a_label_that_the_body_does_not_have_is_refused_with_those_that_it_has() {
         let levels = levels();
         let of = levels.iter().map(|level| vec![0; level.mesh.elements.len()]).collect();
-        let labels = LabelParts { name: "region".into(), mixtures: vec![vec![(3, 60), (-5, 4)]], of };
+        let labels = LabelParts { name: "region".into(), mixed_cells: vec![vec![(3, 60), (-5, 4)]], of };
         let by =
             |label: i64| Inclusion { place: Place::Labelled(label), ..stiff(Reach::Ball(Vec3::zeros(), 1.0), 2.0) };
         let (list, of) = materials(BASE, &[by(-5)], &levels, &labels).unwrap();

@@ -36,10 +36,10 @@ pub(super) fn label_parts(levels: &[Level], meshes: &[LabelledMesh]) -> Result<L
             None => elements.into_par_iter().map(|e| map.parts_of(&level.mesh.corners(e))).collect(),
         };
         let mut of = Vec::with_capacity(of_level.len());
-        for mixture in of_level {
-            let next = u16::try_from(parts.mixtures.len()).map_err(|_| PrepareError::TooManyMixtures)?;
-            of.push(*number_of.entry(mixture).or_insert_with_key(|mixture| {
-                parts.mixtures.push(mixture.clone());
+        for mixed_cell in of_level {
+            let next = u16::try_from(parts.mixed_cells.len()).map_err(|_| PrepareError::TooManyMixtures)?;
+            of.push(*number_of.entry(mixed_cell).or_insert_with_key(|mixed_cell| {
+                parts.mixed_cells.push(mixed_cell.clone());
                 next
             }));
         }
@@ -132,16 +132,19 @@ mod tests {
         assert_eq!(parts.name, "region");
         for (level, of) in levels.iter().zip(&parts.of) {
             let share = |e: usize| {
-                let mixture = &parts.mixtures[usize::from(of[e])];
-                assert!((63..=65).contains(&mixture.iter().map(|(_, n)| u32::from(*n)).sum::<u32>()), "{mixture:?}");
-                Real::from(mixture.iter().find(|(label, _)| *label == 2).map_or(0, |(_, n)| *n)) / Real::from(PARTS)
+                let mixed_cell = &parts.mixed_cells[usize::from(of[e])];
+                assert!(
+                    (63..=65).contains(&mixed_cell.iter().map(|(_, n)| u32::from(*n)).sum::<u32>()),
+                    "{mixed_cell:?}"
+                );
+                Real::from(mixed_cell.iter().find(|(label, _)| *label == 2).map_or(0, |(_, n)| *n)) / Real::from(PARTS)
             };
             let volume = |e: usize| level.fraction[e] * level.mesh.volume(e);
             let two: Real = (0..of.len()).map(|e| share(e) * volume(e)).sum();
             assert!((two / 4e-4 - 1.0).abs() < 0.02, "{two}");
         }
         let own = |e: usize| vec![(fine.labels.of[e], 64)];
-        assert!((0..fine.mesh.elements.len()).all(|e| parts.mixtures[usize::from(parts.of[1][e])] == own(e)));
+        assert!((0..fine.mesh.elements.len()).all(|e| parts.mixed_cells[usize::from(parts.of[1][e])] == own(e)));
         assert_eq!(label_parts(&levels, &[plain.into()]).unwrap(), LabelParts::default());
     }
 }

@@ -140,11 +140,11 @@ fn append(whole: &mut BodyParts, next: BodyParts) -> Result<(), MergeError> {
     }
     append_surface(&mut whole.surface, next.surface);
     whole.shape = Moments::combined(&[(whole.shape, 1.0), (next.shape, 1.0)]);
-    let holds = next.holds.into_iter().map(|mut hold| {
+    let supports = next.supports.into_iter().map(|mut hold| {
         hold.vertex.0 += first_vertex;
         hold
     });
-    whole.holds.extend(holds);
+    whole.supports.extend(supports);
     whole.materials.extend(next.materials);
     whole.organs.extend(next.organs.into_iter().map(|organ| OrganParts { material: first_material as u16, ..organ }));
     let count =
@@ -189,5 +189,5 @@ fn append_level(to: &mut Level, from: Level, coarser: Count, own: Count, finer: 
     to.finer_host.extend(from.finer_host.into_iter().map(behind(finer.elements)));
     to.embedding.extend(from.embedding.into_iter().map(behind(own.elements)));
     to.fixed.extend(from.fixed.into_iter().map(|n| n + own.nodes));
-    to.rim.extend(from.rim.into_iter().map(|n| n + own.nodes));
+    to.ghosts.extend(from.ghosts.into_iter().map(|n| n + own.nodes));
 }

@@ -254,7 +254,7 @@ pub fn prepare(recipe: &Recipe, progress: &mut dyn FnMut(&str, usize, usize)) ->
         levels,
         materials,
         labels,
-        holds: Vec::new(),
+        supports: Vec::new(),
         maxwell: Vec::new(),
         slowest_mode: 0.0,
         organs: Vec::new(),
@@ -318,9 +318,9 @@ fn calibrated(
 ) -> Result<Body, PrepareError> {
     let steps = parts.levels.len() + 4;
     progress("calibrating levels", steps - 1, steps);
-    parts.holds = held.springs;
+    parts.supports = held.springs;
     parts.levels.iter_mut().zip(held.fixed).for_each(|(level, fixed)| level.fixed = fixed);
-    let springs: Vec<(u32, Real)> = parts.holds.iter().map(|h| (h.vertex.0, h.stiffness)).collect();
+    let springs: Vec<(u32, Real)> = parts.supports.iter().map(|h| (h.vertex.0, h.stiffness)).collect();
     let material = |level: usize, element: usize| *material_in(&parts.materials, &parts.material_of[level], element);
     // A level of a region alone can bear no load that moves the body: the finest whole one, as soft as it was made to
     // agree with that, is what the others are to agree with.
@@ -366,9 +366,9 @@ pub fn refit(
     let before = *body.material();
     let (stiffer, denser) = (material.mu / before.mu, material.density / before.density);
     let alike = |a: Real, b: Real| (a - b).abs() <= 1e-9 * b.abs();
-    let same_holds = held.springs.len() == body.holds().len()
+    let same_holds = held.springs.len() == body.supports().len()
         && held.fixed.iter().zip(body.levels()).all(|(fixed, level)| *fixed == level.fixed)
-        && (held.springs.iter().zip(body.holds()))
+        && (held.springs.iter().zip(body.supports()))
             .all(|(a, b)| a.vertex == b.vertex && alike(a.stiffness, b.stiffness * stiffer));
     let parts = body.parts();
     let (materials, material_of) = materials(material, inclusions, body.levels(), &parts.labels)?;
@@ -386,7 +386,7 @@ pub fn refit(
     let maxwell = maxwell_branches(damping_ratio, slowest_mode, slowest_mode);
     if same_softness
         && (&materials, &material_of) == (&parts.materials, &parts.material_of)
-        && held.springs == body.holds()
+        && held.springs == body.supports()
         && maxwell == body.maxwell()
         && name == body.name()
     {
@@ -410,7 +410,7 @@ pub fn refit(
         progress("calibrating anew: held elsewhere, or of materials in another proportion, than as prepared", 0, 1);
         return calibrated(parts, held, damping_ratio, &mut |_, _, _| {});
     }
-    (parts.holds, parts.maxwell, parts.slowest_mode) = (held.springs, maxwell, slowest_mode);
+    (parts.supports, parts.maxwell, parts.slowest_mode) = (held.springs, maxwell, slowest_mode);
     Ok(Body::new(parts)?)
 }
 

@@ -81,7 +81,7 @@ pub fn keep_finest_within(body: Body, reach: &Reach) -> Result<Body, PrepareErro
         coarser_host: nodes.iter().map(|n| fine.coarser_host[*n as usize]).collect(),
         embedding: fine.embedding.iter().map(|h| Host { element: renumbered(&element, h.element), ..*h }).collect(),
         fixed: fine.fixed.iter().map(|n| number[*n as usize]).filter(|n| *n != NONE).collect(),
-        rim: (0..nodes.len() as u32).filter(|n| !stands(nodes[*n as usize])).collect(),
+        ghosts: (0..nodes.len() as u32).filter(|n| !stands(nodes[*n as usize])).collect(),
         finer_host: Vec::new(),
         ..fine
     };

@@ -151,8 +151,8 @@ fn labels(body: &Body) -> Vec<(i64, Real)> {
     let (parts, r) = (body.parts(), body.levels().iter().rposition(Level::is_whole).unwrap_or_default());
     let Some(of) = parts.labels.of.get(r) else { return Vec::new() };
     let mut volumes = BTreeMap::new();
-    for (e, mixture) in body.elements_of(r).zip(of) {
-        for (label, part) in &parts.labels.mixtures[usize::from(*mixture)] {
+    for (e, mixed_cell) in body.elements_of(r).zip(of) {
+        for (label, part) in &parts.labels.mixed_cells[usize::from(*mixed_cell)] {
             *volumes.entry(*label).or_insert(0.0) += Real::from(*part) * body.volume(e);
         }
     }
@@ -196,7 +196,7 @@ fn memory(level: &Level) -> usize {
     let nodes = level.mesh.nodes.len() * (24 + 8 + 4 + 2 * 40 + 24 + 1 + 4 + 4 + 1);
     // Two lists of corners, fraction, density, factor, volume, and the elements around each node.
     let elements = level.mesh.elements.len() * (2 * 16 + 4 * 8 + 16 + 4);
-    nodes + elements + level.embedding.len() * (40 + 4) + (level.fixed.len() + level.rim.len()) * 4
+    nodes + elements + level.embedding.len() * (40 + 4) + (level.fixed.len() + level.ghosts.len()) * 4
 }
 
 impl fmt::Display for Report {

@@ -10,8 +10,8 @@ use palpate_core::contact::tool::Following;
 use palpate_core::geometry::locate::Locator;
 use palpate_core::geometry::{Surface, TetMesh};
 use palpate_core::math::{Real, Vec3, to_parry};
-use palpate_core::model::body::Hold;
-use palpate_core::model::element_kernel::{Path as KernelPath, Rates};
+use palpate_core::model::body::Support;
+use palpate_core::model::element_kernel::{Rates, Simd};
 use palpate_core::model::element_pool::CLASSES;
 use palpate_core::model::step_class::{class_at_rest, step_of};
 use palpate_core::model::{Body, Material};
@@ -49,7 +49,7 @@ fn reactions(simulation: &mut Simulation, gravity: Vec3) -> Vec<(Node, Vec3)> {
     let body = simulation.body().clone();
     let mesh = simulation.mesh_mut();
     (0..CLASSES).for_each(|class| {
-        mesh.add_forces(KernelPath::best(), class, &Rates::ELASTIC);
+        mesh.add_forces(Simd::best(), class, &Rates::ELASTIC);
     });
     let slots = mesh.active().to_vec();
     let of = |slot: &Slot| {
@@ -231,7 +231,7 @@ fn covered(case: &Value, mesh: &TetMesh, surface: &Surface, spacing: Real) -> Ve
     for ((areas, set), shift) in areas.iter().zip(&mut sets).zip([pressed, Vec3::zeros()]) {
         for (v, area) in areas.iter().enumerate().filter(|(_, area)| **area > 0.0) {
             let per_area = 10.0 * case["E"].as_f64().unwrap() / spacing;
-            parts.holds.push(Hold { vertex: Vertex::at(v), stiffness: per_area * area });
+            parts.supports.push(Support { vertex: Vertex::at(v), stiffness: per_area * area });
             parts.surface.vertices[v] += shift;
             set.push(Vertex::at(v));
         }
@@ -250,7 +250,7 @@ fn covered(case: &Value, mesh: &TetMesh, surface: &Surface, spacing: Real) -> Ve
     settle(&mut simulation, 1_500);
 
     let mesh = simulation.mesh();
-    let pull = |hold: &Hold| {
+    let pull = |hold: &Support| {
         // What fixed nodes bear of a spring is counted with them.
         let host = body.embedding(0, hold.vertex).unwrap();
         let free: Real =
@@ -258,7 +258,7 @@ fn covered(case: &Value, mesh: &TetMesh, surface: &Surface, spacing: Real) -> Ve
         (body.surface().vertices[hold.vertex.index()] - mesh.vertex(hold.vertex)) * (hold.stiffness * free)
     };
     let mut found: Vec<Vec3> =
-        sets.iter().map(|set| body.holds().iter().filter(|h| set.contains(&h.vertex)).map(pull).sum()).collect();
+        sets.iter().map(|set| body.supports().iter().filter(|h| set.contains(&h.vertex)).map(pull).sum()).collect();
     let level = Locator::new(&body.level(0).mesh, spacing);
     for (number, _) in &CUT[2..] {
         let host = body.host_on(0, level.host(vector(&case["probes"][number]))).unwrap();

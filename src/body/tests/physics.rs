@@ -11,7 +11,7 @@ use palpate_core::geometry::primitives::box_mesh;
 use palpate_core::ids::{Node, Slot};
 use palpate_core::math::{Bounds, Mat3, Real, Vec3};
 use palpate_core::model::active_set::{ActiveSet, Change};
-use palpate_core::model::element_kernel::{Path, Rates};
+use palpate_core::model::element_kernel::{Rates, Simd};
 use palpate_core::model::element_pool::CLASSES;
 use palpate_core::model::energy::energy;
 use palpate_core::model::step_class::{TICK, class_for, step_of};
@@ -51,7 +51,7 @@ fn at_rest(body: &Body, per_tick: u32) -> ActiveMesh {
 }
 
 /// Forces on the nodes [N] where they are now, by number; they and the elements' memories are those of `rates`.
-fn forces_by(path: Path, mesh: &mut ActiveMesh, rates: &Rates) -> Vec<Vec3> {
+fn forces_by(path: Simd, mesh: &mut ActiveMesh, rates: &Rates) -> Vec<Vec3> {
     for class in 0..CLASSES {
         mesh.add_forces(path, class, rates);
     }
@@ -67,7 +67,7 @@ fn forces_by(path: Path, mesh: &mut ActiveMesh, rates: &Rates) -> Vec<Vec3> {
 
 fn elastic_forces(mesh: &mut ActiveMesh, position: &[Vec3]) -> Vec<Vec3> {
     mesh.change_motion(|n, x, _| *x = position[n.index()]);
-    forces_by(Path::best(), mesh, &Rates::ELASTIC)
+    forces_by(Simd::best(), mesh, &Rates::ELASTIC)
 }
 
 /// Forces where the nodes are at `position` and were at `before` when the elements were last evaluated, `step` [s] ago.
@@ -80,7 +80,7 @@ fn forces(body: &Body, mesh: &mut ActiveMesh, before: &[Vec3], position: &[Vec3]
         shear: material.psi / (material.mu * step),
         ..Rates::ELASTIC
     };
-    forces_by(Path::best(), mesh, &rates)
+    forces_by(Simd::best(), mesh, &rates)
 }
 
 // ---- R1: homogeneous states, E = 10 kPa, ν = 0.35 ----
@@ -199,7 +199,7 @@ fn trajectory_error(body: &Body, gravity: Real, traces: &[Trace], per_tick: u32)
     let (mut worst, mut least_det) = (0.0 as Real, Real::INFINITY);
     for tick in 1..=last {
         let extremes =
-            step::tick(&World { path: Path::best(), body, gravity }, &mut mesh, &mut [], 0, &mut work, &mut ());
+            step::tick(&World { path: Simd::best(), body, gravity }, &mut mesh, &mut [], 0, &mut work, &mut ());
         least_det = least_det.min(extremes.det_f);
         for (node, points) in traces {
             for (_, value) in points.iter().filter(|p| p.0 == tick) {
@@ -331,7 +331,7 @@ fn a_free_spinning_cube_keeps_its_momentum_to_rounding_and_its_energy_to_the_ste
         let (mut linear, mut angular, mut drift) = (0.0 as Real, 0.0 as Real, 0.0 as Real);
         for _ in 0..5000 {
             step::tick(
-                &World { path: Path::best(), body: &body, gravity: Vec3::zeros() },
+                &World { path: Simd::best(), body: &body, gravity: Vec3::zeros() },
                 &mut mesh,
                 &mut [],
                 0,
@@ -435,7 +435,7 @@ fn viscosity_damps_the_lowest_mode_as_the_reference() {
                 let mut track = vec![amplitude(&mesh)];
                 for _ in 0..600 {
                     step::tick(
-                        &World { path: Path::best(), body: &body, gravity: Vec3::zeros() },
+                        &World { path: Simd::best(), body: &body, gravity: Vec3::zeros() },
                         &mut mesh,
                         &mut [],
                         0,
@@ -553,7 +553,7 @@ fn viscosity_only_takes_energy_and_no_force_or_moment_is_left_over() {
 fn a_number_that_is_none_shows_in_the_forces_whichever_form_the_kernel_has() {
     // 162 elements: the last block is not full.
     let body = cube(3, Material::from_young(1e4, 0.45, 1000.0), false);
-    for path in Path::available() {
+    for path in Simd::available() {
         let mut mesh = at_rest(&body, 1);
         mesh.change_motion(|n, x, _| x.y = if n == Node(5) { Real::NAN } else { x.y });
         let force = forces_by(path, &mut mesh, &Rates::ELASTIC);

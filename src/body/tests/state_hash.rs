@@ -47,9 +47,9 @@ fn pressed(body: &Arc<Body>) -> Simulation {
         let pose = Pose { position: Vec3::new(0.0, 0.0, height), ..Pose::default() };
         inputs.tools[0] = Some(ToolEvent::Pose(PoseSample { sequence: tick, pose, ..PoseSample::default() }));
         simulation.advance(&inputs);
-        let Snapshot { body: State { interface, ease, fade, .. }, points, .. } = simulation.snapshot();
-        let held = ease.iter().flatten().any(|e| *e != Vec3::zeros());
-        if !interface.is_empty() && held && fade.iter().any(|f| *f != [0.0; 4]) && points[0].len() > 1 {
+        let Snapshot { body: State { interface, residual, geomorph, .. }, points, .. } = simulation.snapshot();
+        let held = residual.iter().flatten().any(|e| *e != Vec3::zeros());
+        if !interface.is_empty() && held && geomorph.iter().any(|f| *f != [0.0; 4]) && points[0].len() > 1 {
             return simulation;
         }
     }
@@ -59,17 +59,17 @@ fn pressed(body: &Arc<Body>) -> Simulation {
 /// Every field of a snapshot, by name, with a change of it that still fits the body. One that is new and not named here is
 /// an error of the compiler.
 fn changes(snapshot: &Snapshot) -> BTreeMap<&'static str, Snapshot> {
-    let Snapshot { tick: _, frozen: _, prices: _, knotted: _, body, tools: _, points: _ } = snapshot;
+    let Snapshot { tick: _, frozen: _, prices: _, entangled: _, body, tools: _, points: _ } = snapshot;
     let State {
         nodes: _,
         position: _,
         velocity: _,
-        ease: _,
+        residual: _,
         interface: _,
         classes,
         history: _,
         strain_limit: _,
-        fade: _,
+        geomorph: _,
     } = body;
     let several = classes.iter().position(|ids| ids.len() > 1).unwrap();
     let mut changed = BTreeMap::new();
@@ -82,11 +82,11 @@ fn changes(snapshot: &Snapshot) -> BTreeMap<&'static str, Snapshot> {
     change("tick", &|s| s.tick += 1);
     change("frozen", &|s| s.frozen += 1);
     change("prices", &|s| s.prices.0[3] += 1);
-    change("knotted", &|s| s.knotted += 1);
+    change("entangled", &|s| s.entangled += 1);
     change("order of nodes", &|s| s.body.nodes.swap(0, 1));
     change("position", &|s| s.body.position[1].y += 1e-12);
     change("velocity", &|s| s.body.velocity[1].z += 1e-12);
-    change("ease", &|s| s.body.ease[1][0].x += 1e-12);
+    change("residual", &|s| s.body.residual[1][0].x += 1e-12);
     change("order of interface nodes", &|s| s.body.interface.swap(0, 1));
     change("order of elements", &|s| s.body.classes[several].swap(0, 1));
     change("class of an element", &|s| {
@@ -99,7 +99,7 @@ fn changes(snapshot: &Snapshot) -> BTreeMap<&'static str, Snapshot> {
     change("second branch", &|s| s.body.history[1].branch[1][2] += 1e-12);
     change("strain limit", &|s| s.body.strain_limit[0].deviator += 1e-12);
     change("slope of a strain limit", &|s| s.body.strain_limit[0].slope += 1e-12);
-    change("fade", &|s| s.body.fade[0][3] += 1e-12);
+    change("geomorph", &|s| s.body.geomorph[0][3] += 1e-12);
     change("tools", &|s| s.tools[0].ramp += 1e-12);
     change("a point less", &|s| s.points[0].truncate(1));
     change("points", &|s| s.points[0][0].weights[2] += 1e-12);

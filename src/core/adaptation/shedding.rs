@@ -3,7 +3,9 @@
 //! tick's time is for merging. Where not even that is enough for any, the cheapest is merged in the tick that moves whatever it
 //! takes.
 
-use super::{INDICATOR_LOOKS, Look, Pay, Saving, Workspace, plan_merges};
+use super::change_budget::ChangeBudget;
+use super::priority::Priorities;
+use super::{INDICATOR_LOOKS, Saving, Workspace, plan_merges};
 use crate::math::Real;
 use crate::model::ActiveMesh;
 
@@ -29,22 +31,22 @@ pub(super) struct Left {
     pub(super) standing: Option<u32>,
     /// The body moves in this tick, whatever that takes.
     pub(super) moves: bool,
-    /// Under a tool, what changes put out of balance fades.
-    pub(super) eases: bool,
+    /// Out-of-balance forces of changes decay as residuals: a tool presses.
+    pub(super) residuals: bool,
     /// Time that the merges are to save [ns] a tick, about.
     pub(super) excess: u32,
 }
 
 /// Plans merges that save the excess, as many as fit beside the motion, or else as many as fit a tick in which
 /// the body stands still. A tick that moves whatever it takes makes the cheapest where none fits either.
-pub(super) fn plan(look: &Look, mesh: &mut ActiveMesh, left: Left, ticks: u64, work: &mut Workspace) {
+pub(super) fn plan(priorities: &Priorities, mesh: &mut ActiveMesh, left: Left, ticks: u64, work: &mut Workspace) {
     let parts = mesh.active().len().div_ceil(LOOKED_AT);
     let some = mesh.active().iter().skip(ticks as usize % parts).step_by(parts);
-    look.spare_families(mesh, some, Real::INFINITY, &mut work.spare);
+    priorities.merge_candidates(mesh, some, Real::INFINITY, &mut work.merge_candidates);
     let mut plan = |units: u32, work: &mut Workspace| {
-        let mut pay = Pay::new([units, units], left.eases, MOST_REFUSED);
-        plan_merges(look, mesh, &mut pay, Saving { excess: left.excess, below: 0.0 }, work);
-        pay.cheapest
+        let mut budget_left = ChangeBudget::new([units, units], left.residuals, MOST_REFUSED);
+        plan_merges(priorities, mesh, &mut budget_left, Saving { excess: left.excess, below: 0.0 }, work);
+        budget_left.cheapest
     };
     plan(left.beside, work);
     let Some(standing) = left.standing.filter(|_| work.changes.is_empty()) else { return };

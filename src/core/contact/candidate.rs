@@ -143,7 +143,7 @@ pub(super) struct Touch<'a> {
     /// How far any point of each part moves in this tick at most [m].
     pub(super) ways: [Real; MOST_PARTS],
     /// Change of the tool's force that is not felt [N].
-    pub(super) unfelt: Real,
+    pub(super) noticeable: Real,
     /// Points with a gap up to this become constraints [m].
     pub(super) margin: Real,
     /// How deep the tool has sunk below what it touched [m].
@@ -216,7 +216,7 @@ impl Touch<'_> {
         };
         let front = matches!(sheet, Sheet::Front | Sheet::Turned);
         // A point that pushes does not turn at once, as long as that does not draw it into the core.
-        let follows = |m: &PointMemory| towards(m.normal, normal, self.unfelt / m.multiplier).try_normalize(0.1);
+        let follows = |m: &PointMemory| towards(m.normal, normal, self.noticeable / m.multiplier).try_normalize(0.1);
         let bit_by_bit = known.filter(|_| front && at.is_solid()).and_then(follows).filter(|n| n.dot(&away) > -radius);
         let normal = bit_by_bit.unwrap_or(normal);
         let (normal, gap) = if front { (normal, normal.dot(&away) - radius) } else { (-normal, -distance - radius) };

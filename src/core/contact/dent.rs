@@ -26,8 +26,8 @@ pub(super) struct Load {
     normal: Vec3,
     /// The nodes that carry it, ...
     pub(super) row: Row,
-    /// ... and the fade of the place [m].
-    pub(super) fade: Vec3,
+    /// ... and the geomorph offset of the place [m].
+    pub(super) geomorph: Vec3,
     /// As [`Candidate::taken`], followed [m²].
     pub(super) taken: Real,
     /// Radius of the disc that it spreads over [m].
@@ -61,7 +61,7 @@ impl Load {
         let stencil = candidate.stencil();
         let nearest = stencil.iter().max_by(|a, b| a.1.total_cmp(&b.1)).map_or(stencil[0].0, |(v, _)| *v);
         let material = on.body.material_at(nearest);
-        let (row, fade) = skin::row(on.mesh, stencil);
+        let (row, geomorph) = skin::row(on.mesh, stencil);
         let known = candidate.known.map(|k| &memory[k as usize]);
         // A point beside this one that is no longer kept leaves it its area all at once.
         let taken = known.map_or(candidate.taken, |m| m.taken + followed * (candidate.taken - m.taken));
@@ -69,7 +69,7 @@ impl Load {
             place: stencil.iter().map(|(v, w)| on.body.surface().vertices[v.index()] * *w).sum(),
             normal: candidate.normal,
             row,
-            fade,
+            geomorph,
             taken,
             radius: ((candidate.area + taken) / PI).sqrt().max(LEAST_RADIUS),
             shown: 0.0,
@@ -77,7 +77,7 @@ impl Load {
             nu: material.poisson_ratio(),
             multiplier: known.map_or(0.0, |m| m.multiplier),
             dent: known.map_or(0.0, |m| m.dent),
-            coarsened: stencil.iter().any(|(v, _)| on.mesh.fade[v.index()][3] < 0.0),
+            coarsened: stencil.iter().any(|(v, _)| on.mesh.geomorph[v.index()][3] < 0.0),
             scale: 1.0,
             softened: 0.0,
             mesh_softened: 0.0,
@@ -302,7 +302,7 @@ impl Dents {
         // Nodes of the element that a vertex hangs on, also where these hang on others: when they come to be active, what is
         // shown stays as it is.
         let of_vertex = |(v, w): &(Vertex, Real)| {
-            let (at, w) = (on.mesh.attachment(*v), *w);
+            let (at, w) = (on.mesh.embedding(*v), *w);
             at.slots.into_iter().zip(at.weights).map(move |(slot, b)| (on.mesh.node(slot), w * b))
         };
         let rows = || candidates.iter().map(|c| c.stencil().iter().flat_map(of_vertex));
@@ -345,7 +345,7 @@ impl Dents {
 /// How much farther a load on display vertex `v` is felt than the level shows that it hangs on now: each vertex hangs on a level
 /// of its own, and a change of it fades over.
 fn wider(on: &Touchable, v: Vertex) -> Real {
-    1.0 + on.mesh.fade[v.index()][3] / on.mesh.attachment(v).spacing
+    1.0 + on.mesh.geomorph[v.index()][3] / on.mesh.embedding(v).spacing
 }
 
 /// Vertices have all the area when `candidates` come, ascending by point; a triangle's point takes its own from the corners,

@@ -154,8 +154,8 @@ pub fn detect(
     let ways: [Real; MOST_PARTS] = std::array::from_fn(way);
     let margin = ways[..parts].iter().map(|way| way + FASTEST_SURFACE * TICK).fold(MARGIN, Real::max);
     let deep = sunk_depth(body, mesh, &all[..parts], memory);
-    let unfelt = LEAST_UNFELT + UNFELT * tool.physical_force.norm();
-    let touch = Touch { parts: &all[..parts], ways, unfelt, margin, deep, per_part, memory };
+    let noticeable = LEAST_NOTICEABLE + NOTICEABLE * tool.physical_force.norm();
+    let touch = Touch { parts: &all[..parts], ways, noticeable, margin, deep, per_part, memory };
     // Whatever touches the tool has all its vertices within an edge's length of the box of one of its parts.
     work.near.clear();
     let windows = touch.windows(MOST_STRETCH * work.longest_edge);
@@ -242,8 +242,8 @@ pub fn detect(
         constraints.push(Constraint {
             row: load.row,
             normal: n,
-            // What is displayed, and touched, is the row's point and its fade.
-            offset: n.dot(&(start - load.fade)) + radius - slack - share * shift,
+            // What is displayed, and touched, is the row's point plus its geomorph offset.
+            offset: n.dot(&(start - load.geomorph)) + radius - slack - share * shift,
             rate: (moved + slack - slack_end + share * (shift - shift_end)) / TICK,
             first,
             compliance,
@@ -257,7 +257,7 @@ pub fn detect(
             friction: Friction {
                 coefficient: of.friction,
                 compliance: (2.0 - load.nu) / (2.0 * (1.0 - load.nu)),
-                anchor: anchored.0 - load.fade,
+                anchor: anchored.0 - load.geomorph,
                 rate: (anchored.1 - anchored.0) / TICK,
                 multiplier: tangential,
                 mean_multiplier: Vec3::zeros(),
@@ -390,8 +390,8 @@ fn recall(on: &Touchable, candidates: &mut [Candidate], memory: &[PointMemory], 
 }
 
 /// Change of a tool's force [N] that is not felt of one point of a solid core that turns: at least, and over the force.
-const LEAST_UNFELT: Real = 2e-3;
-const UNFELT: Real = 0.01;
+const LEAST_NOTICEABLE: Real = 2e-3;
+const NOTICEABLE: Real = 0.01;
 
 /// Overlap [m] that rounding and a solve of few sweeps may leave.
 const UNNOTICED: Real = 5e-5;

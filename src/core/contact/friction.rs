@@ -46,8 +46,8 @@ pub fn remember(mesh: &ActiveMesh, solved: &Solved, tool: &ToolState, points: &m
         if moved && c.friction.multiplier.norm() >= SLIPS * c.friction.coefficient * c.multiplier {
             let sheared = |(other, g): (&Constraint, &Real)| other.friction.multiplier * (g * c.friction.compliance);
             let shear: Vec3 = constraints.iter().zip(&c.compliance).map(sheared).sum();
-            let fade = c.friction.anchor + c.friction.rate * TICK - at.to_world(point.anchor);
-            point.anchor = tool.pose.to_own(c.row.interpolate(&mesh.motion.position) + shear - fade);
+            let geomorph = c.friction.anchor + c.friction.rate * TICK - at.to_world(point.anchor);
+            point.anchor = tool.pose.to_own(c.row.interpolate(&mesh.motion.position) + shear - geomorph);
         }
     }
 }

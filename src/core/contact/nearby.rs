@@ -52,7 +52,7 @@ impl Nearby {
         }
         // They come to hang on nodes that have moved since, and may go back.
         let far = self.farthest(mesh);
-        mesh.shifted().iter().for_each(|v| self.mark(body, mesh, *v, far));
+        mesh.revisited().iter().for_each(|v| self.mark(body, mesh, *v, far));
         self.vertices.sort_unstable();
     }
 
@@ -98,17 +98,17 @@ impl Nearby {
                 if !hosted.is_empty() && self.may_reach(mesh, body.element(e)) {
                     hosted
                         .iter()
-                        .filter(|v| mesh.attachment(**v).element == e)
+                        .filter(|v| mesh.embedding(**v).element == e)
                         .for_each(|v| self.mark(body, mesh, *v, 0.0));
                 }
             }
         }
-        mesh.astray().iter().chain(mesh.fading()).for_each(|v| self.mark(body, mesh, *v, 0.0));
+        mesh.extrapolated().iter().chain(mesh.morphing()).for_each(|v| self.mark(body, mesh, *v, 0.0));
         self.vertices.sort_unstable();
         self.is_known = true;
     }
 
-    /// False when no vertex that hangs on the element of these nodes, neither astray nor fading, is within reach.
+    /// False when no vertex that hangs on the element of these nodes, which is neither extrapolated nor morphing, is within reach.
     fn may_reach(&self, mesh: &ActiveMesh, nodes: [Node; 4]) -> bool {
         let places = nodes.map(|n| mesh.slot(n).map_or(Vec3::zeros(), |slot| mesh.position(slot)));
         let around = Bounds::of(places);
@@ -120,7 +120,7 @@ impl Nearby {
     /// Takes vertex `v` along, and all that it shares a triangle with, if it is within reach or no more than `far` [m] beyond.
     fn mark(&mut self, body: &Body, mesh: &ActiveMesh, v: Vertex, far: Real) {
         // What fades goes no farther than that.
-        let far = far + Vec3::from_row_slice(&mesh.fade[v.index()][..3]).norm();
+        let far = far + Vec3::from_row_slice(&mesh.geomorph[v.index()][..3]).norm();
         if self.reach.grown(far).contains(&mesh.vertex(v)) {
             for &t in body.triangles_around(v) {
                 for v in body.triangle(t) {

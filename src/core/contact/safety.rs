@@ -1,6 +1,6 @@
 //! Safety of the hand: the rendered force is bounded, changes at a bounded rate, and rises and falls on ramps.
 
-use super::tool::{Phase, SETTLING_TICKS, ToolState};
+use super::tool::{Phase, TRANSITION_TICKS, ToolState};
 use super::wrench::Wrench;
 use crate::math::{Real, is_finite};
 
@@ -18,8 +18,8 @@ pub struct ForceLimits {
 
 /// Part of the force by which it may change in the first tick while the tool settles, and the least such change [N]; in
 /// the last it is five times as much, 5 % or 10 mN: less than what a hand can tell.
-const SETTLING_CHANGE: Real = 0.01;
-const LEAST_SETTLING_CHANGE: Real = 0.002;
+const TRANSITION_CHANGE: Real = 0.01;
+const LEAST_TRANSITION_CHANGE: Real = 0.002;
 
 /// Why the rendered force differs from the physical one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -53,11 +53,11 @@ pub fn render(tool: &mut ToolState, physical: &Wrench, limits: &ForceLimits, tic
         limited.clamped = true;
     }
     let mut slew = limits.slew;
-    if tool.settling > 0 {
-        tool.settling -= 1;
+    if tool.transition > 0 {
+        tool.transition -= 1;
         // Ever faster, so that nothing is left to catch up with in the end.
-        let faster = 1.0 + Real::from(SETTLING_TICKS - tool.settling.min(SETTLING_TICKS)) / 8.0;
-        slew = slew.min(faster * (SETTLING_CHANGE * tool.force.norm()).max(LEAST_SETTLING_CHANGE) / tick);
+        let faster = 1.0 + Real::from(TRANSITION_TICKS - tool.transition.min(TRANSITION_TICKS)) / 8.0;
+        slew = slew.min(faster * (TRANSITION_CHANGE * tool.force.norm()).max(LEAST_TRANSITION_CHANGE) / tick);
     }
     for (now, before, rate) in
         [(&mut force, tool.force, slew), (&mut torque, tool.torque, slew * limits.torque / limits.force)]

@@ -97,7 +97,7 @@ pub struct ToolState {
     /// Where it was at its start.
     pub previous: Pose,
     /// Where the client holds it: what moves towards [`ToolState::target`].
-    pub handle: Pose,
+    pub device: Pose,
     /// By what the simulated tool hangs on it.
     pub coupling: Coupling,
     /// Newest pose from the client.
@@ -117,7 +117,7 @@ pub struct ToolState {
     /// Part of the physical force that is rendered, 0..=1.
     pub ramp: Real,
     /// Ticks for which the rendered force follows slowly, after the resolution has changed under the tool.
-    pub settling: u32,
+    pub transition: u32,
     /// Force of the contact on the tool [N], last tick.
     pub physical_force: Vec3,
     /// Moment about the reference point [N·m], last tick.
@@ -138,7 +138,7 @@ pub struct Following {
 }
 
 /// Ticks in which a change of resolution under a tool rings down.
-pub const SETTLING_TICKS: u32 = 32;
+pub const TRANSITION_TICKS: u32 = 32;
 
 /// Ticks without wrenches from which a client lets the force fall, and at which it has none: the contract's law for clients.
 const CLIENT_FADE: (u32, u32) = (20, 70);
@@ -154,8 +154,8 @@ impl ToolState {
 
     /// The resolution has changed under the tool: lighter or heavier nodes find their balance within some ticks, and the
     /// hand need not feel them do it.
-    pub fn settle(&mut self) {
-        self.settling = self.settling.max(SETTLING_TICKS);
+    pub fn begin_transition(&mut self) {
+        self.transition = self.transition.max(TRANSITION_TICKS);
     }
 
     /// `ticks` pass in which the machine was away. Poses age, and the hand has heard nothing: its client has let the force
@@ -213,7 +213,7 @@ impl ToolState {
             // A tool that touches nothing may be anywhere at once.
             Phase::Detached => {
                 self.phase = Phase::Waiting;
-                (self.pose, self.handle) = (sample.pose, sample.pose);
+                (self.pose, self.device) = (sample.pose, sample.pose);
                 self.remaining_ticks = 0;
             }
             // Back before its force was gone: go on, and let the force rise again.
@@ -231,7 +231,7 @@ impl ToolState {
         match self.phase {
             Phase::Engaged if self.age_ticks > dog.hold => {
                 self.phase = Phase::Holding;
-                self.target = self.handle;
+                self.target = self.device;
                 self.remaining_ticks = 0;
             }
             Phase::Engaged => self.ramp = (self.ramp + 1.0 / Real::from(bounds.engage_ticks.max(1))).min(1.0),
@@ -254,12 +254,12 @@ impl ToolState {
         let fraction = 1.0 / Real::from(self.remaining_ticks.max(1));
         self.remaining_ticks = self.remaining_ticks.saturating_sub(1);
         if !self.touches() {
-            self.handle = self.handle.towards(&self.target, fraction);
-            self.pose = self.handle;
+            self.device = self.device.towards(&self.target, fraction);
+            self.pose = self.device;
             return;
         }
-        let distance = (self.target.position - self.handle.position).norm();
-        let (a, b) = (self.handle.orientation, self.target.orientation);
+        let distance = (self.target.position - self.device.position).norm();
+        let (a, b) = (self.device.orientation, self.target.orientation);
         // The chord between unit quaternions is about half the angle between the orientations.
         let chord = |sign: Real| (0..4).map(|i| (b[i] - sign * a[i]) * (b[i] - sign * a[i])).sum::<Real>();
         let angle = 2.0 * chord(1.0).min(chord(-1.0)).sqrt();
@@ -271,18 +271,18 @@ impl ToolState {
             allowed = MOST_TURN * tick / angle;
         }
         self.speed_limited = allowed < fraction;
-        self.handle = self.handle.towards(&self.target, allowed);
+        self.device = self.device.towards(&self.target, allowed);
         // The springs keep their lengths until the contacts of this tick are solved.
-        self.pose = self.hung();
+        self.pose = self.proxy();
     }
 
-    /// The handle's pose, moved and turned by what the coupling gives way by under the last contact force and torque.
-    fn hung(&self) -> Pose {
+    /// The device's pose, moved and turned by what the coupling gives way by under the last contact force and torque.
+    fn proxy(&self) -> Pose {
         if !self.touches() {
-            return self.handle;
+            return self.device;
         }
         let Coupling { compliance, angular_compliance } = self.coupling;
-        let mut pose = self.handle;
+        let mut pose = self.device;
         pose.position += self.physical_force * compliance;
         if angular_compliance > 0.0 {
             pose = pose.turned(self.physical_torque * angular_compliance);
@@ -291,11 +291,11 @@ impl ToolState {
     }
 
     /// Takes in the contact force [N] and torque [N·m] of this tick, under which the simulated tool hangs back from the
-    /// handle.
-    pub fn hang_back(&mut self, force: Vec3, torque: Vec3) {
+    /// device.
+    pub fn update_proxy(&mut self, force: Vec3, torque: Vec3) {
         let sound = is_finite(&force) && is_finite(&torque);
         (self.physical_force, self.physical_torque) = if sound { (force, torque) } else { Default::default() };
-        self.pose = self.hung();
+        self.pose = self.proxy();
     }
 }
 

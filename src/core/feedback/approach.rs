@@ -36,7 +36,7 @@ pub(super) fn ahead(body: &Body, vertices: &[Vec3], shape: &Shape, tool: &ToolSt
         range: gap + BELOW,
         // Under this force dF/dd = 2 E* a is as much.
         load: contact * DEPTH / (1.5 * 1.5 * 1.5),
-        begins: Some(normal.dot(&tool.handle.position) - gap),
+        begins: Some(normal.dot(&tool.device.position) - gap),
         iterations: 0,
     })
 }

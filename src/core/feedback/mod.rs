@@ -11,9 +11,9 @@ use stiffness::Stiffness;
 /// The force near the pose that a wrench answers, `F(x) = force − K (x − position)`, as long as it does not pull.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LocalModel {
-    /// Where the handle is that this answers [m].
+    /// Where the device is that this answers [m].
     pub position: Vec3,
-    /// Force on the handle there [N]; short of contact it points into the body.
+    /// Force on the device there [N]; short of contact it points into the body.
     pub force: Vec3,
     /// Out of the body, unit; zero where nothing is near.
     pub normal: Vec3,
@@ -36,7 +36,7 @@ impl LocalModel {
     /// network; a tool that has just lost contact keeps the last model until more is known.
     pub fn update(&mut self, tool: &ToolOutput, stiffness: &Option<Stiffness>) -> &Self {
         let state = &tool.state;
-        let place = state.handle.position;
+        let place = state.device.position;
         if !state.touches() || (place - self.position).norm() > FORGOTTEN {
             self.range = 0.0;
         }

@@ -2,8 +2,8 @@
 //! come to rest there.
 //!
 //! The contact set is frozen. With `K_T` the tangent of the body's elastic forces and of its holds, `J` what the displacement
-//! of the active nodes does to the contact points, `S` what that of the handle does, and `H` the stiffness of what lies
-//! between them (the dent below the mesh's size and the virtual coupling, in series), moving the handle along the axis
+//! of the active nodes does to the contact points, `S` what that of the device does, and `H` the stiffness of what lies
+//! between them (the dent below the mesh's size and the virtual coupling, in series), moving the device along the axis
 //! `e_k` moves the nodes by `u_k`:
 //!
 //! `(K_T + Jᵀ H J) u_k = Jᵀ H S e_k`, and the force changes by `−K e_k`, `K e_k = Sᵀ H (S e_k − J u_k)`.
@@ -20,7 +20,7 @@ use crate::ids::{Element, Node, ToolId};
 use crate::math::{Mat3, Pose, Real, Vec3};
 use crate::model::constraint::Coupling;
 use crate::model::constraint::Row;
-use crate::model::element_kernel::Path;
+use crate::model::element_kernel::Simd;
 use crate::model::{ActiveMesh, Body, Constraint};
 use crate::simulation::{Settings, Simulation, Snapshot};
 use crate::stepping::step;
@@ -43,11 +43,11 @@ const RANGES: (Real, Real) = (5e-4, 5e-3);
 #[derive(Debug)]
 pub struct Probe {
     simulation: Simulation,
-    path: Path,
+    path: Simd,
     answers: [Option<Answer>; MOST_TOOLS],
 }
 
-/// Displacements of the nodes for a metre of the handle along each axis, by node of the body.
+/// Displacements of the nodes for a metre of the device along each axis, by node of the body.
 #[derive(Clone, Debug)]
 struct Answer {
     displacement: Vec<[Vec3; 3]>,
@@ -82,7 +82,7 @@ impl Probe {
     pub fn new(body: Arc<Body>, settings: Settings) -> Result<Self, String> {
         let start = Snapshot::at_rest(&body, 0, settings.tools.len());
         let simulation = Simulation::new(body, Settings { adaptivity: None, ..settings }, start)?;
-        Ok(Self { simulation, path: Path::best(), answers: [const { None }; MOST_TOOLS] })
+        Ok(Self { simulation, path: Simd::best(), answers: [const { None }; MOST_TOOLS] })
     }
 
     /// The relaxed stiffness under each tool that touches in `snapshot`, and what is told of those about to, by id.
@@ -116,7 +116,7 @@ impl Probe {
     }
 }
 
-/// What lies between the handle and the nodes.
+/// What lies between the device and the nodes.
 struct Contact {
     /// Node weights of each point, as indices of active nodes.
     points: Vec<Vec<(usize, Real)>>,
@@ -237,7 +237,7 @@ fn perpendicular(n: &Vec3) -> (Vec3, Vec3) {
 /// The body's tangent about a state.
 struct System<'a> {
     body: &'a Body,
-    path: Path,
+    path: Simd,
     /// Place of each slot among the active nodes.
     index: Vec<usize>,
     /// Where the active nodes are.
@@ -250,7 +250,7 @@ struct System<'a> {
 }
 
 impl<'a> System<'a> {
-    fn new(body: &'a Body, path: Path, mesh: &mut ActiveMesh) -> Self {
+    fn new(body: &'a Body, path: Simd, mesh: &mut ActiveMesh) -> Self {
         let mut index = vec![usize::MAX; mesh.motion.mass.len()];
         mesh.active().iter().enumerate().for_each(|(i, slot)| index[slot.index()] = i);
         let at: Vec<Vec3> = mesh.active().iter().map(|s| mesh.position(*s)).collect();
@@ -306,7 +306,7 @@ impl<'a> System<'a> {
             let mut axis = Vec3::zeros();
             axis[k] = 1.0;
             let mut load = vec![Vec3::zeros(); n];
-            // The handle's motion is that of the points, turned round.
+            // The device's motion is that of the points, turned round.
             let moved = vec![-axis; contact.points.len()];
             contact.subtract_from(&contact.forces(&moved).iter().map(|f| -f).collect::<Vec<_>>(), &mut load);
             self.let_go(&mut load);
@@ -381,7 +381,7 @@ fn dot(a: &[Vec3], b: &[Vec3]) -> Real {
 }
 
 /// Elastic forces and those of the holds on the active nodes [N], as `mesh` is now.
-fn forces(path: Path, mesh: &mut ActiveMesh, out: &mut [Vec3]) {
+fn forces(path: Simd, mesh: &mut ActiveMesh, out: &mut [Vec3]) {
     step::add_elastic_forces(path, mesh);
     let (active, motion) = mesh.active_motion();
     for (out, slot) in out.iter_mut().zip(active) {

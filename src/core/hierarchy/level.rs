@@ -23,7 +23,7 @@ pub struct Level {
     pub node_mass: Vec<Real>,
     /// Smallest altitude of any element [m]: the Courant length.
     pub altitude: Real,
-    /// Least mass [kg] that an active node is given. At the rim of a cover a node may have next to none: whatever pushes
+    /// Least mass [kg] that an active node is given. At the border of a cover a node may have next to none: whatever pushes
     /// it, a tool or a spring, would throw it about. 0 on meshes that fill their body.
     pub least_mass: Real,
     /// Factor on the stiffness of each element (n_elements), which makes the level answer to smooth loads as the finest
@@ -42,9 +42,9 @@ pub struct Level {
     pub embedding: Vec<Host>,
     /// Nodes that do not move at all, ascending; only on meshes that conform to the body.
     pub fixed: Vec<u32>,
-    /// Nodes that are never active, ascending: on the rim of a level that covers only a region of the body, where some
+    /// Ghost nodes, which are never active, ascending: the border of a level that covers only a region of the body, where some
     /// of their elements are left out. Rows on such a level are on element [`NONE`](crate::ids::NONE) where it does not reach.
-    pub rim: Vec<u32>,
+    pub ghosts: Vec<u32>,
 }
 
 impl Level {
@@ -64,7 +64,7 @@ impl Level {
             finer_host: Vec::new(),
             embedding: Vec::new(),
             fixed: Vec::new(),
-            rim: Vec::new(),
+            ghosts: Vec::new(),
             mesh,
             fraction,
         };
@@ -143,7 +143,7 @@ impl Level {
 
     /// True for a level of the whole body, false for one of a region.
     pub fn is_whole(&self) -> bool {
-        self.rim.is_empty()
+        self.ghosts.is_empty()
     }
 
     /// True for a mesh whose elements fill the body, false for a cover that reaches beyond it.

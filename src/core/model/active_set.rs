@@ -62,7 +62,7 @@ impl ActiveSet {
         self.status.fill(Status::Coarser);
         self.count.fill(0);
         for &n in nodes {
-            if n.index() >= self.status.len() || self.status[n.index()] != Status::Coarser || body.is_on_rim(n) {
+            if n.index() >= self.status.len() || self.status[n.index()] != Status::Coarser || body.is_ghost(n) {
                 return false;
             }
             self.status[n.index()] = Status::Active;

@@ -74,18 +74,18 @@ pub struct Friction {
     pub mean_multiplier: Vec3,
 }
 
-/// The virtual coupling: springs without mass by which a tool hangs on its handle, so that nothing feels stiffer than the
+/// The virtual coupling: springs without mass between the device and the tool, so that nothing feels stiffer than the
 /// device can render [Colgate et al. 1995].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Coupling {
     /// How far a force moves the tool [m/N]; 0 holds it rigidly.
     pub compliance: Real,
-    /// How far a torque about the reference point turns it [rad/(N·m)]; 0 leaves it the orientation of the handle.
+    /// How far a torque about the reference point turns it [rad/(N·m)]; 0 leaves it the orientation of the device.
     pub angular_compliance: Real,
 }
 
 impl Coupling {
-    /// None: the tool is where the handle is.
+    /// None: the tool is where the device is.
     pub const RIGID: Self = Self { compliance: 0.0, angular_compliance: 0.0 };
 }
 

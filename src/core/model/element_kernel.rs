@@ -16,7 +16,7 @@ use super::element_block::{Block, Memory};
 pub use super::lanes::Padded;
 use super::lanes::{LANES, Lanes, Plain, Row};
 use super::material::{COLLAPSE_ONSET, COLLAPSE_STIFFNESS};
-pub use super::simd::Path;
+pub use super::simd::Simd;
 use crate::math::Real;
 use std::ops::Range;
 
@@ -75,7 +75,7 @@ pub(super) struct Batch<'a> {
     /// Maxwell branches of each element, at most [`MAX_BRANCHES`].
     pub branches: usize,
     /// Receives the blocks with an element that is strained beyond its limit or crushed; has room for all.
-    pub alarmed: &'a mut Vec<u32>,
+    pub over_limit: &'a mut Vec<u32>,
 }
 
 /// Adds the forces of the elements of `batch` to `force` [N] and stores what they remember. `position` [m].
@@ -83,7 +83,7 @@ pub(super) struct Batch<'a> {
 /// # Safety
 /// `path` must be available; every node number of `batch` must lie within `position` and `force`.
 pub(super) unsafe fn add_forces(
-    path: Path,
+    path: Simd,
     batch: Batch<'_>,
     rates: &Rates,
     position: &[Padded],
@@ -93,9 +93,9 @@ pub(super) unsafe fn add_forces(
     unsafe {
         match path {
             #[cfg(target_arch = "x86_64")]
-            Path::Avx512 => add_forces_avx512(batch, rates, position, force),
+            Simd::Avx512 => add_forces_avx512(batch, rates, position, force),
             #[cfg(target_arch = "x86_64")]
-            Path::Avx2 => add_forces_avx2(batch, rates, position, force),
+            Simd::Avx2 => add_forces_avx2(batch, rates, position, force),
             _ => add_forces_with::<Plain>(batch, rates, position, force),
         }
     }
@@ -268,7 +268,7 @@ unsafe fn add_forces_here<L: Lanes, const B: usize>(
             at += L::WIDTH;
         }
         if alarm {
-            batch.alarmed.push(index as u32);
+            batch.over_limit.push(index as u32);
         }
     }
     Extremes {

@@ -7,7 +7,7 @@
 pub use super::element::{ElementConstants, History};
 use super::element::{MAX_BRANCHES, StrainLimit};
 use super::element_block::{Blocks, Lane};
-use super::element_kernel::{self, Batch, Extremes, Path, Rates};
+use super::element_kernel::{self, Batch, Extremes, Rates, Simd};
 use super::lanes::{LANES, Padded};
 use crate::ids::{Element, Slot};
 use crate::math::Real;
@@ -47,7 +47,7 @@ pub struct ElementPool {
     free: Vec<u32>,
     classes: [Class; CLASSES],
     /// By class, the blocks that the last evaluation found with an element over its limit.
-    alarmed: [Vec<u32>; CLASSES],
+    over_limit: [Vec<u32>; CLASSES],
     places: Vec<Place>,
     len: usize,
     capacity: usize,
@@ -72,7 +72,7 @@ impl ElementPool {
             owners: vec![[Element::NONE; LANES]; blocks],
             free: Vec::with_capacity(blocks),
             classes: std::array::from_fn(|_| Class { blocks: Vec::with_capacity(full + 1), count: 0 }),
-            alarmed: std::array::from_fn(|_| Vec::with_capacity(full + 1)),
+            over_limit: std::array::from_fn(|_| Vec::with_capacity(full + 1)),
             places: vec![Place::OUT; total_elements],
             len: 0,
             capacity,
@@ -198,12 +198,12 @@ impl ElementPool {
 
     /// Elements of the blocks of `class` in which the last evaluation found one over its limit.
     pub fn over_limit(&self, class: usize) -> impl Iterator<Item = Element> + '_ {
-        self.alarmed[class].iter().flat_map(|b| self.owners[*b as usize]).filter(|e| *e != Element::NONE)
+        self.over_limit[class].iter().flat_map(|b| self.owners[*b as usize]).filter(|e| *e != Element::NONE)
     }
 
     /// Forgets who is over its limit: what was found in one tick says nothing in the next.
     pub fn forget_over_limit(&mut self) {
-        self.alarmed.iter_mut().for_each(Vec::clear);
+        self.over_limit.iter_mut().for_each(Vec::clear);
     }
 
     /// Most elements in use at once.
@@ -274,7 +274,7 @@ impl ElementPool {
     /// `position` [m], `force`: (nodes). A `path` that is not available gives way to the portable one.
     pub fn add_forces(
         &mut self,
-        path: Path,
+        path: Simd,
         class: usize,
         rates: &Rates,
         position: &[Padded],
@@ -284,7 +284,7 @@ impl ElementPool {
             debug_assert!(false, "fields of another body");
             return Extremes::REST;
         }
-        self.alarmed[class].clear();
+        self.over_limit[class].clear();
         let Class { blocks: order, count } = &self.classes[class];
         if *count == 0 {
             return Extremes::REST;
@@ -295,9 +295,9 @@ impl ElementPool {
             order,
             count: *count,
             branches: self.blocks.branches,
-            alarmed: &mut self.alarmed[class],
+            over_limit: &mut self.over_limit[class],
         };
-        let path = if path.is_available() { path } else { Path::Portable };
+        let path = if path.is_available() { path } else { Simd::Portable };
         // SAFETY: the path is available; both fields have `nodes` entries, and
         // no element names a node beyond them (`check_nodes`). Unused lanes name node 0, which is there because the
         // class has an element.
@@ -469,7 +469,7 @@ mod tests {
                         }
                     }
                     Op::Evaluate(class, x) => {
-                        pool.add_forces(Path::best(), class, &RATES, &positions(x), &mut [[0.0; 4]; NODES]);
+                        pool.add_forces(Simd::best(), class, &RATES, &positions(x), &mut [[0.0; 4]; NODES]);
                     }
                     Op::Clear => {
                         pool.clear();
@@ -500,12 +500,12 @@ mod tests {
                 }
             }
             for class in 0..CLASSES {
-                let run = |pool: &mut ElementPool, path: Path| {
+                let run = |pool: &mut ElementPool, path: Simd| {
                     let mut force = [[0.0; 4]; NODES];
                     let extremes = pool.add_forces(path, class, &RATES, &positions(0.9), &mut force);
                     (force.map(|f| f.map(Real::to_bits)), extremes)
                 };
-                prop_assert_eq!(run(&mut pool, Path::best()), run(&mut again, Path::Portable));
+                prop_assert_eq!(run(&mut pool, Simd::best()), run(&mut again, Simd::Portable));
                 for id in pool.ids(class) {
                     prop_assert_eq!(pool.history(id), again.history(id));
                 }

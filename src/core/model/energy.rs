@@ -57,7 +57,7 @@ pub fn energy(body: &Body, mesh: &ActiveMesh, gravity: Vec3) -> Energy {
             sum.elastic += weight * body.material_of(e).energy_density(&f);
         }
     }
-    for hold in body.holds() {
+    for hold in body.supports() {
         let stretch = mesh.vertex(hold.vertex) - body.surface().vertices[hold.vertex.index()];
         sum.elastic += 0.5 * hold.stiffness * stretch.norm_squared();
     }

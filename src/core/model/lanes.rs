@@ -16,7 +16,7 @@ pub type Row = [Real; LANES];
 
 /// What the element kernel needs of a group of lanes.
 ///
-/// Methods are safe to call only where the form runs on the CPU: [`super::simd::Path`] sees to that.
+/// Methods are safe to call only where the form runs on the CPU: [`super::simd::Simd`] sees to that.
 pub trait Lanes: Copy {
     /// Elements in a group; divides [`LANES`].
     const WIDTH: usize;

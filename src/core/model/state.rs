@@ -4,7 +4,7 @@ use super::active_set::ActiveSet;
 use super::body::Body;
 use super::element_kernel::StrainLimit;
 use super::element_pool::{CLASSES, History};
-use super::step_class::{self, Ease};
+use super::step_class::{self, Residual};
 use crate::ids::{Element, Node};
 use crate::math::{Real, Vec3, is_finite};
 use crate::visited::Visited;
@@ -20,7 +20,7 @@ pub struct State {
     /// Their velocities [m/s], (n_active).
     pub velocity: Vec<Vec3>,
     /// Forces on them that changes of resolution have left to fade [N], by class of step, (n_active, 3).
-    pub ease: Vec<Ease<Vec3>>,
+    pub residual: Vec<Residual<Vec3>>,
     /// Interface nodes; where they are follows from the active ones.
     pub interface: Vec<Node>,
     /// Elements in use by step class.
@@ -30,8 +30,8 @@ pub struct State {
     /// Up to which strain each of them may keep its step; empty to have it found.
     pub strain_limit: Vec<StrainLimit>,
     /// By display vertex: what changes of resolution have left to fade, see
-    /// [`super::active_mesh::ActiveMesh::fade`].
-    pub fade: Vec<[Real; 4]>,
+    /// [`super::active_mesh::ActiveMesh::geomorph`].
+    pub geomorph: Vec<[Real; 4]>,
 }
 
 impl State {
@@ -70,10 +70,10 @@ impl State {
         }
         Self {
             velocity: vec![Vec3::zeros(); position.len()],
-            ease: vec![Ease::default(); position.len()],
+            residual: vec![Residual::default(); position.len()],
             strain_limit: Vec::new(),
             history: vec![History::REST; classes.iter().map(Vec::len).sum()],
-            fade: vec![[0.0; 4]; body.surface().vertices.len()],
+            geomorph: vec![[0.0; 4]; body.surface().vertices.len()],
             nodes,
             position,
             interface,
@@ -88,12 +88,12 @@ impl State {
             nodes: Vec::with_capacity(slots),
             position: Vec::with_capacity(slots),
             velocity: Vec::with_capacity(slots),
-            ease: Vec::with_capacity(slots),
+            residual: Vec::with_capacity(slots),
             interface: Vec::with_capacity(slots),
             classes: (0..CLASSES).map(|_| Vec::with_capacity(elements)).collect(),
             history: Vec::with_capacity(elements),
             strain_limit: Vec::with_capacity(elements),
-            fade: Vec::with_capacity(body.surface().vertices.len()),
+            geomorph: Vec::with_capacity(body.surface().vertices.len()),
         }
     }
 
@@ -101,8 +101,8 @@ impl State {
     pub fn is_finite(&self) -> bool {
         self.position.iter().all(is_finite)
             && self.velocity.iter().all(is_finite)
-            && self.ease.iter().flatten().all(is_finite)
+            && self.residual.iter().flatten().all(is_finite)
             && self.history.iter().all(History::is_finite)
-            && self.fade.iter().flatten().all(|x| x.is_finite())
+            && self.geomorph.iter().flatten().all(|x| x.is_finite())
     }
 }

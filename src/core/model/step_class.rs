@@ -38,7 +38,7 @@ pub const LONGEST_CONTACT_CLASS: usize = 1;
 /// of a rigid tool led along the same way, 0.4 % with this); fewer were not tried.
 pub const SOFT_CONTACT_CLASS: usize = 2;
 /// By class of step: forces that act with the elements, or the contact, that they stand for.
-pub type Ease<T> = [T; CLASSES];
+pub type Residual<T> = [T; CLASSES];
 
 /// Step of class `class` [s].
 pub fn step_of(class: usize) -> Real {

@@ -15,7 +15,7 @@ pub use inputs::{Inputs, Settings};
 pub use outputs::{MOST_LEVELS, Outputs, Plan, TickFlags, ToolOutput};
 pub use snapshot::Snapshot;
 
-use crate::adaptation::{self, Focus, Means, Wishes};
+use crate::adaptation::{self, Allowance, Focus, Request};
 use crate::contact::detection::{self, Found, Held};
 use crate::contact::friction::{self, Solved};
 use crate::contact::outside::is_outside;
@@ -27,8 +27,8 @@ use crate::ids::{ToolId, Vertex};
 use crate::math::{Real, Vec3};
 use crate::model::active_mesh::Loads;
 use crate::model::constraint::PointMemory;
-use crate::model::element_kernel::{Extremes, Path};
-use crate::model::knot::{Home, KNOT_FRAMES};
+use crate::model::element_kernel::{Extremes, Simd};
+use crate::model::entangled::{ENTANGLED_FRAMES, ReferencePose};
 use crate::model::{ActiveMesh, Body, Constraint, State};
 use crate::stepping::step::{self, World};
 use crate::stepping::work;
@@ -42,17 +42,17 @@ pub const TICKS_PER_FRAME: u64 = 32;
 pub struct Simulation {
     body: Arc<Body>,
     settings: Settings,
-    path: Path,
+    path: Simd,
     tick: u64,
     frozen: u32,
     prices: Prices,
-    knotted: u32,
+    entangled: u32,
     mesh: ActiveMesh,
     tools: Vec<ToolState>,
     points: Vec<Vec<PointMemory>>,
     start: State,
     /// Where `start` is.
-    home: Home,
+    reference: ReferencePose,
     /// All display vertices [m], as of when all were last asked for.
     vertices: Vec<Vec3>,
     constraints: Vec<Constraint>,
@@ -81,14 +81,14 @@ impl Simulation {
         let mut points: Vec<Vec<PointMemory>> = (0..tools).map(|_| Vec::with_capacity(MOST_POINTS)).collect();
         points.iter_mut().zip(&start.points).for_each(|(to, from)| to.extend_from_slice(from));
         Ok(Self {
-            path: Path::best(),
+            path: Simd::best(),
             tick: start.tick,
             frozen: start.frozen,
             prices: start.prices,
-            knotted: start.knotted,
+            entangled: start.entangled,
             tools: start.tools,
             points,
-            home: Home::new(&body, &mesh),
+            reference: ReferencePose::new(&body, &mesh),
             vertices: vec![Vec3::zeros(); vertices],
             constraints: Vec::with_capacity(MOST_POINTS * tools),
             points_of_action: Vec::with_capacity(MOST_POINTS * tools),
@@ -129,14 +129,14 @@ impl Simulation {
     /// When it is of another body.
     pub fn with_reset_state(mut self, state: &State) -> Result<Self, String> {
         let mesh = ActiveMesh::new(&self.body, state, self.settings.most_elements)?;
-        self.home = Home::new(&self.body, &mesh);
+        self.reference = ReferencePose::new(&self.body, &mesh);
         self.start = state.clone();
         Ok(self)
     }
 
     /// Runs the kernel on `path` from now on; it must be available on this CPU. The results do not depend on it.
-    pub fn with_path(mut self, path: Path) -> Self {
-        debug_assert!(Path::available().contains(&path));
+    pub fn with_path(mut self, path: Simd) -> Self {
+        debug_assert!(Simd::available().contains(&path));
         self.path = path;
         self
     }
@@ -224,7 +224,7 @@ impl Simulation {
     fn back_to_start(&mut self) {
         self.mesh.restore(&self.body, &self.start);
         self.detection.forget();
-        (self.knotted, self.frozen) = (0, 0);
+        (self.entangled, self.frozen) = (0, 0);
         self.points.iter_mut().for_each(Vec::clear);
         self.constraints.clear();
         // The shape jumps back under the tools: they have to come from outside again.
@@ -266,7 +266,7 @@ impl Simulation {
             let (contact, points) = self.contact_time(0);
             let near = !self.focus.is_empty();
             let class = self.mesh.contact_class(&self.body, self.points.iter().flatten().map(|p| p.point));
-            let means = Means {
+            let allowance = Allowance {
                 budget,
                 prices: &self.prices,
                 contact,
@@ -278,12 +278,12 @@ impl Simulation {
             };
             let loads = Loads { points: &self.points, gravity: self.settings.gravity };
             laps.lap(Part::Fixed, 0);
-            let wishes = Wishes { adaptivity, focus: &self.focus, means, loads, ticks };
+            let wishes = Request { adaptivity, focus: &self.focus, allowance, loads, ticks };
             self.outputs.adapted = adaptation::adapt(&self.body, &mut self.mesh, &wishes, &mut self.adaptation, laps);
             let adapted = &self.outputs.adapted;
             if adapted.splits + adapted.merges > 0 {
                 self.detection.follow_change(&self.body, &self.mesh);
-                self.settle_tools();
+                self.begin_transitions();
                 laps.lap(Part::Change, 0);
             }
         }
@@ -309,7 +309,7 @@ impl Simulation {
     }
 
     /// Tools that touch what now hangs on other elements follow their force slowly for a while.
-    fn settle_tools(&mut self) {
+    fn begin_transitions(&mut self) {
         let first_triangle = self.body.surface().vertices.len() as u32;
         let per_part = self.body.points_of_a_part();
         for ((tool, points), of) in self.tools.iter_mut().zip(&self.points).zip(&self.settings.tools) {
@@ -319,8 +319,8 @@ impl Simulation {
             let concerned = |v: &Vertex| {
                 touched(v.0) || self.body.triangles_around(*v).iter().any(|t| touched(first_triangle + t.0))
             };
-            if !points.is_empty() && self.mesh.rehung().iter().any(concerned) {
-                tool.settle();
+            if !points.is_empty() && self.mesh.reembedded().iter().any(concerned) {
+                tool.begin_transition();
             }
         }
     }
@@ -383,19 +383,19 @@ impl Simulation {
             let world = World { path: self.path, body: &self.body, gravity: self.settings.gravity };
             self.outputs.extremes =
                 step::tick(&world, &mut self.mesh, &mut self.constraints, contact, &mut self.stepping, laps);
-            self.mesh.ease_off();
+            self.mesh.decay_residuals();
             laps.lap(Part::Fixed, 0);
             self.mesh.reclass_over_limit(&self.body);
             laps.lap(Part::Fixed, 0);
         }
-        self.mesh.fade_out();
+        self.mesh.decay_geomorph();
         self.mesh.follow_offsets(&self.body);
     }
 
     /// Our last line: a state that is not finite, or that the body would stay in for ever, is replaced by the one a reset
     /// returns to, and the hand feels nothing.
     fn contain(&mut self) {
-        if self.mesh.is_finite() && self.knotted < KNOT_FRAMES {
+        if self.mesh.is_finite() && self.entangled < ENTANGLED_FRAMES {
             return;
         }
         self.outputs.restored = true;
@@ -422,7 +422,7 @@ impl Simulation {
                 contact_points = own.iter().filter(|c| c.multiplier > 0.0).count() as u32;
             }
             let solved_at = tool.pose;
-            tool.hang_back(physical.force, physical.torque);
+            tool.update_proxy(physical.force, physical.torque);
             // What the solver found is where the next tick starts.
             let solved = Solved { constraints: own, per_part, at: solved_at, moved: !stood_still };
             friction::remember(&self.mesh, &solved, tool, points);
@@ -456,10 +456,10 @@ impl Simulation {
             return;
         }
         if self.constraints.iter().any(|c| c.multiplier > 0.0) {
-            self.knotted = 0;
+            self.entangled = 0;
         } else if self.outputs.frame {
-            let knotted = self.home.is_knotted(self.outputs.extremes.det_f, &self.outputs.skin);
-            self.knotted = if knotted { self.knotted + 1 } else { 0 };
+            let entangled = self.reference.is_entangled(self.outputs.extremes.det_f, &self.outputs.skin);
+            self.entangled = if entangled { self.entangled + 1 } else { 0 };
         }
     }
 }

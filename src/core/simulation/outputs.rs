@@ -20,7 +20,7 @@ pub struct ToolOutput {
 /// What a tick says of itself with every wrench.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct TickFlags {
-    /// A state that was not finite was contained, or a knot.
+    /// A state that was not finite was contained, or an entangled one.
     pub restored: bool,
     /// The budget did not cover the tick.
     pub substeps_dropped: bool,
@@ -67,7 +67,7 @@ pub struct Outputs {
     pub adapted: adaptation::Adapted,
     /// How far the elements are from rest.
     pub extremes: Extremes,
-    /// The state was not finite, or a knot that the body did not come out of: it has been replaced by the one that a reset
+    /// The state was not finite, or the body stayed entangled: it has been replaced by the one that a reset
     /// returns to.
     pub restored: bool,
 }

@@ -16,8 +16,8 @@ pub struct Snapshot {
     pub frozen: u32,
     /// What work costs.
     pub prices: Prices,
-    /// Frames in a row that the body, which nothing touches, has been knotted in itself.
-    pub knotted: u32,
+    /// Frames in a row that the body, which nothing touches, has been entangled in itself.
+    pub entangled: u32,
     /// Motion of the body.
     pub body: State,
     /// Each tool, by id.
@@ -38,7 +38,7 @@ impl Snapshot {
             tick: 0,
             frozen: 0,
             prices: Prices::COMMON,
-            knotted: 0,
+            entangled: 0,
             body: state,
             tools: vec![ToolState::default(); tools],
             points: (0..tools).map(|_| Vec::with_capacity(MOST_POINTS)).collect(),
@@ -77,7 +77,7 @@ impl Simulation {
         snapshot.tick = self.tick;
         snapshot.frozen = self.frozen;
         snapshot.prices = self.prices;
-        snapshot.knotted = self.knotted;
+        snapshot.entangled = self.entangled;
         snapshot.tools.copy_from_slice(&self.tools);
         for (to, from) in snapshot.points.iter_mut().zip(&self.points) {
             to.clear();
@@ -91,7 +91,7 @@ impl Simulation {
         hash.update(&self.tick.to_le_bytes());
         hash.update(&self.frozen.to_le_bytes());
         hash.update(bytemuck::cast_slice(&self.prices.0));
-        hash.update(&self.knotted.to_le_bytes());
+        hash.update(&self.entangled.to_le_bytes());
         self.mesh.hash_into(&mut hash);
         for (tool, points) in self.tools.iter().zip(&self.points) {
             hash_saved(tool, &mut hash);
@@ -103,7 +103,7 @@ impl Simulation {
 
     /// Takes over `snapshot`, which is one of this body and these tools: for questions about a copy.
     pub fn load(&mut self, snapshot: &Snapshot) {
-        (self.tick, self.frozen, self.knotted) = (snapshot.tick, snapshot.frozen, snapshot.knotted);
+        (self.tick, self.frozen, self.entangled) = (snapshot.tick, snapshot.frozen, snapshot.entangled);
         self.prices = snapshot.prices;
         self.mesh.restore(&self.body, &snapshot.body);
         self.detection.forget();

@@ -11,9 +11,9 @@ use super::work::{Laps, Part};
 use crate::ids::Slot;
 use crate::math::{Real, Vec3};
 use crate::model::active_mesh::Motion;
-use crate::model::element_kernel::{Extremes, Path, Rates};
+use crate::model::element_kernel::{Extremes, Rates, Simd};
 use crate::model::element_pool::CLASSES;
-use crate::model::step_class::{self, Ease, STEP_VISCOSITY, TICK};
+use crate::model::step_class::{self, Residual, STEP_VISCOSITY, TICK};
 use crate::model::sweeps::{self, Falling, Registers};
 use crate::model::{ActiveMesh, Body, Constraint};
 use crate::visited::Visited;
@@ -39,7 +39,7 @@ pub struct Workspace {
     noted: Visited,
     contact_nodes: Vec<Slot>,
     /// Active nodes that something is held on.
-    eased: Ease<Vec<Slot>>,
+    residual: Residual<Vec<Slot>>,
 }
 
 impl Workspace {
@@ -55,7 +55,7 @@ impl Workspace {
                 .collect(),
             noted: Visited::new(slots),
             contact_nodes: list(),
-            eased: std::array::from_fn(|_| list()),
+            residual: std::array::from_fn(|_| list()),
         }
     }
 }
@@ -64,7 +64,7 @@ impl Workspace {
 #[derive(Clone, Copy, Debug)]
 pub struct World<'a> {
     /// Form of the kernel; it makes no difference but of time.
-    pub path: Path,
+    pub path: Simd,
     /// The body.
     pub body: &'a Body,
     /// [m/s²].
@@ -96,13 +96,13 @@ pub fn tick(
     let mut extremes = Extremes::REST;
     let finest = mesh.finest_class();
     let holds = mesh.support_class(body);
-    collect_eased(mesh, work);
-    let mut deepest = finest.max(work.eased.iter().rposition(|slots| !slots.is_empty()).unwrap_or(0));
+    collect_residuals(mesh, work);
+    let mut deepest = finest.max(work.residual.iter().rposition(|slots| !slots.is_empty()).unwrap_or(0));
     if !constraints.is_empty() {
         deepest = deepest.max(contact);
         collect_contact_nodes(constraints, work);
     }
-    if !body.holds().is_empty() {
+    if !body.supports().is_empty() {
         deepest = deepest.max(holds);
     }
     for c in constraints.iter_mut() {
@@ -113,9 +113,9 @@ pub fn tick(
     for i in 1..halves {
         let now = TICK * Real::from(i) / Real::from(halves);
         let class = deepest - i.trailing_zeros() as usize;
-        let held = class == holds && !body.holds().is_empty();
+        let held = class == holds && !body.supports().is_empty();
         let touched = class == contact && !constraints.is_empty();
-        if mesh.pool().count(class) > 0 || held || !&work.eased[class].is_empty() {
+        if mesh.pool().count(class) > 0 || held || !&work.residual[class].is_empty() {
             let elements = event(world, mesh, Due { now, class, held }, work, laps);
             extremes = extremes.join(&elements);
         }
@@ -148,9 +148,9 @@ fn event(world: &World, mesh: &mut ActiveMesh, due: Due, work: &mut Workspace, l
     let (World { path, body, gravity }, Due { now, class, held }) = (*world, due);
     let step = step_class::step_of(class);
     let (rates, registers) = (rates(body, step), mesh.registers());
-    let eased = &work.eased[class];
-    // What is held of a body that can move as a whole is balanced where all its nodes are now.
-    let balanced = mesh.has_free_organs() && !eased.is_empty();
+    let residual = &work.residual[class];
+    // Residuals of a body that can move as a whole are balanced where all its nodes are now.
+    let balanced = mesh.has_free_organs() && !residual.is_empty();
     // Where most elements are due most nodes are concerned: finding out which costs more than moving the others.
     if balanced || 4 * mesh.pool().count(class) > mesh.pool().len() {
         let (nodes, entries) = (mesh.active().len() as u32, mesh.row_entries());
@@ -162,34 +162,34 @@ fn event(world: &World, mesh: &mut ActiveMesh, due: Due, work: &mut Workspace, l
         mesh.hand_back_all();
         laps.lap(Part::Row, entries);
         if balanced {
-            mesh.balance_eases(class);
+            mesh.balance_residuals(class);
         }
         let (active, motion) = mesh.active_motion();
-        add_eases(if balanced { active } else { eased }, motion, class);
+        add_residuals(if balanced { active } else { residual }, motion, class);
         kick(registers, active, motion, step);
         laps.lap(Part::Node, nodes);
         return extremes;
     }
     find_concerned(mesh, class, held, work);
-    let (concerned, eased) = (&work.concerned[class], &work.eased[class]);
+    let (concerned, residual) = (&work.concerned[class], &work.residual[class]);
     drift(&concerned.active, &mut work.time, mesh, gravity, now);
-    drift(eased, &mut work.time, mesh, gravity, now);
-    laps.lap(Part::Node, (concerned.active.len() + eased.len()) as u32);
+    drift(residual, &mut work.time, mesh, gravity, now);
+    laps.lap(Part::Node, (concerned.active.len() + residual.len()) as u32);
     mesh.place_these(&concerned.interface);
     laps.lap(Part::Row, concerned.entries);
     let extremes = add_forces(path, mesh, class, held, &rates, laps);
     mesh.hand_back(&concerned.interface);
     laps.lap(Part::Row, concerned.entries);
     kick(registers, &concerned.active, &mut mesh.motion, step);
-    add_eases(eased, &mut mesh.motion, class);
-    kick(registers, eased, &mut mesh.motion, step);
-    laps.lap(Part::Node, (concerned.active.len() + eased.len()) as u32);
+    add_residuals(residual, &mut mesh.motion, class);
+    kick(registers, residual, &mut mesh.motion, step);
+    laps.lap(Part::Node, (concerned.active.len() + residual.len()) as u32);
     extremes
 }
 
 /// Forces of the elements of `class`, and of the supports when `held`.
 fn add_forces(
-    path: Path,
+    path: Simd,
     mesh: &mut ActiveMesh,
     class: usize,
     held: bool,
@@ -260,14 +260,14 @@ fn find_concerned(mesh: &ActiveMesh, class: usize, held: bool, work: &mut Worksp
     *revision = Some(mesh.revision(class));
 }
 
-fn collect_eased(mesh: &ActiveMesh, work: &mut Workspace) {
-    work.eased.iter_mut().for_each(Vec::clear);
-    if !mesh.has_eases() {
+fn collect_residuals(mesh: &ActiveMesh, work: &mut Workspace) {
+    work.residual.iter_mut().for_each(Vec::clear);
+    if !mesh.has_residuals() {
         return;
     }
     for &slot in mesh.active() {
-        for (slots, ease) in work.eased.iter_mut().zip(&mesh.motion.ease[slot.index()]) {
-            if *ease != [0.0; 4] {
+        for (slots, residual) in work.residual.iter_mut().zip(&mesh.motion.residual[slot.index()]) {
+            if *residual != [0.0; 4] {
                 slots.push(slot);
             }
         }
@@ -285,7 +285,7 @@ fn collect_contact_nodes(constraints: &[Constraint], work: &mut Workspace) {
 }
 
 /// Adds the relaxed elastic forces of all elements and the pull of the holds to [`ActiveMesh::motion`]'s forces.
-pub fn add_elastic_forces(path: Path, mesh: &mut ActiveMesh) {
+pub fn add_elastic_forces(path: Simd, mesh: &mut ActiveMesh) {
     mesh.place_interface();
     for class in 0..CLASSES {
         mesh.add_forces(path, class, &Rates::ELASTIC);
@@ -312,11 +312,11 @@ fn fall(registers: Registers, slots: &[Slot], motion: &mut Motion, time: &mut [R
     sweeps::fall(registers, slots, falling, [gravity.x, gravity.y, gravity.z, 0.0], now);
 }
 
-/// What is held on the nodes in `slots` acts now, with the elements of `class`.
-fn add_eases(slots: &[Slot], motion: &mut Motion, class: usize) {
+/// Residuals of the nodes in `slots` act now, with the elements of `class`.
+fn add_residuals(slots: &[Slot], motion: &mut Motion, class: usize) {
     for &slot in slots {
-        let ease = motion.ease[slot.index()][class];
-        for (f, e) in motion.force[slot.index()].iter_mut().zip(ease) {
+        let residual = motion.residual[slot.index()][class];
+        for (f, e) in motion.force[slot.index()].iter_mut().zip(residual) {
             *f += e;
         }
     }

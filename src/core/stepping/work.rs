@@ -3,7 +3,7 @@
 //! The counts are the core's, the prices are an input: whoever owns the clock measures them and hands them in, and a
 //! recording keeps them. So what the core decides depends on nothing but its inputs.
 
-use crate::model::active_mesh::Upkeep;
+use crate::model::active_mesh::ChangeCost;
 use crate::model::element_pool::CLASSES;
 use crate::model::{ActiveMesh, Body};
 use serde::{Deserialize, Serialize};
@@ -308,11 +308,11 @@ impl Budget {
 }
 
 /// Change units per element put in or taken out.
-const ELEMENT_UPKEEP: u32 = 40;
+const ELEMENT_COST: u32 = 40;
 /// Change units of weighing the forces of one element, as is done before and after changes under a load.
-const EASE_UPKEEP: u32 = 10;
+const RESIDUAL_COST: u32 = 10;
 /// Change units per interface row made.
-const ROW_UPKEEP: u32 = 40;
+const ROW_COST: u32 = 40;
 /// Visits of nodes and of row entries by an event in which `elements` of a class are due; all may be concerned. Each is
 /// visited twice: moved and kicked, placed and handed back.
 fn visits(mesh: &ActiveMesh, elements: u32) -> (u32, u32) {
@@ -372,8 +372,8 @@ pub fn empty_batch_units(mesh: &ActiveMesh) -> u32 {
 }
 
 /// Change units of a batch of changes of resolution of `mesh`: one is the 40th part of putting in an element.
-pub fn change_units(mesh: &ActiveMesh, upkeep: &Upkeep) -> u32 {
-    let each = upkeep.elements * ELEMENT_UPKEEP + upkeep.rows * ROW_UPKEEP + upkeep.eased * EASE_UPKEEP;
+pub fn change_units(mesh: &ActiveMesh, cost: &ChangeCost) -> u32 {
+    let each = cost.elements * ELEMENT_COST + cost.rows * ROW_COST + cost.residual * RESIDUAL_COST;
     empty_batch_units(mesh) + each
 }
 

@@ -5,7 +5,7 @@ use crate::display::Display;
 use crate::scene::{self, Scene};
 use crate::wire;
 use palpate_core::math::{Real, Vec3};
-use palpate_core::model::element_kernel::Path as KernelPath;
+use palpate_core::model::element_kernel::Simd;
 use palpate_core::model::{Body, State};
 use palpate_core::simulation::{Inputs, Simulation, Snapshot, TICK};
 use palpate_proto::keys::topics;
@@ -182,7 +182,7 @@ impl ReplayReport {
 ///
 /// # Errors
 /// When its state does not fit its body.
-pub fn replay(recording: &Recording, path: KernelPath) -> Result<ReplayReport, String> {
+pub fn replay(recording: &Recording, path: Simd) -> Result<ReplayReport, String> {
     let started = std::time::Instant::now();
     let settings = recording.scene.settings();
     let mut simulation = Simulation::new(recording.body.clone(), settings, recording.start.clone())?

@@ -16,7 +16,7 @@ use std::{
 use border::{guarded, last_error, read, status, text, write};
 use client::{CAttachment, CPose, CRegistration, CToolState, Client, Held};
 
-use crate::{Attachment, Connection, Device, Endpoints, Frame, Registration, RenderMode};
+use crate::{Connection, Device, Embedding, Endpoints, Frame, Registration, RenderMode};
 
 /// See `palpate.h`.
 #[unsafe(no_mangle)]
@@ -156,7 +156,7 @@ pub unsafe extern "C" fn palpate_attachment_defaults(attachment: *mut CAttachmen
     let defaults = CAttachment {
         client: std::ptr::null(),
         tool: std::ptr::null(),
-        rate_hz: Attachment::default().rate_hz,
+        rate_hz: Embedding::default().rate_hz,
         device: std::ptr::null(),
         frame: std::ptr::null(),
         render: std::ptr::null(),
@@ -193,10 +193,10 @@ pub unsafe extern "C" fn palpate_attach(client: *mut Client, attachment: *const 
         let device = if device.ends_with(".toml") { Device::from_file(device)? } else { Device::by_name(device)? };
         let (frame, mode): (_, RenderMode) = (Frame::by_name(frame)?, render.parse()?);
         let registration = attachment.registration.checked()?;
-        let tool = client.connection.attach(&Attachment {
+        let tool = client.connection.attach(&Embedding {
             tool: tool.to_owned(),
             rate_hz: attachment.rate_hz,
-            ..Attachment::of(name, &device, &registration)
+            ..Embedding::of(name, &device, &registration)
         })?;
         client.held = Some(Held::new(tool, &device, frame, mode, registration));
         Ok(())

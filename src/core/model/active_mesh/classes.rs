@@ -23,7 +23,7 @@ impl ActiveMesh {
         self.work.noted_nodes.clear();
         let mut most = 0.0;
         for vertex in points.flat_map(|point| body.corners_of_point(point)) {
-            for slot in self.attachment[vertex.index()].slots {
+            for slot in self.embedded[vertex.index()].slots {
                 let node = self.node[slot.index()];
                 if self.work.noted_nodes.visit(node.index()) {
                     let used = body.elements_around(node).iter().filter(|e| self.pool.class_of(**e).is_some());
@@ -52,7 +52,7 @@ impl ActiveMesh {
             wanted = step_class::class_in(body, step / LENGTHENING_MARGIN).min(class);
         }
         if wanted != class {
-            self.hand_ease_on(body, e, wanted);
+            self.move_residual(body, e, wanted);
             self.pool.set_class(e, wanted);
             self.revision[class] = self.revision[class].wrapping_add(1);
             self.revision[wanted] = self.revision[wanted].wrapping_add(1);

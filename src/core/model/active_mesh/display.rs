@@ -11,7 +11,7 @@ use crate::model::element_kernel::Padded;
 
 /// Where a display vertex hangs.
 #[derive(Clone, Copy, Debug)]
-pub struct Attachment {
+pub struct Embedding {
     /// Its element.
     pub element: Element,
     /// Slots of the element's nodes.
@@ -22,7 +22,7 @@ pub struct Attachment {
     pub spacing: Real,
 }
 
-impl Attachment {
+impl Embedding {
     /// Its place with the node in each slot at `position(slot)` [m].
     fn place<'p>(&self, position: impl Fn(usize) -> &'p Padded) -> Padded {
         let mut sum = [0.0; 4];
@@ -38,33 +38,33 @@ impl Attachment {
 
 impl ActiveMesh {
     /// Display vertices that the last change hung on another element.
-    pub fn rehung(&self) -> &[Vertex] {
-        &self.work.rehung
+    pub fn reembedded(&self) -> &[Vertex] {
+        &self.work.reembedded
     }
 
     /// Display vertices that it looked at: all others hang as before, on nodes that it left where they were.
-    pub fn shifted(&self) -> &[Vertex] {
-        &self.work.shifted
+    pub fn revisited(&self) -> &[Vertex] {
+        &self.work.revisited
     }
 
     /// Where display vertex `v` hangs.
-    pub fn attachment(&self, v: Vertex) -> &Attachment {
-        &self.attachment[v.index()]
+    pub fn embedding(&self, v: Vertex) -> &Embedding {
+        &self.embedded[v.index()]
     }
 
-    /// Position of display vertex `v` [m], fade included.
+    /// Position of display vertex `v` [m], geomorph offset included.
     pub fn vertex(&self, v: Vertex) -> Vec3 {
-        vec3(&self.place(&self.attachment[v.index()])) + vec3(&self.fade[v.index()])
+        vec3(&self.place(&self.embedded[v.index()])) + vec3(&self.geomorph[v.index()])
     }
 
-    fn place(&self, attachment: &Attachment) -> Padded {
-        attachment.place(|slot| &self.motion.position[slot])
+    fn place(&self, embedded: &Embedding) -> Padded {
+        embedded.place(|slot| &self.motion.position[slot])
     }
 
     /// Where it was before the change that is under way.
-    fn place_before(&self, attachment: &Attachment) -> Padded {
+    fn place_before(&self, embedded: &Embedding) -> Padded {
         let moved = |slot: usize| self.work.moved_slots.contains(slot);
-        attachment.place(|slot| if moved(slot) { &self.work.was[slot] } else { &self.motion.position[slot] })
+        embedded.place(|slot| if moved(slot) { &self.work.was[slot] } else { &self.motion.position[slot] })
     }
 
     /// Positions of all display vertices [m].
@@ -76,7 +76,7 @@ impl ActiveMesh {
 
     /// Level of the element that each display vertex hangs on.
     pub fn display_levels(&self, body: &Body, levels: &mut [u8]) {
-        for (level, a) in levels.iter_mut().zip(&self.attachment) {
+        for (level, a) in levels.iter_mut().zip(&self.embedded) {
             *level = body.level_of_element(a.element) as u8;
         }
     }
@@ -96,68 +96,68 @@ impl ActiveMesh {
     }
 
     /// Display vertices hang on the element whose vertices are active the most, the finer one of two alike; what they
-    /// would jump by from where the nodes were goes into the fade. Only those that may hang elsewhere now, or on a node that
+    /// would jump by from where the nodes were goes into the geomorph offset. Only those that may hang elsewhere now, or on a node that
     /// has moved, are looked at.
     pub(super) fn reattach(&mut self, body: &Body) {
-        self.work.rehung.clear();
+        self.work.reembedded.clear();
         let may_hang_elsewhere = self.find_shifted(body);
-        let shifted = std::mem::take(&mut self.work.shifted);
+        let revisited = std::mem::take(&mut self.work.revisited);
         // Those on it are looked at again.
-        self.astray.clear();
-        for (i, &v) in shifted.iter().enumerate() {
-            let before = self.attachment[v.index()];
+        self.extrapolated.clear();
+        for (i, &v) in revisited.iter().enumerate() {
+            let before = self.embedded[v.index()];
             let place = vec3(&self.place_before(&before));
             if i < may_hang_elsewhere {
                 self.attach(body, v);
             }
-            let now = &self.attachment[v.index()];
+            let now = &self.embedded[v.index()];
             if now.element != before.element || now.slots != before.slots {
                 self.supports.rehang(v, before.element, now.element);
             }
             let jump = place - vec3(&self.place(now));
-            let fade = &mut self.fade[v.index()];
-            let faded = *fade == [0.0; 4];
-            fade[3] += before.spacing - now.spacing;
+            let geomorph = &mut self.geomorph[v.index()];
+            let faded = *geomorph == [0.0; 4];
+            geomorph[3] += before.spacing - now.spacing;
             if now.element != before.element {
-                self.work.rehung.push(v);
+                self.work.reembedded.push(v);
             }
             // What has not moved but by rounding stays exactly where it is.
             if jump.norm_squared() > 1e-24 {
-                (0..3).for_each(|c| fade[c] += jump[c]);
+                (0..3).for_each(|c| geomorph[c] += jump[c]);
             }
-            if faded && *fade != [0.0; 4] {
-                self.fading.push(v);
+            if faded && *geomorph != [0.0; 4] {
+                self.morphing.push(v);
                 self.supports.displace(v);
             }
         }
-        self.work.shifted = shifted;
+        self.work.revisited = revisited;
         self.fold_supports(body);
         self.weigh_supports();
     }
 
     /// Returns how many of them, the first ones, may hang elsewhere; the others are on what has moved.
     fn find_shifted(&mut self, body: &Body) -> usize {
-        self.work.shifted.clear();
-        let Self { work: Work { shifted, noted_vertices, moved, elements, .. }, attachment, .. } = self;
-        let mut add = |shifted: &mut Vec<Vertex>, v: Vertex| {
+        self.work.revisited.clear();
+        let Self { work: Work { revisited, noted_vertices, moved, elements, .. }, embedded, .. } = self;
+        let mut add = |revisited: &mut Vec<Vertex>, v: Vertex| {
             if noted_vertices.visit(v.index()) {
-                shifted.push(v);
+                revisited.push(v);
             }
         };
-        elements.iter().flat_map(|e| body.hosted(*e)).chain(&self.astray).for_each(|v| add(shifted, *v));
-        let may_hang_elsewhere = shifted.len();
+        elements.iter().flat_map(|e| body.hosted(*e)).chain(&self.extrapolated).for_each(|v| add(revisited, *v));
+        let may_hang_elsewhere = revisited.len();
         for slot in moved.iter() {
             for &e in body.elements_around(self.node[slot.index()]) {
-                let on_it = body.hosted(e).iter().filter(|v| attachment[v.index()].element == e);
-                on_it.for_each(|v| add(shifted, *v));
+                let on_it = body.hosted(e).iter().filter(|v| embedded[v.index()].element == e);
+                on_it.for_each(|v| add(revisited, *v));
             }
         }
         may_hang_elsewhere
     }
 
     /// Display vertices that are not where the elements lie that they hang on.
-    pub fn astray(&self) -> &[Vertex] {
-        &self.astray
+    pub fn extrapolated(&self) -> &[Vertex] {
+        &self.extrapolated
     }
 
     /// No display vertex moves by more than this when no node moves by more than one.
@@ -165,12 +165,12 @@ impl ActiveMesh {
         self.lever
     }
 
-    /// Display vertices whose [`ActiveMesh::fade`] is not zero.
-    pub fn fading(&self) -> &[Vertex] {
-        &self.fading
+    /// Display vertices whose [`ActiveMesh::geomorph`] is not zero.
+    pub fn morphing(&self) -> &[Vertex] {
+        &self.morphing
     }
 
-    /// Finds where `v`, which is not on the list of those astray, hangs.
+    /// Finds the embedding of `v`, which is not on the list of those extrapolated.
     pub(super) fn attach(&mut self, body: &Body, v: Vertex) {
         let (mut most, mut host) = (0, None);
         for r in (0..body.levels().len()).rev() {
@@ -180,13 +180,13 @@ impl ActiveMesh {
                 (most, host) = (active, Some(candidate));
             }
         }
-        let astray = host.is_none_or(|host| host.weights.iter().any(|w| *w < -MOST_ASIDE));
+        let extrapolated = host.is_none_or(|host| host.weights.iter().any(|w| *w < -MOST_ASIDE));
         let host = host.unwrap_or_else(|| self.near_element(body, v));
-        if astray {
-            self.astray.push(v);
+        if extrapolated {
+            self.extrapolated.push(v);
         }
         let nodes = body.element(host.element);
-        self.attachment[v.index()] = Attachment {
+        self.embedded[v.index()] = Embedding {
             element: host.element,
             slots: nodes.map(|n| self.slot[n.index()]),
             weights: host.weights,
@@ -219,37 +219,37 @@ impl ActiveMesh {
     }
 
     /// Fades what changes of resolution have left, by one tick.
-    pub fn fade_out(&mut self) {
-        let (least, most) = (SLOWEST_FADE * self.size, FASTEST_FADE * self.size);
-        let Self { fading, fade, size, .. } = self;
-        fading.retain(|v| {
-            let fade = &mut fade[v.index()];
-            let away = vec3(fade).norm();
+    pub fn decay_geomorph(&mut self) {
+        let (least, most) = (SLOWEST_GEOMORPH * self.size, FASTEST_GEOMORPH * self.size);
+        let Self { morphing, geomorph, size, .. } = self;
+        morphing.retain(|v| {
+            let geomorph = &mut geomorph[v.index()];
+            let away = vec3(geomorph).norm();
             if away > 1e-9 {
-                let far = (away - FAR_FADE * *size).max(0.0);
-                let near = ((away - far) * (1.0 - FADE_KEPT)).min(most).max(least).min(away);
-                let faded = near + far * (1.0 - FADE_KEPT);
+                let far = (away - FAR_GEOMORPH * *size).max(0.0);
+                let near = ((away - far) * (1.0 - GEOMORPH_KEPT)).min(most).max(least).min(away);
+                let faded = near + far * (1.0 - GEOMORPH_KEPT);
                 let kept = 1.0 - faded / away;
-                fade[..3].iter_mut().for_each(|x| *x *= kept);
+                geomorph[..3].iter_mut().for_each(|x| *x *= kept);
             } else if away > 0.0 {
-                fade[..3].fill(0.0);
+                geomorph[..3].fill(0.0);
             }
-            fade[3] = if fade[3].abs() > 1e-9 { fade[3] * SPACING_FADE_KEPT } else { 0.0 };
-            *fade != [0.0; 4]
+            geomorph[3] = if geomorph[3].abs() > 1e-9 { geomorph[3] * SPACING_KEPT } else { 0.0 };
+            *geomorph != [0.0; 4]
         });
     }
 }
 
 /// Weight that a vertex may have below zero and count as one of its element.
 pub const MOST_ASIDE: Real = 0.2;
-/// Part of the fade of a place that is left after a tick: a time constant of 285 ms, slow enough for the eye.
-const FADE_KEPT: Real = 0.9965;
+/// Part of the geomorph offset of a place that is left after a tick: a time constant of 285 ms, slow enough for the eye.
+const GEOMORPH_KEPT: Real = 0.9965;
 /// What a place moves by at most in a tick because of it, over the body's size: 1e-3 in a frame cannot be seen.
-const FASTEST_FADE: Real = 2.8e-5;
+const FASTEST_GEOMORPH: Real = 2.8e-5;
 /// What it moves by at least, over the body's size: so it arrives, and a place that has arrived takes no more time.
-const SLOWEST_FADE: Real = 3e-7;
-/// Beyond this part of the body's size, which only the wildest motion leaves, the fade is faster.
-const FAR_FADE: Real = 0.045;
-/// Part of the fade of a spacing that is left after a tick: 20 ms are slow enough for the hand, and a surface that was
+const SLOWEST_GEOMORPH: Real = 3e-7;
+/// Beyond this part of the body's size, which only the wildest motion leaves, the offset decays faster.
+const FAR_GEOMORPH: Real = 0.045;
+/// Part of the geomorph offset of a spacing that is left after a tick: 20 ms are slow enough for the hand, and a surface that was
 /// refined because a tool comes near must not feel as soft as the coarse one when it arrives.
-const SPACING_FADE_KEPT: Real = 0.95;
+const SPACING_KEPT: Real = 0.95;

@@ -9,22 +9,22 @@
 
 mod classes;
 mod display;
-mod easing;
-mod foresight;
+mod estimate;
 mod masses;
 mod momentum;
 mod reshape;
+mod residual;
 mod saving;
 pub mod skin;
 mod supports;
 
-pub use display::{Attachment, MOST_ASIDE};
-pub use easing::Loads;
-use easing::NO_EASE;
+pub use display::{Embedding, MOST_ASIDE};
 use masses::MASS_UNITS;
 use momentum::ByOrgan;
 pub use momentum::Momenta;
-pub use reshape::Upkeep;
+pub use reshape::ChangeCost;
+pub use residual::Loads;
+use residual::NO_RESIDUAL;
 use supports::Supports;
 
 use super::active_set::ActiveSet;
@@ -34,7 +34,7 @@ use super::element_kernel::Padded;
 use super::element_pool::{CLASSES, ElementPool};
 use super::interface::{InterfaceRow, Search};
 use super::state::State;
-use super::step_class::Ease;
+use super::step_class::Residual;
 use super::sweeps::{self, Registers};
 use crate::geometry::tet_mesh::gradients;
 use crate::ids::{Element, Node, OrganId, Slot, Vertex};
@@ -51,7 +51,7 @@ pub struct Motion {
     /// Forces under way [N], zero between events.
     pub force: Vec<Padded>,
     /// Forces that changes of resolution have left to fade [N], see [`ActiveMesh::apply_under`]; of active nodes.
-    pub ease: Vec<Ease<Padded>>,
+    pub residual: Vec<Residual<Padded>>,
     /// [1/kg]; 0 for nodes that are held fast and for interface nodes.
     pub inverse_mass: Vec<Real>,
     /// [kg]; 0 for interface nodes.
@@ -90,15 +90,15 @@ pub struct ActiveMesh {
     active: Vec<Slot>,
     interface: Vec<Slot>,
     free: Vec<Slot>,
-    attachment: Vec<Attachment>,
+    embedded: Vec<Embedding>,
     /// By display vertex: offset [m] of the displayed from the embedded place, and of the displayed from the level's
     /// spacing [m]; what a change of resolution leaves, faded to zero.
-    pub fade: Vec<Padded>,
-    fading: Vec<Vertex>,
-    astray: Vec<Vertex>,
+    pub geomorph: Vec<Padded>,
+    morphing: Vec<Vertex>,
+    extrapolated: Vec<Vertex>,
     lever: Real,
     /// Whether a node has a residual force.
-    eases: bool,
+    residuals: bool,
     /// Whether nothing holds an organ: neither supports nor fixed nodes.
     free_organs: ByOrgan<bool>,
     /// Counts up with every change of a class's elements, and with every change of interface rows (all classes).
@@ -133,11 +133,11 @@ struct Work {
     was: Vec<Padded>,
     moved_slots: Visited,
     /// Display vertices that may hang elsewhere, or on what has moved.
-    shifted: Vec<Vertex>,
+    revisited: Vec<Vertex>,
     noted_vertices: Visited,
-    rehung: Vec<Vertex>,
+    reembedded: Vec<Vertex>,
     concerned: Vec<Element>,
-    handed: Vec<Ease<Vec3>>,
+    handed: Vec<Residual<Vec3>>,
     /// Of each change, at rest [m].
     boxes: Vec<Bounds>,
 }
@@ -161,7 +161,7 @@ impl ActiveMesh {
         let slots = (capacity + 64).min(body.node_count());
         let vertices = body.surface().vertices.len();
         let Bounds { low, high } = body.surface().bounds();
-        let nowhere = Attachment { element: Element::NONE, slots: [Slot::NONE; 4], weights: [0.0; 4], spacing: 0.0 };
+        let nowhere = Embedding { element: Element::NONE, slots: [Slot::NONE; 4], weights: [0.0; 4], spacing: 0.0 };
         let list = || Vec::with_capacity(slots);
         let mut mesh = Self {
             set: ActiveSet::uniform(body, 0),
@@ -170,7 +170,7 @@ impl ActiveMesh {
                 position: vec![[0.0; 4]; slots],
                 velocity: vec![[0.0; 4]; slots],
                 force: vec![[0.0; 4]; slots],
-                ease: vec![NO_EASE; slots],
+                residual: vec![NO_RESIDUAL; slots],
                 inverse_mass: vec![0.0; slots],
                 mass: vec![0.0; slots],
             },
@@ -190,17 +190,17 @@ impl ActiveMesh {
             active: list(),
             interface: list(),
             free: list(),
-            attachment: vec![nowhere; vertices],
-            fade: vec![[0.0; 4]; vertices],
-            fading: Vec::with_capacity(vertices),
-            astray: Vec::with_capacity(vertices),
+            embedded: vec![nowhere; vertices],
+            geomorph: vec![[0.0; 4]; vertices],
+            morphing: Vec::with_capacity(vertices),
+            extrapolated: Vec::with_capacity(vertices),
             lever: 1.0,
-            eases: false,
+            residuals: false,
             free_organs: std::array::from_fn(|organ| {
                 let of_it = |n: &Node| body.organ_of(*n).index() == organ;
                 let fixed = body.nodes().filter(of_it).any(|n| body.is_fixed(n));
                 // Every level carries every display vertex, or the next coarser one does.
-                let supported = body.holds().iter().any(|hold| of_it(&body.coarsest_carrier(hold.vertex)));
+                let supported = body.supports().iter().any(|hold| of_it(&body.coarsest_carrier(hold.vertex)));
                 organ < body.organs().len() && !supported && !fixed
             }),
             revision: [0; CLASSES],
@@ -224,9 +224,9 @@ impl ActiveMesh {
                 moved: list(),
                 was: vec![[0.0; 4]; slots],
                 moved_slots: Visited::new(slots),
-                shifted: Vec::with_capacity(vertices),
+                revisited: Vec::with_capacity(vertices),
                 noted_vertices: Visited::new(vertices),
-                rehung: Vec::with_capacity(vertices),
+                reembedded: Vec::with_capacity(vertices),
                 concerned: Vec::with_capacity(body.element_count()),
                 handed: Vec::with_capacity(slots),
                 boxes: Vec::with_capacity(slots),
@@ -252,7 +252,7 @@ impl ActiveMesh {
     /// Adds the elastic and viscous forces of one class's elements to [`Motion::force`].
     pub fn add_forces(
         &mut self,
-        path: super::element_kernel::Path,
+        path: super::element_kernel::Simd,
         class: usize,
         rates: &super::element_kernel::Rates,
     ) -> super::element_kernel::Extremes {
@@ -388,7 +388,7 @@ impl ActiveMesh {
         self.set_row(slot, InterfaceRow::empty());
         self.motion.position[s] = [0.0; 4];
         self.motion.velocity[s] = [0.0; 4];
-        self.motion.ease[s] = NO_EASE;
+        self.motion.residual[s] = NO_RESIDUAL;
         self.motion.mass[s] = 0.0;
         self.motion.inverse_mass[s] = 0.0;
         self.springs[s] = 0.0;
@@ -403,7 +403,7 @@ impl ActiveMesh {
             self.motion.mass[slot.index()] = 0.0;
             self.motion.inverse_mass[slot.index()] = 0.0;
             self.motion.velocity[slot.index()] = [0.0; 4];
-            self.motion.ease[slot.index()] = NO_EASE;
+            self.motion.residual[slot.index()] = NO_RESIDUAL;
             self.springs[slot.index()] = 0.0;
         }
     }

@@ -117,19 +117,19 @@ impl ActiveMesh {
         self.free_organs.contains(&true)
     }
 
-    /// Takes from what is held of organs that can move as a whole, and is to act now with steps of `class`, what would move
+    /// Takes from the residuals of organs that can move as a whole, which act now with steps of `class`, what would move
     /// them so: a change of resolution is no push, wherever a tool has gone since and however the body has turned.
-    pub fn balance_eases(&mut self, class: usize) {
+    pub fn balance_residuals(&mut self, class: usize) {
         let moments = self.moments_by_organ();
-        let sums = self.sum_by_organ(|s| vec3(&self.motion.ease[s][class]));
+        let sums = self.sum_by_organ(|s| vec3(&self.motion.residual[s][class]));
         let pushes: ByOrgan<Option<RigidMotion>> = std::array::from_fn(|organ| {
             (self.free_organs[organ] && moments[organ].mass > 0.0).then(|| moments[organ].motion_with(&sums[organ]))
         });
         for &slot in &self.active {
             let s = slot.index();
             if let Some(push) = &pushes[self.organ[s].index()] {
-                let ease = &mut self.motion.ease[s][class];
-                *ease = padded(vec3(ease) - push.at(vec3(&self.motion.position[s])) * self.motion.mass[s]);
+                let residual = &mut self.motion.residual[s][class];
+                *residual = padded(vec3(residual) - push.at(vec3(&self.motion.position[s])) * self.motion.mass[s]);
             }
         }
     }

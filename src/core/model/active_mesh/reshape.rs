@@ -13,13 +13,13 @@ use crate::model::step_class::{self, Strained};
 
 /// What a change cost, for the governor: counts of the same things that the budget is made of.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Upkeep {
+pub struct ChangeCost {
     /// Elements put in or taken out.
     pub elements: u32,
     /// Interface rows made.
     pub rows: u32,
     /// Weighings of an element's forces.
-    pub eased: u32,
+    pub residual: u32,
 }
 
 impl ActiveMesh {
@@ -56,12 +56,12 @@ impl ActiveMesh {
     ///
     /// New nodes take over position and velocity from what stood for them, then each organ that changes is given the one
     /// rigid motion that leaves its linear and angular momentum as they were. What the displayed surface would jump by goes
-    /// into the fade.
-    pub fn apply(&mut self, body: &Body, changes: &[Change]) -> Upkeep {
+    /// into the geomorph offset.
+    pub fn apply(&mut self, body: &Body, changes: &[Change]) -> ChangeCost {
         if changes.is_empty() {
-            return Upkeep::default();
+            return ChangeCost::default();
         }
-        self.collect_eases(body, changes);
+        self.collect_residuals(body, changes);
         let mut changed = [false; MOST_ORGANS];
         changes.iter().for_each(|(Change::Split(n) | Change::Merge(n))| changed[body.organ_of(*n).index()] = true);
         let momenta = self.momenta_by_organ();
@@ -75,17 +75,17 @@ impl ActiveMesh {
         self.reweigh(body);
         self.remake_rows(body, changes);
         self.normalise(body);
-        self.hand_eases_over(body, changes);
+        self.hand_residuals_over(body, changes);
         self.place_rehung();
         self.correct_momenta(changed, &momenta);
         self.reattach(body);
         self.swap_elements(body);
         self.release_unused(body);
         self.revision.iter_mut().for_each(|r| *r = r.wrapping_add(1));
-        Upkeep {
+        ChangeCost {
             elements: (self.work.entering.len() + self.work.leaving.len()) as u32,
             rows: self.work.dirty.len() as u32,
-            eased: 0,
+            residual: 0,
         }
     }
 

@@ -1,6 +1,6 @@
 //! How the body as it moves is saved, hashed and restored: all that is not saved follows from it, bit for bit.
 
-use super::easing::NO_EASE;
+use super::residual::NO_RESIDUAL;
 use super::{ActiveMesh, constants, padded, vec3};
 use crate::ids::{Element, Node, Slot};
 use crate::math::Vec3;
@@ -28,16 +28,18 @@ impl ActiveMesh {
         self.motion.mass.fill(0.0);
         self.motion.inverse_mass.fill(0.0);
         self.motion.force.fill([0.0; 4]);
-        self.motion.ease.fill(NO_EASE);
+        self.motion.residual.fill(NO_RESIDUAL);
         self.active.clear();
         self.interface.clear();
         self.free.clear();
         self.free.extend((0..self.node.len()).rev().map(Slot::at));
         self.row_entries = 0;
-        for (((&n, x), v), ease) in state.nodes.iter().zip(&state.position).zip(&state.velocity).zip(&state.ease) {
+        for (((&n, x), v), residual) in
+            state.nodes.iter().zip(&state.position).zip(&state.velocity).zip(&state.residual)
+        {
             let slot = self.take_slot(body, n);
             self.enlist(slot, true);
-            self.motion.ease[slot.index()] = ease.map(padded);
+            self.motion.residual[slot.index()] = residual.map(padded);
             self.motion.position[slot.index()] = padded(*x);
             self.motion.velocity[slot.index()] = padded(*v);
         }
@@ -72,12 +74,12 @@ impl ActiveMesh {
                 self.pool.set_history(e, &History { strain, det, ..History::REST });
             }
         }
-        self.fade.copy_from_slice(&state.fade);
-        self.fading.clear();
-        self.fading.extend(body.vertices().filter(|v| self.fade[v.index()] != [0.0; 4]));
-        self.astray.clear();
+        self.geomorph.copy_from_slice(&state.geomorph);
+        self.morphing.clear();
+        self.morphing.extend(body.vertices().filter(|v| self.geomorph[v.index()] != [0.0; 4]));
+        self.extrapolated.clear();
         self.lever = 1.0;
-        self.eases = state.ease.iter().flatten().any(|e| *e != Vec3::zeros());
+        self.residuals = state.residual.iter().flatten().any(|e| *e != Vec3::zeros());
         for v in body.vertices() {
             self.attach(body, v);
         }
@@ -98,8 +100,8 @@ impl ActiveMesh {
     /// Refuses a state that is not one of this mesh.
     pub(super) fn check(&self, body: &Body, set: &ActiveSet, state: &State) -> Result<(), String> {
         let nodes = state.nodes.len();
-        let moving = [state.position.len(), state.velocity.len(), state.ease.len()];
-        if moving.iter().any(|len| *len != nodes) || state.fade.len() != self.fade.len() {
+        let moving = [state.position.len(), state.velocity.len(), state.residual.len()];
+        if moving.iter().any(|len| *len != nodes) || state.geomorph.len() != self.geomorph.len() {
             return Err(format!("the state's arrays do not fit {nodes} active nodes and the body's surface"));
         }
         let elements = state.classes.iter().map(Vec::len).sum::<usize>();
@@ -149,12 +151,12 @@ impl ActiveMesh {
         state.nodes.clear();
         state.position.clear();
         state.velocity.clear();
-        state.ease.clear();
+        state.residual.clear();
         for &slot in &self.active {
             state.nodes.push(self.node[slot.index()]);
             state.position.push(vec3(&self.motion.position[slot.index()]));
             state.velocity.push(vec3(&self.motion.velocity[slot.index()]));
-            state.ease.push(self.motion.ease[slot.index()].map(|e| vec3(&e)));
+            state.residual.push(self.motion.residual[slot.index()].map(|e| vec3(&e)));
         }
         state.interface.clear();
         state.interface.extend(self.interface.iter().map(|s| self.node[s.index()]));
@@ -164,8 +166,8 @@ impl ActiveMesh {
             ids.clear();
             ids.extend(self.pool.ids(class));
         }
-        state.fade.clear();
-        state.fade.extend_from_slice(&self.fade);
+        state.geomorph.clear();
+        state.geomorph.extend_from_slice(&self.geomorph);
     }
 
     /// Feeds every bit of what [`ActiveMesh::save_into`] saves to `hash`.
@@ -176,19 +178,19 @@ impl ActiveMesh {
             hash.update(&self.node[s].0.to_le_bytes());
             hash.update(bytemuck::cast_slice(&self.motion.position[s][..3]));
             hash.update(bytemuck::cast_slice(&self.motion.velocity[s][..3]));
-            let ease = &self.motion.ease[s];
-            let eased = *ease != NO_EASE;
-            hash.update(&[u8::from(eased)]);
-            if eased {
-                hash.update(bytemuck::cast_slice(ease.as_flattened()));
+            let residual = &self.motion.residual[s];
+            let decays = *residual != NO_RESIDUAL;
+            hash.update(&[u8::from(decays)]);
+            if decays {
+                hash.update(bytemuck::cast_slice(residual.as_flattened()));
             }
         }
         hash.update(&(self.interface.len() as u32).to_le_bytes());
         self.interface.iter().for_each(|s| hash.update(&self.node[s.index()].0.to_le_bytes()));
         (0..CLASSES).for_each(|class| self.pool.hash_into(class, hash));
-        for (v, fade) in self.fade.iter().enumerate().filter(|(_, fade)| **fade != [0.0; 4]) {
+        for (v, geomorph) in self.geomorph.iter().enumerate().filter(|(_, geomorph)| **geomorph != [0.0; 4]) {
             hash.update(&(v as u32).to_le_bytes());
-            hash.update(bytemuck::cast_slice(fade));
+            hash.update(bytemuck::cast_slice(geomorph));
         }
     }
 }

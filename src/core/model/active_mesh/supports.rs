@@ -49,8 +49,8 @@ pub(super) struct Supports {
 impl Supports {
     /// Room for the springs of `body`.
     pub(super) fn new(body: &Body) -> Self {
-        let springs = body.holds().len();
-        let by_vertex = body.holds().iter().zip(0..).map(|(hold, h)| (hold.vertex.index(), h));
+        let springs = body.supports().len();
+        let by_vertex = body.supports().iter().zip(0..).map(|(hold, h)| (hold.vertex.index(), h));
         Self {
             order: Vec::with_capacity(springs),
             room: Vec::with_capacity(springs),
@@ -87,25 +87,25 @@ impl Supports {
 impl ActiveMesh {
     /// Folds all springs into the elements that carry them now.
     pub(super) fn fold_all_supports(&mut self, body: &Body) {
-        let Self { supports, attachment, fade, .. } = self;
+        let Self { supports, embedded, geomorph, .. } = self;
         supports.order.clear();
         supports.room.clear();
         supports.free.clear();
         supports.offset.clear();
-        for v in body.holds().iter().map(|hold| hold.vertex) {
-            let element = attachment[v.index()].element;
+        for v in body.supports().iter().map(|hold| hold.vertex) {
+            let element = embedded[v.index()].element;
             if supports.changed.last() != Some(&element) {
                 supports.changed.push(element);
             }
         }
-        let faded = (0..).zip(body.holds()).filter(|(_, hold)| fade[hold.vertex.index()] != [0.0; 4]);
+        let faded = (0..).zip(body.supports()).filter(|(_, hold)| geomorph[hold.vertex.index()] != [0.0; 4]);
         supports.offset.extend(faded.map(|(h, _)| (h, 0)));
         self.fold_supports(body);
     }
 
     /// Folds springs into elements that carry others than before.
     pub(super) fn fold_supports(&mut self, body: &Body) {
-        let Self { supports, attachment, astray, .. } = self;
+        let Self { supports, embedded, extrapolated, .. } = self;
         supports.changed.sort_unstable();
         supports.changed.dedup();
         let Supports { order, room, free, offset, springs, changed, carried } = supports;
@@ -118,17 +118,17 @@ impl ActiveMesh {
         });
         for &e in changed.iter() {
             carried.clear();
-            let hangs = body.hosted(e).iter().chain(astray.iter()).filter(|v| attachment[v.index()].element == e);
+            let hangs = body.hosted(e).iter().chain(extrapolated.iter()).filter(|v| embedded[v.index()].element == e);
             carried.extend(hangs.flat_map(|v| springs.of(v.index())));
             carried.sort_unstable();
             carried.dedup();
             let Some(first) = carried.first() else { continue };
-            let slots = attachment[body.holds()[*first as usize].vertex.index()].slots;
+            let slots = embedded[body.supports()[*first as usize].vertex.index()].slots;
             let (none, rest) = ([[0.0; 4]; 4], [[0.0; 4]; 4]);
             let mut support = Support { slots, stiffness: none, rest, pull: rest, bound: none };
             for &h in carried.iter() {
-                let hold = body.holds()[h as usize];
-                let weights = &attachment[hold.vertex.index()].weights;
+                let hold = body.supports()[h as usize];
+                let weights = &embedded[hold.vertex.index()].weights;
                 let rest = body.surface().vertices[hold.vertex.index()];
                 for (i, w) in weights.iter().enumerate() {
                     let k = hold.stiffness * w;
@@ -151,7 +151,7 @@ impl ActiveMesh {
         changed.clear();
         offset.sort_unstable();
         offset.dedup_by_key(|(h, _)| *h);
-        let element = |h: u32| attachment[body.holds()[h as usize].vertex.index()].element;
+        let element = |h: u32| embedded[body.supports()[h as usize].vertex.index()].element;
         offset.iter_mut().for_each(|(h, place)| *place = Supports::place_of(order, element(*h)));
         self.follow_offsets(body);
     }
@@ -182,14 +182,14 @@ impl ActiveMesh {
 
     /// Supports follow the geomorph offsets of this tick.
     pub fn follow_offsets(&mut self, body: &Body) {
-        let Self { supports: Supports { room, offset, .. }, attachment, fade, .. } = self;
+        let Self { supports: Supports { room, offset, .. }, embedded, geomorph, .. } = self;
         for &(_, place) in offset.iter() {
             let support = &mut room[place as usize];
             support.pull = support.rest;
         }
         offset.retain(|&(h, place)| {
-            let hold = body.holds()[h as usize];
-            let (away, weights) = (&fade[hold.vertex.index()], &attachment[hold.vertex.index()].weights);
+            let hold = body.supports()[h as usize];
+            let (away, weights) = (&geomorph[hold.vertex.index()], &embedded[hold.vertex.index()].weights);
             for (pull, w) in room[place as usize].pull.iter_mut().zip(weights) {
                 (0..3).for_each(|c| pull[c] -= hold.stiffness * w * away[c]);
             }

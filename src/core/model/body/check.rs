@@ -23,7 +23,7 @@ pub(super) fn check(parts: &BodyParts) -> Result<(), String> {
     }
     let labels = &parts.labels;
     let labelled = |(level, of): (&Level, &Vec<u16>)| {
-        of.len() == level.mesh.elements.len() && of.iter().all(|m| usize::from(*m) < labels.mixtures.len())
+        of.len() == level.mesh.elements.len() && of.iter().all(|m| usize::from(*m) < labels.mixed_cells.len())
     };
     if !labels.of.is_empty()
         && (labels.of.len() != parts.levels.len() || !parts.levels.iter().zip(&labels.of).all(labelled))
@@ -39,7 +39,7 @@ pub(super) fn check(parts: &BodyParts) -> Result<(), String> {
     if parts.surface.triangles.is_empty() || parts.surface.triangles.iter().flatten().any(|v| *v as usize >= vertices) {
         return Err("a display triangle names a vertex that does not exist".into());
     }
-    if parts.holds.iter().any(|h| h.vertex.index() >= vertices || !(h.stiffness >= 0.0 && h.stiffness.is_finite())) {
+    if parts.supports.iter().any(|h| h.vertex.index() >= vertices || !(h.stiffness >= 0.0 && h.stiffness.is_finite())) {
         return Err("a hold names a vertex that does not exist or has a bad stiffness".into());
     }
     if !(parts.shape.volume > 0.0 && parts.shape.centre.iter().chain(&parts.shape.second).all(|x| x.is_finite())) {
@@ -62,7 +62,7 @@ pub(super) fn check(parts: &BodyParts) -> Result<(), String> {
             && level.node_mass.len() == nodes
             && level.embedding.len() == vertices
             && level.embedding.iter().all(|h| lies_in(h, elements) || !level.is_whole() && h.element == NONE)
-            && level.fixed.iter().chain(&level.rim).all(in_range)
+            && level.fixed.iter().chain(&level.ghosts).all(in_range)
             && (parts.material_of[i].is_empty() || parts.material_of[i].len() == elements)
             && parts.material_of[i].iter().all(|m| (*m as usize) < parts.materials.len());
         if !whole {
@@ -105,7 +105,7 @@ pub(super) fn check(parts: &BodyParts) -> Result<(), String> {
             return Err(format!("level {i}: a node has no parent"));
         }
         let mut on_rim = vec![false; fine.parent.len()];
-        fine.rim.iter().for_each(|n| on_rim[*n as usize] = true);
+        fine.ghosts.iter().for_each(|n| on_rim[*n as usize] = true);
         let (mut childless, mut unreached) = (vec![true; coarse_nodes], vec![false; coarse_nodes]);
         for (p, on_rim) in fine.parent.iter().zip(on_rim) {
             let mark = if on_rim { &mut unreached } else { &mut childless };
@@ -123,7 +123,7 @@ pub(super) fn check(parts: &BodyParts) -> Result<(), String> {
         if childless.iter().zip(&unreached).any(|(childless, unreached)| *unreached && !childless)
             || !childless.contains(&false)
         {
-            return Err(format!("level {i} covers only a region, whose rim runs through a family"));
+            return Err(format!("level {i} covers only a region, whose ghosts runs through a family"));
         }
         let hosts_above =
             |(h, childless): (&Host, &bool)| lies_in(h, fine.mesh.elements.len()) || *childless && h.element == NONE;

@@ -6,7 +6,7 @@ mod check;
 mod node_compliance;
 mod parts;
 
-pub use parts::{BodyParts, Hold, LabelParts, MaxwellBranch, material_in, vertices_in};
+pub use parts::{BodyParts, LabelParts, MaxwellBranch, Support, material_in, vertices_in};
 
 use super::csr::Csr;
 use super::material::Material;
@@ -24,7 +24,7 @@ use parts::finest_whole;
 /// First bytes of a body file: name and format version.
 const MAGIC: &[u8; 12] = b"palpate-bdy\x09";
 
-/// How much stiffer one element around a node is than another where the material counts as uneven.
+/// How much stiffer one element around a node is than another where the material counts as heterogeneous.
 const CONTRAST: Real = 1.25;
 
 /// A body ready to be stepped: its parts, and what follows from them.
@@ -45,8 +45,8 @@ pub struct Body {
     children: Csr<Node>,
     hosted: Csr<Vertex>,
     fixed: Vec<bool>,
-    rim: Vec<bool>,
-    uneven: Vec<bool>,
+    ghosts: Vec<bool>,
+    heterogeneous: Vec<bool>,
     compliance: NodeCompliance,
     mass: Real,
     centre: Vec3,
@@ -105,15 +105,15 @@ impl Body {
             .flat_map(|(r, l)| l.mesh.elements.iter().map(move |e| (r, e)))
             .map(|(r, e)| e.map(|n| Node(first_node[r] + n)))
             .collect();
-        let (mut fixed, mut rim) = (vec![false; nodes], vec![false; nodes]);
+        let (mut fixed, mut ghosts) = (vec![false; nodes], vec![false; nodes]);
         let mut parents = Vec::with_capacity(nodes);
         for (r, level) in levels() {
             level.fixed.iter().for_each(|n| fixed[(first_node[r] + n) as usize] = true);
-            level.rim.iter().for_each(|n| rim[(first_node[r] + n) as usize] = true);
+            level.ghosts.iter().for_each(|n| ghosts[(first_node[r] + n) as usize] = true);
             let coarser = first_node[r.max(1) - 1];
             let own = (first_node[r]..).zip(&level.parent).map(|(n, p)| ((coarser + p) as usize, Node(n)));
-            // A node on the rim is nobody's child: it never stands for anything.
-            parents.extend(own.filter(|(_, n)| !rim[n.index()]));
+            // A ghost node is nobody's child: it never stands for anything.
+            parents.extend(own.filter(|(_, n)| !ghosts[n.index()]));
         }
         let hosts: Vec<(usize, Vertex)> = levels()
             .flat_map(|(r, l)| l.embedding.iter().enumerate().map(move |(v, h)| (r, Vertex::at(v), h.element)))
@@ -138,11 +138,11 @@ impl Body {
             let level = first_element.partition_point(|first| *first <= e.0) - 1;
             material_in(&parts.materials, &parts.material_of[level], (e.0 - first_element[level]) as usize).mu
         };
-        let is_uneven = |n: usize| {
+        let is_heterogeneous = |n: usize| {
             let moduli = || around.of(n).iter().map(shear);
             moduli().fold(0.0, Real::max) > CONTRAST * moduli().fold(Real::INFINITY, Real::min)
         };
-        let uneven = (0..nodes).map(|n| parts.materials.len() > 1 && is_uneven(n)).collect();
+        let heterogeneous = (0..nodes).map(|n| parts.materials.len() > 1 && is_heterogeneous(n)).collect();
         let triangles = parts.surface.triangles.iter().enumerate();
         let one =
             OrganParts::whole(&parts.name, parts.surface.vertices.len(), parts.surface.triangles.len(), &parts.levels);
@@ -162,8 +162,8 @@ impl Body {
             children: Csr::new(nodes, parents.iter().copied()),
             hosted: Csr::new(elements.len(), hosts.iter().copied()),
             fixed,
-            rim,
-            uneven,
+            ghosts,
+            heterogeneous,
             compliance: NodeCompliance::default(),
             mass: parts.levels[finest].node_mass.iter().sum(),
             centre: parts.levels[finest].centre_of_mass(),
@@ -455,9 +455,9 @@ impl Body {
         self.compliance.between(k, l, (self.rest(k) - self.rest(l)).norm())
     }
 
-    /// True for nodes that are never active, on the rim of a level that covers only a region.
-    pub fn is_on_rim(&self, n: Node) -> bool {
-        self.rim[n.index()]
+    /// True for ghost nodes: never active, on the border of a level that covers only a region.
+    pub fn is_ghost(&self, n: Node) -> bool {
+        self.ghosts[n.index()]
     }
 
     /// The nodes of the elements around node `n`, itself among them.
@@ -466,8 +466,8 @@ impl Body {
     }
 
     /// True for nodes around which one element is much stiffer than another.
-    pub fn is_uneven(&self, n: Node) -> bool {
-        self.uneven[n.index()]
+    pub fn is_heterogeneous(&self, n: Node) -> bool {
+        self.heterogeneous[n.index()]
     }
 
     /// The nodes that cover the body together at level `r`, ascending: those of the level, and where it does not reach,
@@ -475,7 +475,7 @@ impl Body {
     pub fn covering(&self, r: usize) -> Vec<Node> {
         let childless = |n: &Node| self.children(*n).is_empty();
         let coarser = (!self.level(r).is_whole()).then(|| self.nodes_of(r - 1).filter(childless));
-        coarser.into_iter().flatten().chain(self.nodes_of(r).filter(|n| !self.is_on_rim(*n))).collect()
+        coarser.into_iter().flatten().chain(self.nodes_of(r).filter(|n| !self.is_ghost(*n))).collect()
     }
 
     /// True for nodes that do not move at all.
@@ -484,8 +484,8 @@ impl Body {
     }
 
     /// Springs that hold regions in space.
-    pub fn holds(&self) -> &[Hold] {
-        &self.parts.holds
+    pub fn supports(&self) -> &[Support] {
+        &self.parts.supports
     }
 
     /// A third of the triangles around each display vertex [m²].

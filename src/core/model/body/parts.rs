@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 
 /// A display vertex held in space by a spring.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Hold {
+pub struct Support {
     /// Display vertex.
     pub vertex: Vertex,
     /// Stiffness [N/m]: the region's stiffness per area times the vertex's area.
@@ -34,8 +34,8 @@ pub struct LabelParts {
     /// What the files call them.
     pub name: String,
     /// Labels, and how many 64ths of an element's volume bear each.
-    pub mixtures: Vec<Vec<(i64, u8)>>,
-    /// Place in `mixtures` of each element's, per level (n_elements); an empty list where there are no labels.
+    pub mixed_cells: Vec<Vec<(i64, u8)>>,
+    /// Place in `mixed_cells` of each element's, per level (n_elements); an empty list where there are no labels.
     pub of: Vec<Vec<u16>>,
 }
 
@@ -57,7 +57,7 @@ pub struct BodyParts {
     /// Labels that regions of the material go by.
     pub labels: LabelParts,
     /// Springs that hold regions in space, the same on every level.
-    pub holds: Vec<Hold>,
+    pub supports: Vec<Support>,
     /// Maxwell branches of every material, at most two.
     pub maxwell: Vec<MaxwellBranch>,
     /// Angular frequency of the slowest mode [rad/s], as calibration found it; 0 when nothing moves.
@@ -82,7 +82,7 @@ impl BodyParts {
             materials: vec![material],
             material_of: vec![Vec::new()],
             labels: LabelParts::default(),
-            holds: Vec::new(),
+            supports: Vec::new(),
             maxwell: Vec::new(),
             slowest_mode: 0.0,
             organs: Vec::new(),
@@ -121,7 +121,7 @@ pub(super) fn finest_whole(levels: &[Level]) -> usize {
     levels.iter().rposition(Level::is_whole).unwrap_or(0)
 }
 
-/// Display vertices within a region, for [`Hold`]s and probes: those that `inside` accepts.
+/// Display vertices within a region, for [`Support`]s and probes: those that `inside` accepts.
 pub fn vertices_in(surface: &Surface, inside: impl Fn(&Vec3) -> bool) -> Vec<Vertex> {
     (0..surface.vertices.len()).filter(|v| inside(&surface.vertices[*v])).map(Vertex::at).collect()
 }

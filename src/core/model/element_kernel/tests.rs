@@ -99,14 +99,14 @@ fn padded(x: &[Vec3]) -> Vec<Padded> {
     x.iter().map(|v| [v.x, v.y, v.z, 0.0]).collect()
 }
 
-fn forces(pool: &mut ElementPool, path: Path, rates: &Rates, x: &[Vec3]) -> (Vec<Padded>, Extremes) {
+fn forces(pool: &mut ElementPool, path: Simd, rates: &Rates, x: &[Vec3]) -> (Vec<Padded>, Extremes) {
     let mut force = vec![[0.0; 4]; x.len()];
     let extremes = pool.add_forces(path, 5, rates, &padded(x), &mut force);
     (force, extremes)
 }
 
 fn force(pool: &mut ElementPool, rates: &Rates, x: &[Vec3]) -> Vec<Vec3> {
-    forces(pool, Path::best(), rates, x).0.iter().map(|f| Vec3::new(f[0], f[1], f[2])).collect()
+    forces(pool, Simd::best(), rates, x).0.iter().map(|f| Vec3::new(f[0], f[1], f[2])).collect()
 }
 
 const RATES: Rates = Rates { volume: 0.7, shear: 1.3, decay: [0.97, 0.6], share: [0.8, 0.4] };
@@ -126,7 +126,7 @@ fn all_forms_give_the_same_bits() {
     for count in (0..40).chain([200, 333]) {
         let soup = Soup::new(&mut noise, 40, count);
         for branches in 0..=MAX_BRANCHES {
-            let mut pools = Path::available().into_iter().map(|p| (p, soup.pool(branches))).collect::<Vec<_>>();
+            let mut pools = Simd::available().into_iter().map(|p| (p, soup.pool(branches))).collect::<Vec<_>>();
             let mut crushed = false;
             for call in 0..12 {
                 let amount = [0.0, 0.02, 0.3, 2.0][call % 4];
@@ -191,7 +191,7 @@ fn a_rigid_rotation_costs_no_force() {
     let soup = Soup::new(&mut noise, 20, 50);
     let turn = nalgebra::Rotation3::from_euler_angles(0.4, -2.0, 1.1);
     let x: Vec<_> = soup.rest.iter().map(|x| turn * x + Vec3::new(0.1, -0.2, 0.05)).collect();
-    for path in Path::available() {
+    for path in Simd::available() {
         for branches in 0..=MAX_BRANCHES {
             let (force, extremes) = forces(&mut soup.pool(branches), path, &RATES, &x);
             assert!(force.as_flattened().iter().all(|f| f.abs() < 1e-11));
@@ -290,7 +290,7 @@ fn lanes_without_an_element_are_not_seen() {
         }
         soup.rest.insert(0, Vec3::repeat(Real::NAN));
         let x: Vec<_> = soup.rest.iter().map(|x| x * 1.1).collect();
-        for path in Path::available() {
+        for path in Simd::available() {
             let mut pool = soup.pool(2);
             for _ in 0..3 {
                 let (force, extremes) = forces(&mut pool, path, &RATES, &x);
@@ -327,9 +327,9 @@ fn extremes_are_those_of_the_elements_and_who_is_over_its_limit_is_named() {
     for amount in [0.02, 0.5, 1.5] {
         let x = soup.moved(&mut noise, amount);
         let mut pool = soup.pool(1);
-        let (_, extremes) = forces(&mut pool, Path::best(), &RATES, &x);
+        let (_, extremes) = forces(&mut pool, Simd::best(), &RATES, &x);
         let mut expected = Extremes::REST;
-        let (mut strained, mut calm) = (vec![], vec![]);
+        let (mut strained, mut within_limit) = (vec![], vec![]);
         let limit = StrainLimit { deviator: 0.6, slope: 0.8 };
         for e in 0..soup.elements.len() {
             let f = soup.deformation(e, &x);
@@ -341,14 +341,14 @@ fn extremes_are_those_of_the_elements_and_who_is_over_its_limit_is_named() {
             if det < COLLAPSE_ONSET || over > 1e-9 {
                 strained.push(Element::at(e));
             } else if over < -1e-9 {
-                calm.push(Element::at(e));
+                within_limit.push(Element::at(e));
             }
             expected = expected.join(&own);
         }
         let near = |a: Real, b: Real| (a - b).abs() < 1e-11 * (1.0 + b.abs());
         assert!(near(extremes.strain_squared, expected.strain_squared));
         assert!(near(extremes.det_f, expected.det_f));
-        for path in Path::available() {
+        for path in Simd::available() {
             let mut pool = soup.pool(1);
             (0..soup.elements.len()).map(Element::at).for_each(|e| pool.set_strain_limit(e, limit));
             forces(&mut pool, path, &RATES, &x);
@@ -356,7 +356,7 @@ fn extremes_are_those_of_the_elements_and_who_is_over_its_limit_is_named() {
             assert!(strained.iter().all(|e| over.contains(e)), "{strained:?} in {over:?}");
             // One over its limit brings along those of its block, and no others.
             let block = |e: &Element| strained.iter().any(|s| s.index() / LANES == e.index() / LANES);
-            assert!(calm.iter().all(|e| block(e) || !over.contains(e)), "{over:?} for {strained:?}");
+            assert!(within_limit.iter().all(|e| block(e) || !over.contains(e)), "{over:?} for {strained:?}");
         }
     }
 }

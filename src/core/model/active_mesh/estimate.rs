@@ -1,33 +1,33 @@
 //! What changes of resolution will take, counted before they are made.
 
-use super::{ActiveMesh, Upkeep};
+use super::{ActiveMesh, ChangeCost};
 use crate::ids::{Element, Node, Slot};
 use crate::math::Bounds;
 use crate::model::active_set::Change;
 use crate::model::body::Body;
 
 impl ActiveMesh {
-    /// What `changes`, of one kind, take at most; with weighing their forces when `eased`: those of elements around nodes that
+    /// What `changes`, of one kind, take at most; with the evaluation of their residual forces when `residual`: those of elements around nodes that
     /// come and go, and of interface nodes that will hang otherwise.
-    pub fn foresee(&mut self, body: &Body, changes: &[Change], eased: bool) -> Upkeep {
+    pub fn estimate(&mut self, body: &Body, changes: &[Change], residual: bool) -> ChangeCost {
         self.next_turn();
         self.work.concerned.clear();
         let off = || changes.iter().flat_map(|c| sides(body, c).0).copied();
         let on = || changes.iter().flat_map(|c| sides(body, c).1).copied();
-        let mut upkeep = Upkeep::default();
+        let mut cost = ChangeCost::default();
         let (mut coming, mut going) = (0, 0);
         for n in on() {
             for &e in body.elements_around(n) {
                 if self.is_first(e) {
                     coming += u32::from(self.active_vertices[e.index()] == 0);
                 }
-                upkeep.rows += self.note_nodes(body, e);
+                cost.rows += self.note_nodes(body, e);
             }
         }
         // They come with it, but not to hang on others.
-        upkeep.rows -= on().filter(|n| self.slot[n.index()] == Slot::NONE).count() as u32;
+        cost.rows -= on().filter(|n| self.slot[n.index()] == Slot::NONE).count() as u32;
         for n in off() {
-            upkeep.rows += 1;
+            cost.rows += 1;
             for &e in body.elements_around(n) {
                 self.is_first(e);
                 self.note_nodes(body, e);
@@ -45,8 +45,8 @@ impl ActiveMesh {
         for i in 0..self.interface.len() {
             let slot = self.interface[i];
             if self.hangs_otherwise(body, slot, changes) {
-                upkeep.rows += 1;
-                if eased {
+                cost.rows += 1;
+                if residual {
                     let n = self.node[slot.index()];
                     body.elements_around(n).iter().for_each(|e| {
                         self.is_first(*e);
@@ -54,12 +54,12 @@ impl ActiveMesh {
                 }
             }
         }
-        upkeep.elements = coming + going;
-        if eased {
+        cost.elements = coming + going;
+        if residual {
             let used = self.work.concerned.iter().filter(|e| self.active_vertices[e.index()] > 0).count() as u32;
-            upkeep.eased = used + (used + coming - going);
+            cost.residual = used + (used + coming - going);
         }
-        upkeep
+        cost
     }
 
     /// Puts `e` on the list of those concerned unless it is there.

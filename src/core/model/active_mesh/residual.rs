@@ -1,0 +1,175 @@
+//! Residual forces: what a change of resolution under a load puts out of balance acts no sooner than it has decayed.
+//!
+//! New nodes lie where the old ones say, strained otherwise than by themselves. Let loose at once, light nodes under a tool
+//! would ring for some milliseconds, and the hand would feel it. So every node gets residual forces that leave its
+//! acceleration as it was, and that decay. They act within a tick when what they stand for does, or a node would be off its place when its
+//! elements are due. They add up to nothing, as those between the elements do, and so do their moments.
+
+use super::estimate::sides;
+use super::skin;
+use super::{ActiveMesh, ChangeCost, constants, padded, vec3};
+use crate::ids::{Element, Node, Slot, Vertex};
+use crate::math::{Real, Vec3};
+use crate::model::active_set::Change;
+use crate::model::body::Body;
+use crate::model::constraint::PointMemory;
+use crate::model::element_kernel::Padded;
+use crate::model::element_pool::CLASSES;
+use crate::model::step_class::Residual;
+
+/// What acts on a body from outside.
+#[derive(Clone, Copy, Debug)]
+pub struct Loads<'a> {
+    /// By tool: the points that it holds.
+    pub points: &'a [Vec<PointMemory>],
+    /// [m/s²].
+    pub gravity: Vec3,
+}
+
+/// No residual force.
+pub(super) const NO_RESIDUAL: Residual<Padded> = [[0.0; 4]; CLASSES];
+
+/// Part of a residual force that decays in a tick: a time constant of 25 ms, *tuned*. A residual is dead weight, which does not
+/// give way with the body: one that lasts longer crushes what is under a tool, a shorter one lets the change be felt.
+const DECAY: Real = 0.04;
+/// Less than this [N] ends at once: so little that the sum of all stays nothing.
+const LEAST_RESIDUAL: Real = 1e-15;
+
+impl ActiveMesh {
+    /// Makes `changes` as [`ActiveMesh::apply`] does, under `loads`.
+    pub fn apply_under(&mut self, body: &Body, changes: &[Change], loads: &Loads) -> ChangeCost {
+        let ChangeCost { residual, .. } = self.estimate(body, changes, true);
+        self.add_balance(body, loads, 1.0);
+        let cost = self.apply(body, changes);
+        self.add_balance(body, loads, -1.0);
+        ChangeCost { residual, ..cost }
+    }
+
+    /// Whether there are residual forces that have not decayed yet.
+    pub fn has_residuals(&self) -> bool {
+        self.residuals
+    }
+
+    /// The residual force on the active node in `slot` [N].
+    pub fn residual(&self, slot: Slot) -> Vec3 {
+        self.motion.residual[slot.index()].iter().map(vec3).sum()
+    }
+
+    /// Adds to the residuals `sign` times the force on each active node, as far as the concerned elements and `loads` go: by
+    /// class of step, so that it acts when that force does.
+    fn add_balance(&mut self, body: &Body, loads: &Loads, sign: Real) {
+        self.residuals = true;
+        for i in 0..self.work.concerned.len() {
+            let e = self.work.concerned[i];
+            if let Some((class, slots, forces)) = self.weigh_element(body, e) {
+                (0..4).for_each(|i| self.add_residual(slots[i], class, forces[i] * sign));
+            }
+        }
+        let class = self.contact_class(body, loads.points.iter().flatten().map(|p| p.point));
+        self.add_contact_forces(body, loads, class, sign);
+        for &slot in &self.active {
+            let s = slot.index();
+            if self.motion.inverse_mass[s] > 0.0 {
+                let weight = loads.gravity * (self.motion.mass[s] * sign);
+                let residual = &mut self.motion.residual[s][class];
+                *residual = padded(vec3(residual) + weight);
+            }
+        }
+    }
+
+    /// Adds `force` [N] to the residual of the node in `slot`, with steps of `class`: to its masters', if it is an interface node.
+    fn add_residual(&mut self, slot: Slot, class: usize, force: Vec3) {
+        let motion = &mut self.motion;
+        let mut add = |slot: Slot, weight: Real| {
+            if motion.inverse_mass[slot.index()] > 0.0 {
+                let residual = &mut motion.residual[slot.index()][class];
+                *residual = padded(vec3(residual) + force * weight);
+            }
+        };
+        if self.set.is_active(self.node[slot.index()]) {
+            add(slot, 1.0);
+        } else {
+            self.row[slot.index()].entries().for_each(|(master, weight)| add(master, weight));
+        }
+    }
+
+    /// Step class of element `e`, its nodes' slots and the forces on them [N]; `None` unless it is in use.
+    fn weigh_element(&self, body: &Body, e: Element) -> Option<(usize, [Slot; 4], [Vec3; 4])> {
+        let class = self.pool.class_of(e)?;
+        let history = self.pool.history(e)?;
+        let slots = body.element(e).map(|n| self.slot[n.index()]);
+        let x = slots.map(|slot| vec3(&self.motion.position[slot.index()]));
+        let constants = constants(body, e, self.active_vertices[e.index()]);
+        let f = constants.deformation(&x);
+        let forces = constants.forces(&f, &constants.stress(&f, body.maxwell().iter().map(|b| b.modulus), &history));
+        Some((class, slots, forces))
+    }
+
+    /// Adds `sign` times the contact forces of the tools' points.
+    fn add_contact_forces(&mut self, body: &Body, loads: &Loads, class: usize, sign: Real) {
+        for point in loads.points.iter().flatten().filter(|p| p.multiplier > 0.0) {
+            let on_body = (point.normal * point.multiplier + point.tangential) * sign;
+            let corners = body.corners_of_point(point.point);
+            let stencil: [(Vertex, Real); 3] = std::array::from_fn(|i| (corners[i], point.weights[i]));
+            let row = skin::row(self, if corners[0] == corners[1] { &stencil[..1] } else { &stencil }).0;
+            row.entries().iter().for_each(|(slot, b)| self.add_residual(*slot, class, on_body * *b));
+        }
+    }
+
+    /// Sums the residuals of the nodes that `changes` take away, for those that come.
+    pub(super) fn collect_residuals(&mut self, body: &Body, changes: &[Change]) {
+        self.work.handed.clear();
+        for change in changes {
+            let slots = sides(body, change).0.iter().map(|n| self.slot[n.index()].index());
+            let sum = |class: usize| slots.clone().map(|s| vec3(&self.motion.residual[s][class])).sum();
+            self.work.handed.push(std::array::from_fn(sum));
+        }
+    }
+
+    /// Shares these among the nodes that come, as their masses.
+    pub(super) fn hand_residuals_over(&mut self, body: &Body, changes: &[Change]) {
+        for (change, handed) in changes.iter().zip(&self.work.handed) {
+            let slots = || sides(body, change).1.iter().map(|n| self.slot[n.index()].index());
+            let mass: Real = slots().map(|s| self.motion.mass[s]).sum();
+            for s in sides(body, change).1.iter().map(|n| self.slot[n.index()].index()) {
+                self.motion.residual[s] = handed.map(|held| padded(held * (self.motion.mass[s] / mass)));
+            }
+        }
+    }
+
+    /// Element `e` is to go over to steps of `class`: its share of the residuals goes along, so that it acts with its forces.
+    pub(super) fn move_residual(&mut self, body: &Body, e: Element, class: usize) {
+        let residual = |mesh: &Self, n: Node, class: usize| mesh.motion.residual[mesh.slot[n.index()].index()][class];
+        let has_residual = |n: &Node| (0..CLASSES).any(|class| residual(self, *n, class) != [0.0; 4]);
+        if !body.element(e).iter().any(has_residual) {
+            return;
+        }
+        let Some((from, slots, forces)) = self.weigh_element(body, e) else { return };
+        // Of the residuals there, the part along this element's forces.
+        let nodes = body.element(e);
+        let held: Real = nodes.iter().zip(&forces).map(|(n, f)| -vec3(&residual(self, *n, from)).dot(f)).sum();
+        let whole: Real = forces.iter().map(Vec3::norm_squared).sum();
+        if from == class || held <= 0.0 {
+            return;
+        }
+        let part = (held / whole).min(1.0);
+        for (slot, force) in slots.into_iter().zip(forces) {
+            self.add_residual(slot, from, force * part);
+            self.add_residual(slot, class, force * -part);
+        }
+    }
+
+    /// Decays the residuals by one tick in which the body moved.
+    pub fn decay_residuals(&mut self) {
+        if !self.residuals {
+            return;
+        }
+        self.residuals = false;
+        for &slot in &self.active {
+            for e in self.motion.residual[slot.index()].as_flattened_mut() {
+                *e = if e.abs() > LEAST_RESIDUAL { *e * (1.0 - DECAY) } else { 0.0 };
+                self.residuals |= *e != 0.0;
+            }
+        }
+    }
+}
