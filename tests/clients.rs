@@ -170,7 +170,7 @@ fn every_client_feels_the_same_at_the_same_place() {
     // One level of detail, whatever the machine has time for.
     let server = Served::of(program, &["--scene", "liver", "--set", COARSE, "--set", "body.active_level=1"]);
     let [force, surface] = server.endpoints.clone();
-    let endpoints = Endpoints { force, surface, session: "main".into() };
+    let endpoints = Endpoints { force, surface, session: "main".into(), identity: None };
     let folder = tempfile::tempdir().unwrap();
     let watching = Connection::open_surface(&endpoints).unwrap();
     let (_, moment) = watching.surface_now().unwrap();

@@ -174,9 +174,10 @@ pub fn touch(url: &str, endpoints: &Endpoints, place: [f64; 3]) -> Result<(), Bo
 
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let mut endpoints = Endpoints::default();
+    let identity = std::env::var_os("PALPATE_IDENTITY").map(Into::into);
+    let mut endpoints = Endpoints { identity, ..Endpoints::default() };
     if let [_, force, surface, session, ..] = &arguments[..] {
-        endpoints = Endpoints { force: force.clone(), surface: surface.clone(), session: session.clone() };
+        endpoints = Endpoints { force: force.clone(), surface: surface.clone(), session: session.clone(), ..endpoints };
     }
     let mut place = [0.0; 3];
     for (number, text) in place.iter_mut().zip(arguments.iter().skip(4)) {

@@ -8,9 +8,7 @@ use std::sync::{
 use palpate_client::{
     ClientError, Device, Grip, Hold, Order, PoseSample, Registration, Verdict, Wrench, watchdog_scale,
 };
-use palpate_proto::{
-    Attach, ControlRequest, Detach, Message, ToolPhase, ToolWrench, VERSION_MINOR, control_request::Request, keys,
-};
+use palpate_proto::{Attach, Detach, Message, ToolPhase, ToolWrench, VERSION_MINOR, control_request::Request, keys};
 use triple_buffer::triple_buffer;
 use zenoh::{
     Wait,
@@ -162,9 +160,10 @@ impl Connection {
         let Attachment { client, tool, rate_hz, coupling_stiffness, coupling_angular_stiffness } = attachment.clone();
         let version_minor = VERSION_MINOR;
         let attach = Attach { client, tool, rate_hz, coupling_stiffness, coupling_angular_stiffness, version_minor };
-        let attached = self.control(ControlRequest { request: Some(Request::Attach(attach)) })?.attached.ok_or(
-            ClientError::Undecodable { message: "ControlReply", reason: "attach was not answered".to_owned() },
-        )?;
+        let attached = self.control(Request::Attach(attach))?.attached.ok_or(ClientError::Undecodable {
+            message: "ControlReply",
+            reason: "attach was not answered".to_owned(),
+        })?;
         let (id, epoch, secret) = (attached.tool, attached.epoch, attached.secret);
         let session = &self.endpoints().session;
 
@@ -325,7 +324,7 @@ impl Tool {
     /// Gives the tool back. Errors as [`Connection::control`]; the tool is let go in any case.
     pub fn detach(self) -> Result<(), SdkError> {
         let detach = Detach { tool: self.id, epoch: self.epoch, secret: self.secret };
-        self.connection.control(ControlRequest { request: Some(Request::Detach(detach)) }).map(|_| ())
+        self.connection.control(Request::Detach(detach)).map(|_| ())
     }
 
     fn refresh(&mut self) {

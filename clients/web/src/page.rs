@@ -369,7 +369,7 @@ impl Page {
             }
             Some(request @ Request::Reset(_)) => {
                 let connection = world.connection.clone();
-                blocking(move || connection.control(ControlRequest { request: Some(request) })).await
+                blocking(move || connection.control(request)).await
             }
             Some(Request::StartRecording(_) | Request::StopRecording(_)) => {
                 Err("a page does not record: palpate record does".to_owned())

@@ -115,18 +115,17 @@ pub unsafe extern "C" fn palpate_connect(
     force_endpoint: *const c_char,
     surface_endpoint: *const c_char,
     session: *const c_char,
+    identity: *const c_char,
 ) -> *mut Client {
     guarded(std::ptr::null_mut(), || {
-        let local = Endpoints::default();
         // SAFETY: NULL or text by the caller's word.
-        let (force, surface, session) = unsafe {
+        let (force, others) = unsafe {
             (
-                text(force_endpoint, &local.force)?,
-                text(surface_endpoint, &local.surface)?,
-                text(session, &local.session)?,
+                text(force_endpoint, &Endpoints::default().force)?.to_owned(),
+                watch::surface_endpoints(surface_endpoint, session, identity)?,
             )
         };
-        let endpoints = Endpoints { force: force.into(), surface: surface.into(), session: session.into() };
+        let endpoints = Endpoints { force, ..others };
         Ok(Client::boxed(Connection::open(&endpoints)?))
     })
 }
@@ -139,10 +138,11 @@ pub unsafe extern "C" fn palpate_connect(
 pub unsafe extern "C" fn palpate_connect_surface(
     surface_endpoint: *const c_char,
     session: *const c_char,
+    identity: *const c_char,
 ) -> *mut Client {
     guarded(std::ptr::null_mut(), || {
         // SAFETY: NULL or text by the caller's word.
-        let endpoints = unsafe { watch::surface_endpoints(surface_endpoint, session) }?;
+        let endpoints = unsafe { watch::surface_endpoints(surface_endpoint, session, identity) }?;
         Ok(Client::boxed(Connection::open_surface(&endpoints)?))
     })
 }
