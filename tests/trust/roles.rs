@@ -1,5 +1,8 @@
 //! A server that asks for certificates: who is let in, and what each role may do.
 
+#[path = "../../clients/sdk/tests/c_program/mod.rs"]
+mod c_program;
+
 use super::hand::{Hand, INSIDE, length};
 use super::served::Served;
 use super::stranger::stranger_with;
@@ -285,6 +288,30 @@ fn an_instructor_resets_and_records_and_does_not_touch() {
 }
 
 #[test]
+fn programs_show_the_certificates_that_they_are_given() {
+    let secured = Secured::start();
+    let certificate = |name: &str| secured.folder.path().join("certificates/clients").join(name);
+    let [force, surface] = &secured.served.endpoints;
+    let record = |name: &str| {
+        let mut record = Command::new(PROGRAM);
+        record.args(["record", "lesson.mcap", "--seconds", "0.2", "--surface-endpoint", surface, "--identity"]);
+        let recorded = record.arg(certificate(name)).output().unwrap();
+        (recorded.status.success(), String::from_utf8_lossy(&recorded.stderr).into_owned())
+    };
+    let (is_recorded, said) = record("anna");
+    assert!(!is_recorded && said.contains("anna is operator on this server, and may not record"), "{said}");
+    assert!(record("ines").0);
+    let program = secured.folder.path().join("touch");
+    let sdk = Path::new(env!("CARGO_MANIFEST_DIR")).join("clients/sdk");
+    c_program::compile_example(&sdk, "touch", c_program::Linked::Shared, &program);
+    let mut touch = Command::new(&program);
+    touch.args([force, surface, SESSION, "0.05", "0.05", "0.111"]).env("PALPATE_IDENTITY", certificate("anna"));
+    let said = c_program::run(&mut touch);
+    let felt = c_program::held_forces(&said).into_iter().fold(0.0, f64::max);
+    assert!(felt > 0.1, "{said}");
+}
+
+#[test]
 fn whoever_connects_on_this_machine_may_do_everything_without_a_certificate() {
     let folder = tempfile::tempdir().unwrap();
     let socket = |name: &str| format!("unixsock-stream/{}", folder.path().join(name).display());
@@ -319,4 +346,14 @@ fn other_machines_are_let_in_with_roles_or_insecurely_in_words_that_cannot_be_mi
     std::fs::write(&roles, "anna = { role = \"operator\", tools = [\"scalpel\"] }").unwrap();
     let (is_served, said) = serve(&["--roles", roles.to_str().unwrap(), "--identity", "nowhere"]);
     assert!(!is_served && said.contains("no tool \"scalpel\": the scene has left, right"), "{said}");
+    let file = folder.path().join("zenoh.json5");
+    for (text, refused) in [
+        ("{ mode: 'peer' }", "mode is the server's own"),
+        ("{ transport: { link: { tx: { batch_size: 32000 } } } }", ""),
+    ] {
+        std::fs::write(&file, text).unwrap();
+        let (is_served, said) = serve(&["--insecure", "--zenoh-config", file.to_str().unwrap()]);
+        assert!(is_served == refused.is_empty() && said.contains(refused), "{text}: {said}");
+        assert!(is_served || !said.contains("reading shapes"), "refused after the work: {said}");
+    }
 }

@@ -1,6 +1,7 @@
 //! Where a server listens: checked before a body is built for it, and who can reach it.
 
-use super::roles::Trust;
+use super::roles::{Clients, Trust};
+use super::router::Router;
 use super::{FORCE_OPTION, Options, SURFACE_OPTION, ServerError};
 use std::net::{SocketAddr, TcpListener, ToSocketAddrs, UdpSocket};
 use std::path::Path;
@@ -24,11 +25,12 @@ enum Transport {
     UnixSocket,
 }
 
-/// Who can reach a server with `options`, when it listens.
+/// Who can reach a server with `options`, when it listens. What its network is told is tried, so that nothing is found wrong with
+/// it when a body has been built.
 ///
 /// # Errors
 /// [`ServerError::Listen`]: an endpoint is none, or cannot be listened on now. [`ServerError::Trust`]: it would let in whom it
-/// knows nothing of.
+/// knows nothing of. [`ServerError::Identity`], [`ServerError::ZenohConfig`]: such a file cannot be used.
 pub fn check(options: &Options) -> Result<Reach, ServerError> {
     let mut all = Reach::ThisMachine;
     for (endpoint, option) in [(&options.force_endpoint, FORCE_OPTION), (&options.surface_endpoint, SURFACE_OPTION)] {
@@ -55,6 +57,7 @@ pub fn check(options: &Options) -> Result<Reach, ServerError> {
         };
         return Err(ServerError::Trust { endpoint: endpoint.clone(), option, reason });
     }
+    Router::new(options, &Clients::default())?;
     Ok(all)
 }
 
@@ -97,7 +100,9 @@ fn look_at(endpoint: &str, option: &'static str) -> Result<(Transport, Reach), S
 
 #[cfg(test)]
 mod tests {
+    use super::super::Roles;
     use super::*;
+    use palpate_proto::identity;
 
     /// Of a server that listens on `endpoint` with all that it has.
     fn of(endpoint: &str, trust: &Trust) -> Result<Reach, ServerError> {
@@ -143,12 +148,16 @@ mod tests {
 
     #[test]
     fn others_are_let_in_with_certificates_or_where_it_is_said_that_everybody_may() {
-        let file = tempfile::NamedTempFile::new().unwrap();
-        let roles = super::super::Roles::read(file.path()).unwrap();
-        let certificates = Trust::Certificates { identity: "server".into(), roles };
+        let folder = tempfile::tempdir().unwrap();
+        let files = [identity::AUTHORITY, identity::CERTIFICATE, identity::KEY, "roles.toml"];
+        files.map(|name| std::fs::write(folder.path().join(name), "").unwrap());
+        let roles = Roles::read(&folder.path().join("roles.toml")).unwrap();
+        let certificates = Trust::Certificates { identity: folder.path().into(), roles: roles.clone() };
         assert_eq!(of("tcp/127.0.0.1:0", &Trust::ThisMachine).unwrap(), Reach::ThisMachine);
         assert_eq!(of("tcp/0.0.0.0:0", &Trust::Insecure).unwrap(), Reach::Others);
         assert_eq!(of("quic/0.0.0.0:0", &certificates).unwrap(), Reach::Others);
+        let elsewhere = Trust::Certificates { identity: "nowhere".into(), roles };
+        assert!(of("quic/0.0.0.0:0", &elsewhere).unwrap_err().to_string().contains("nowhere/ca.pem"));
         for (endpoint, trust, remedy) in [
             ("tcp/0.0.0.0:0", &Trust::ThisMachine, "--insecure"),
             ("tcp/0.0.0.0:0", &certificates, "quic/"),

@@ -144,8 +144,8 @@ pub struct Client {
     pub(super) tools: Vec<u32>,
 }
 
-/// Everybody who may connect, by name.
-#[derive(Clone, Debug)]
+/// Everybody who may connect, by name; nobody by default.
+#[derive(Clone, Debug, Default)]
 pub struct Clients {
     by_name: BTreeMap<String, Client>,
     /// Whether names are those of certificates. Else there is one, for everybody.

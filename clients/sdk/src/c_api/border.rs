@@ -53,7 +53,7 @@ pub(super) unsafe fn text(pointer: *const c_char, default: &str) -> Fallible<&st
 /// The text at `pointer` as the place of a folder, none where it is NULL. Errors: not UTF-8.
 ///
 /// # Safety
-/// `pointer` is NULL or text that lasts while `'a`.
+/// `pointer` is NULL or text.
 pub(super) unsafe fn folder(pointer: *const c_char) -> Fallible<Option<PathBuf>> {
     // SAFETY: NULL or text by the caller's word.
     let folder = unsafe { text(pointer, "") }?;
