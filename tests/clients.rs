@@ -15,7 +15,7 @@ mod wheel;
 use browser::{Heard, Page, Visitor};
 use c_program::{Linked, compile_example, held_forces, library, run};
 use palpate_proto::ToolPhase;
-use palpate_sdk::{Connection, Device, Embedding, Endpoints, PoseSample, Registration};
+use palpate_sdk::{Connection, Device, Attachment, Endpoints, PoseSample, Registration};
 use served::Served;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
@@ -64,7 +64,7 @@ impl Drop for Killed {
 fn in_rust(endpoints: &Endpoints, place: [f64; 3]) -> Option<(Felt, [f64; 3])> {
     let connection = Connection::open(endpoints).unwrap();
     let device = Device::by_name("Touch").unwrap();
-    let mut tool = connection.attach(&Embedding::of("Rust", &device, &Registration::default())).unwrap();
+    let mut tool = connection.attach(&Attachment::of("Rust", &device, &Registration::default())).unwrap();
     let (mut forces, mut answers, mut hung) = (Vec::new(), Vec::new(), place);
     let (begun, mut answered) = (Instant::now(), 0);
     loop {
@@ -170,7 +170,7 @@ fn every_client_feels_the_same_at_the_same_place() {
     // One level of detail, whatever the machine has time for.
     let server = Served::of(program, &["--scene", "liver", "--set", COARSE, "--set", "body.active_level=1"]);
     let [force, surface] = server.endpoints.clone();
-    let endpoints = Endpoints { force, surface, session: "main".into() };
+    let endpoints = Endpoints { force, surface, session: "main".into(), identity: None };
     let folder = tempfile::tempdir().unwrap();
     let watching = Connection::open_surface(&endpoints).unwrap();
     let (_, moment) = watching.surface_now().unwrap();

@@ -36,7 +36,8 @@ int main(int argc, char **argv)
         place[i] = strtod(argv[4 + i], NULL);
     if (dhdOpen() < 0)
         return fail("the device", dhdErrorGetLastStr());
-    client = palpate_connect(argc > 1 ? argv[1] : NULL, argc > 2 ? argv[2] : NULL, argc > 3 ? argv[3] : NULL);
+    client = palpate_connect(argc > 1 ? argv[1] : NULL, argc > 2 ? argv[2] : NULL, argc > 3 ? argv[3] : NULL,
+                                   getenv("PALPATE_IDENTITY"));
     palpate_attachment_defaults(&attachment);
     attachment.client = "forcedimension.c";
     attachment.device = "omega";

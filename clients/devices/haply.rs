@@ -6,7 +6,7 @@
 //! X Y Z \[m\] is the place in the body that the origin of the service's space is registered to.
 
 use palpate_sdk::{
-    Clutch, Connection, Device, Embedding, Endpoints, Frame, PoseSample, Registration, RenderMode, Renderer, Tool,
+    Clutch, Connection, Device, Attachment, Endpoints, Frame, PoseSample, Registration, RenderMode, Renderer, Tool,
 };
 use serde_json::{Value, json};
 use std::error::Error;
@@ -79,7 +79,7 @@ struct Hand {
 impl Hand {
     fn take(connection: &Connection, device: &Device, registration: &Registration) -> Result<Self, Box<dyn Error>> {
         Ok(Self {
-            tool: connection.attach(&Embedding::of("haply", device, registration))?,
+            tool: connection.attach(&Attachment::of("haply", device, registration))?,
             renderer: Renderer::new(&registration.in_body(device), RenderMode::default()),
             clutch: Clutch::new(*registration),
             sent: None,
@@ -174,9 +174,10 @@ pub fn touch(url: &str, endpoints: &Endpoints, place: [f64; 3]) -> Result<(), Bo
 
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let mut endpoints = Endpoints::default();
+    let identity = std::env::var_os("PALPATE_IDENTITY").map(Into::into);
+    let mut endpoints = Endpoints { identity, ..Endpoints::default() };
     if let [_, force, surface, session, ..] = &arguments[..] {
-        endpoints = Endpoints { force: force.clone(), surface: surface.clone(), session: session.clone() };
+        endpoints = Endpoints { force: force.clone(), surface: surface.clone(), session: session.clone(), ..endpoints };
     }
     let mut place = [0.0; 3];
     for (number, text) in place.iter_mut().zip(arguments.iter().skip(4)) {

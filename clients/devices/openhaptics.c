@@ -104,7 +104,8 @@ int main(int argc, char **argv)
         fprintf(stderr, "the device: %s\n", hdGetErrorString(error.errorCode));
         return EXIT_FAILURE;
     }
-    hand.client = palpate_connect(argc > 1 ? argv[1] : NULL, argc > 2 ? argv[2] : NULL, argc > 3 ? argv[3] : NULL);
+    hand.client = palpate_connect(argc > 1 ? argv[1] : NULL, argc > 2 ? argv[2] : NULL, argc > 3 ? argv[3] : NULL,
+                                        getenv("PALPATE_IDENTITY"));
     palpate_attachment_defaults(&attachment);
     attachment.client = "openhaptics.c";
     attachment.device = (const char *)hdGetString(HD_DEVICE_MODEL_TYPE);

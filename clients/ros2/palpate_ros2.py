@@ -253,6 +253,7 @@ def arguments(given=None):
     parser.add_argument("--force-endpoint", help="of the Palpate server; by default one on this machine")
     parser.add_argument("--surface-endpoint", help="of the Palpate server")
     parser.add_argument("--session", help="name of the Palpate server")
+    parser.add_argument("--identity", help="folder of a certificate, where the Palpate server asks for one")
     parser.add_argument("--tool", default="", help="name of the tool to take; by default any free one")
     parser.add_argument("--device", default="PHANTOM Omni", help="whose limits the force keeps; a name or a TOML file")
     parser.add_argument("--rate", type=float, default=500.0, help="of wrenches [Hz]")
@@ -262,7 +263,8 @@ def arguments(given=None):
 
 def main():
     options = arguments()
-    connection = palpate.connect(options.force_endpoint, options.surface_endpoint, options.session)
+    server = options.force_endpoint, options.surface_endpoint, options.session
+    connection = palpate.connect(*server, identity=options.identity)
     ros = Ros(options.router, options.domain, options.namespace)
     stop = threading.Event()
     for ending in (signal.SIGINT, signal.SIGTERM):

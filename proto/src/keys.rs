@@ -2,6 +2,9 @@
 //!
 //! `{session}` is the server's name (one zenoh key chunk: no `/ * $ ? #`), default [`DEFAULT_SESSION`].
 
+use crate::control_request::Request;
+use std::fmt::Display;
+
 /// Session name of a server that was not given another.
 pub const DEFAULT_SESSION: &str = "main";
 /// Default endpoint of the force channel (poses in, wrenches out).
@@ -9,18 +12,18 @@ pub const DEFAULT_FORCE_ENDPOINT: &str = "tcp/127.0.0.1:7447";
 /// Default endpoint of everything else (surface, session, control, status, presence).
 pub const DEFAULT_SURFACE_ENDPOINT: &str = "tcp/127.0.0.1:7448";
 
-/// True when `name` can be a session name: non-empty, letters, digits, `-` and `_`.
-pub fn is_session_name(name: &str) -> bool {
+/// True when `name` can be the name of a session or of a client: non-empty, letters, digits, `-` and `_`.
+pub fn is_name(name: &str) -> bool {
     !name.is_empty() && name.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'-' || b == b'_')
 }
 
 /// Poses of tool `tool`, on the force channel.
-pub fn tool_pose(session: &str, tool: u32) -> String {
+pub fn tool_pose(session: &str, tool: impl Display) -> String {
     format!("palpate/v1/{session}/tool/{tool}/pose")
 }
 /// Poses of every tool: what the server subscribes to.
 pub fn all_tool_poses(session: &str) -> String {
-    format!("palpate/v1/{session}/tool/*/pose")
+    tool_pose(session, "*")
 }
 /// The tool id in a pose key, if `key` is one.
 pub fn tool_of_pose_key(key: &str) -> Option<u32> {
@@ -29,12 +32,12 @@ pub fn tool_of_pose_key(key: &str) -> Option<u32> {
     chunks.next()?.parse().ok()
 }
 /// Wrenches of tool `tool`, on the force channel.
-pub fn tool_wrench(session: &str, tool: u32) -> String {
+pub fn tool_wrench(session: &str, tool: impl Display) -> String {
     format!("palpate/v1/{session}/tool/{tool}/wrench")
 }
 /// Wrenches of every tool.
 pub fn all_tool_wrenches(session: &str) -> String {
-    format!("palpate/v1/{session}/tool/*/wrench")
+    tool_wrench(session, "*")
 }
 /// Queryable: session description.
 pub fn session(session: &str) -> String {
@@ -44,9 +47,44 @@ pub fn session(session: &str) -> String {
 pub fn session_of_any_version(session: &str) -> String {
     format!("palpate/*/{session}/session")
 }
-/// Queryable: control requests.
-pub fn control(session: &str) -> String {
-    format!("palpate/v1/{session}/control")
+/// Queryable: the role of whoever asks. Each answer comes on a [`role`] of its own, and the server's router passes on those
+/// of the asker alone.
+pub fn all_roles(session: &str) -> String {
+    role(session, "*")
+}
+/// What the client called `name` may do.
+pub fn role(session: &str, name: &str) -> String {
+    format!("palpate/v1/{session}/role/{name}")
+}
+/// Name of every client of a server that asks nobody for a certificate.
+pub const ANYBODY: &str = "anybody";
+/// Name that stands for clients without a role.
+pub const NOBODY: &str = "nobody";
+/// Requests of control, as they are called in keys.
+pub const ACTIONS: [&str; 4] = ["attach", "detach", "reset", "record"];
+/// Which of [`ACTIONS`] a request is.
+pub fn action(request: &Request) -> &'static str {
+    match request {
+        Request::Attach(_) => "attach",
+        Request::Detach(_) => "detach",
+        Request::Reset(_) => "reset",
+        Request::StartRecording(_) | Request::StopRecording(_) => "record",
+    }
+}
+/// Queryable: requests of the client called `name` (see [`role`]) for `action`, one of [`ACTIONS`].
+pub fn control(session: &str, action: &str, name: &str) -> String {
+    format!("palpate/v1/{session}/control/{action}/{name}")
+}
+/// Every request of everybody: what the server offers.
+pub fn all_control(session: &str) -> String {
+    control(session, "*", "*")
+}
+/// Action and name in a control key, if `key` is one.
+pub fn asker_of_control_key(key: &str) -> Option<(&str, &str)> {
+    let mut chunks = key.rsplit('/');
+    let name = chunks.next()?;
+    let action = chunks.next()?;
+    (chunks.next()? == "control").then_some((action, name))
 }
 /// Queryable: every part of every picture on the surface.
 pub fn surface_pictures(session: &str) -> String {
@@ -77,12 +115,12 @@ pub fn status(session: &str) -> String {
     format!("palpate/v1/{session}/status")
 }
 /// Liveliness token of the client that holds `tool` under `epoch`.
-pub fn presence(session: &str, tool: u32, epoch: u32) -> String {
+pub fn presence(session: &str, tool: impl Display, epoch: impl Display) -> String {
     format!("palpate/v1/{session}/presence/{tool}/{epoch}")
 }
 /// Liveliness of every client.
 pub fn all_presence(session: &str) -> String {
-    format!("palpate/v1/{session}/presence/*/*")
+    presence(session, "*", "*")
 }
 /// Tool and epoch in a presence key, if `key` is one.
 pub fn holder_of_presence_key(key: &str) -> Option<(u32, u32)> {
@@ -131,6 +169,8 @@ mod tests {
         assert_eq!(tool_of_pose_key("palpate/v1/main/tool/x/pose"), None);
         assert_eq!(holder_of_presence_key(&presence("main", 2, 99)), Some((2, 99)));
         assert_eq!(holder_of_presence_key("a/b"), None);
-        assert!(is_session_name("lab-2_a") && !is_session_name("a/b") && !is_session_name("*") && !is_session_name(""));
+        assert_eq!(asker_of_control_key(&control("main", "reset", "anna")), Some(("reset", "anna")));
+        assert_eq!(asker_of_control_key(&role("main", "anna")), None);
+        assert!(is_name("lab-2_a") && !is_name("a/b") && !is_name("*") && !is_name(""));
     }
 }

@@ -2,10 +2,11 @@
 //!
 //! `palpate.proto` beside this crate's manifest is the documentation of every message, `contract.md` that of who sends what,
 //! when and how; [`keys`] is the only place where key expressions are written down, [`surface`] how the vertices of a frame
-//! are coded.
+//! are coded, [`identity`] what certificates are called.
 
 #![allow(rustdoc::broken_intra_doc_links, reason = "units stand in square brackets, as in `[m]`")]
 
+pub mod identity;
 pub mod keys;
 pub mod surface;
 
@@ -28,7 +29,9 @@ pub use prost::Message;
 /// Major version of the contract: peers with another one cannot talk to each other.
 pub const VERSION_MAJOR: u32 = 1;
 /// Minor version: grows when something is added.
-pub const VERSION_MINOR: u32 = 5;
+pub const VERSION_MINOR: u32 = 6;
+/// Minor version since which control has a key for each request and asker: what whoever touches needs at least.
+pub const CONTROL_MINOR: u32 = 6;
 /// Minor version since which the surface stream is as it is now: what a viewer needs at least.
 pub const SURFACE_MINOR: u32 = 1;
 

@@ -7,7 +7,7 @@
 //! other, with zenoh sessions of its own.
 
 use crate::companion::Companion;
-use crate::{SceneArgs, ServerArgs, build, ending, log_to_stderr, metrics_page, runtime};
+use crate::{SceneArgs, ServerArgs, build, describe, ending, log_to_stderr, metrics_page, runtime};
 use anyhow::{Context, anyhow, bail};
 use clap::Args;
 use palpate::scene::Scene;
@@ -103,7 +103,8 @@ pub fn run(args: DemoArgs) -> anyhow::Result<ExitCode> {
         log_to_stderr(args.server.log);
     }
     args.server.check_writable(&args.scene)?;
-    let where_it_listens = args.server.describe()?;
+    let options = args.server.options(args.server.trust());
+    let where_it_listens = describe(&options)?;
     let (loaded, body, start) = build(&args.scene)?;
     let device = match &args.device_file {
         Some(file) => Device::from_file(file)?,
@@ -114,7 +115,7 @@ pub fn run(args: DemoArgs) -> anyhow::Result<ExitCode> {
     let ended = runtime.block_on(async {
         let signals = ending::listen()?;
         args.server.metrics.map(metrics_page::serve).transpose()?;
-        let server = Server::start(loaded.scene, body, start, args.server.options()).await?;
+        let server = Server::start(loaded.scene, body, start, options).await?;
         tell!("{where_it_listens}; {}", server.measured().describe());
         if let Some(warning) = server.warning() {
             tell!("warning: {warning}");
@@ -187,6 +188,7 @@ fn start_phantom(
             force: args.server.force_endpoint.clone(),
             surface: args.server.surface_endpoint.clone(),
             session: args.server.session.clone(),
+            ..Default::default()
         },
         device,
         pattern: args.pattern,

@@ -9,6 +9,7 @@
 //! | [`surface`] | viewers of your own, and the viewer |
 //! | [`web`] | the page for browsers, phones and headsets |
 //! | [`recordings`] | recordings, replay, trajectories |
+//! | [`trust`] | other machines: certificates, roles |
 //! | [`faults`] | what happens when something goes wrong; limits |
 //! | [`method`] | levels, material, time stepping |
 //! | [`contact`] | tools, contact points, friction |
@@ -36,6 +37,7 @@ macro_rules! page {
         /// [`resolution`]: resolution
         /// [`scenes`]: scenes
         /// [`surface`]: surface
+        /// [`trust`]: trust
         /// [`web`]: web
         /// [glossary]: palpate_core::glossary
         /// [report]: commands
@@ -86,11 +88,13 @@ page!(remote);
 page!(resolution);
 page!(scenes);
 page!(surface);
+page!(trust);
 page!(web);
 
 #[cfg(test)]
 mod tests {
     use crate::scene;
+    use crate::server::Roles;
     use std::path::{Path, PathBuf};
 
     const README: &str = include_str!("../../README.md");
@@ -127,6 +131,18 @@ mod tests {
             let scenes = blocks(page, "toml");
             assert!(!scenes.is_empty(), "page {i}");
             scenes.iter().for_each(|text| drop(scene::parse(text, "a page").unwrap()));
+        }
+    }
+
+    #[test]
+    fn roles_in_the_guide_and_of_the_example_are_valid_for_the_liver() {
+        let liver = scene::LoadedScene::load(Path::new("liver"), &[]).unwrap().scene;
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("roles.toml");
+        let example = include_str!("../../config/roles.toml");
+        for text in blocks(include_str!("guide/trust.md"), "toml").into_iter().chain([example]) {
+            std::fs::write(&file, text).unwrap();
+            Roles::read(&file).unwrap().clients(&liver).unwrap();
         }
     }
 

@@ -1,5 +1,6 @@
 //! The command line: arguments, start, wait, stop.
 
+mod certificates_command;
 mod companion;
 mod demo;
 mod doctor;
@@ -17,7 +18,7 @@ use clap::{Args, Parser, Subcommand};
 use palpate::offline::{self, SampleWriter, Trajectory};
 use palpate::recording::{Recording, RecordingWriter, replay};
 use palpate::scene::LoadedScene;
-use palpate::server::{self, Reach, Server};
+use palpate::server::{self, Reach, Roles, Server, Trust};
 use palpate::{say, tell, writable};
 use palpate_core::model::element_kernel::Simd;
 use palpate_core::simulation::{Inputs, Simulation, Snapshot, TICK};
@@ -52,6 +53,8 @@ enum Command {
     Simulate(SimulateArgs),
     /// Make a body from mesh files, look at it, and write it into one file that scenes load at once
     Prepare(prepare_command::PrepareArgs),
+    /// Make certificates for a server and for each name of its roles file
+    Certificates(certificates_command::CertificatesArgs),
     /// Start a recording on a running server, and stop it again
     Record(RecordArgs),
     /// Run a recording again and compare bit for bit
@@ -108,6 +111,12 @@ struct ServerArgs {
     /// Serve metrics for Prometheus at this address, as in 127.0.0.1:9464
     #[arg(long, value_name = "ADDRESS")]
     metrics: Option<std::net::SocketAddr>,
+    /// Settings of zenoh beside the server's own (JSON5)
+    #[arg(long, value_name = "FILE")]
+    zenoh_config: Option<PathBuf>,
+    /// Let whoever reaches an endpoint that other machines reach do everything, without encryption
+    #[arg(long)]
+    insecure: bool,
     /// How lines of the log are written
     #[arg(long, value_enum, default_value = "text")]
     log: LogFormat,
@@ -124,18 +133,9 @@ enum LogFormat {
 }
 
 impl ServerArgs {
-    /// Where it listens, and who can reach it. Fails, with a remedy, where it cannot listen: before the body is built.
-    fn describe(&self) -> anyhow::Result<String> {
-        let force = server::reach(&self.force_endpoint, server::FORCE_OPTION)?;
-        let surface = server::reach(&self.surface_endpoint, server::SURFACE_OPTION)?;
-        let reach = match (force, surface) {
-            (Reach::ThisMachine, Reach::ThisMachine) => "from this machine only",
-            _ => "FROM OTHER MACHINES TOO, without authentication",
-        };
-        Ok(format!(
-            "session {} on {} (forces) and {} (everything else), reachable {reach}",
-            self.session, self.force_endpoint, self.surface_endpoint
-        ))
+    /// Who may connect, where no certificates are asked for.
+    fn trust(&self) -> Trust {
+        if self.insecure { Trust::Insecure } else { Trust::ThisMachine }
     }
 
     /// Fails, with a remedy, where the recording cannot be written.
@@ -144,7 +144,7 @@ impl ServerArgs {
         writable::new_file("--record", path, scene.inputs().iter().map(PathBuf::as_path))
     }
 
-    fn options(&self) -> server::Options {
+    fn options(&self, trust: Trust) -> server::Options {
         server::Options {
             session: self.session.clone(),
             force_endpoint: self.force_endpoint.clone(),
@@ -152,8 +152,31 @@ impl ServerArgs {
             cpu: self.cpu,
             record: self.record.clone(),
             recordings: self.recordings.clone(),
+            trust,
+            zenoh_config: self.zenoh_config.clone(),
         }
     }
+}
+
+/// Where a server with `options` will listen, and who can reach it. Fails, with a remedy, where it cannot listen: before the
+/// body is built.
+fn describe(options: &server::Options) -> anyhow::Result<String> {
+    let reach = match (server::check(options)?, &options.trust) {
+        (_, Trust::Certificates { roles, .. }) => {
+            let names: Vec<&str> = roles.names().collect();
+            format!("with a certificate of {}", names.join(", "))
+        }
+        (Reach::ThisMachine, _) => "from this machine only".into(),
+        (Reach::Others, _) => {
+            "FROM OTHER MACHINES TOO. THIS IS INSECURE: whoever reaches it may move tools, reset the body \
+             and record, nobody is asked who they are, and nothing is encrypted"
+                .into()
+        }
+    };
+    let server::Options { session, force_endpoint, surface_endpoint, .. } = options;
+    Ok(format!(
+        "session {session} on {force_endpoint} (forces) and {surface_endpoint} (everything else), reachable {reach}"
+    ))
 }
 
 #[derive(Args)]
@@ -162,12 +185,30 @@ struct ServeArgs {
     scene: SceneArgs,
     #[command(flatten)]
     server: ServerArgs,
+    /// Folder of the server's certificate: clients need one, too, and come over quic/
+    #[arg(long, value_name = "FOLDER", requires = "roles", conflicts_with = "insecure")]
+    identity: Option<PathBuf>,
+    /// Who may do what (TOML): a table for each name in a client's certificate
+    #[arg(long, value_name = "FILE", requires = "identity")]
+    roles: Option<PathBuf>,
     /// Stop after this long [s]
     #[arg(long)]
     seconds: Option<f64>,
     /// Stop when standard input ends: for a program that starts a server of its own
     #[arg(long)]
     until_input_ends: bool,
+}
+
+impl ServeArgs {
+    /// Who may connect. Fails where the roles file makes no sense, also for the scene.
+    fn trust(&self) -> anyhow::Result<Trust> {
+        let Some((identity, file)) = self.identity.clone().zip(self.roles.as_ref()) else {
+            return Ok(self.server.trust());
+        };
+        let roles = Roles::read(file)?;
+        roles.clients(&LoadedScene::load(&self.scene.scene, &self.scene.set)?.scene)?;
+        Ok(Trust::Certificates { identity, roles })
+    }
 }
 
 #[derive(Args)]
@@ -207,6 +248,9 @@ struct RecordArgs {
     /// Endpoint of the server's control
     #[arg(long, default_value = keys::DEFAULT_SURFACE_ENDPOINT)]
     surface_endpoint: String,
+    /// Folder of your certificate, where the server asks for one
+    #[arg(long, value_name = "FOLDER")]
+    identity: Option<PathBuf>,
 }
 
 #[derive(Args)]
@@ -248,6 +292,7 @@ fn main() -> ExitCode {
         Command::Serve(args) => serve(&args),
         Command::Simulate(args) => simulate(&args),
         Command::Prepare(args) => prepare_command::run(&args),
+        Command::Certificates(args) => certificates_command::run(args),
         Command::Record(args) => record(&args),
         Command::Replay(args) => replay_file(&args),
         Command::Export(args) => export_command::run(&args),
@@ -315,14 +360,21 @@ fn runtime() -> anyhow::Result<tokio::runtime::Runtime> {
 fn serve(args: &ServeArgs) -> anyhow::Result<ExitCode> {
     log_to_stderr(args.server.log);
     args.server.check_writable(&args.scene)?;
-    let where_it_listens = args.server.describe()?;
+    let options = args.server.options(args.trust()?);
+    let where_it_listens = describe(&options)?;
+    let is_insecure = matches!(options.trust, Trust::Insecure);
     let (loaded, body, start) = build(&args.scene)?;
     let runtime = runtime()?;
     let ended = runtime.block_on(async {
         let signals = ending::listen()?;
         args.server.metrics.map(metrics_page::serve).transpose()?;
-        let server = Server::start(loaded.scene, body, start, args.server.options()).await?;
-        tracing::info!("{where_it_listens}; {}; Ctrl-C ends it", server.measured().describe());
+        let server = Server::start(loaded.scene, body, start, options).await?;
+        let begun = format!("{where_it_listens}; {}; Ctrl-C ends it", server.measured().describe());
+        if is_insecure {
+            tracing::warn!("{begun}");
+        } else {
+            tracing::info!("{begun}");
+        }
         if let Some(warning) = server.warning() {
             tracing::warn!("{warning}");
         }
@@ -449,11 +501,11 @@ fn record(args: &RecordArgs) -> anyhow::Result<ExitCode> {
     let endpoints = palpate_sdk::Endpoints {
         surface: args.surface_endpoint.clone(),
         session: args.session.clone(),
+        identity: args.identity.clone(),
         ..Default::default()
     };
     let connection = palpate_sdk::Connection::open_surface(&endpoints)?;
-    let ask = |request| connection.control(proto::ControlRequest { request: Some(request) });
-    let started = ask(Request::StartRecording(proto::StartRecording { path: args.file.clone() }))?;
+    let started = connection.control(Request::StartRecording(proto::StartRecording { path: args.file.clone() }))?;
     let path = started.recording.map(|r| r.path).unwrap_or_default();
     tell!("recording into {path} on the server's machine; Ctrl-C stops it");
     runtime()?.block_on(async {
@@ -469,7 +521,7 @@ fn record(args: &RecordArgs) -> anyhow::Result<ExitCode> {
         }
         anyhow::Ok(())
     })?;
-    let done = ask(Request::StopRecording(proto::StopRecording {}))?.recording.unwrap_or_default();
+    let done = connection.control(Request::StopRecording(proto::StopRecording {}))?.recording.unwrap_or_default();
     if !done.fault.is_empty() {
         bail!("{}: {}", done.path, done.fault);
     }

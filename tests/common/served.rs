@@ -28,18 +28,24 @@ impl Served {
         Self::run(Command::new(program), arguments)
     }
 
-    fn run(mut serve: Command, arguments: &[&str]) -> Self {
+    fn run(serve: Command, arguments: &[&str]) -> Self {
         let taken: Vec<TcpListener> = (0..2).map(|_| TcpListener::bind("127.0.0.1:0").unwrap()).collect();
         let endpoint = |i: usize| format!("tcp/127.0.0.1:{}", taken[i].local_addr().unwrap().port());
-        let endpoints = [endpoint(0), endpoint(1)];
+        let [force, surface] = [endpoint(0), endpoint(1)];
         drop(taken);
+        Self::at(serve, arguments, &palpate_sdk::Endpoints { force, surface, ..Default::default() })
+    }
+
+    /// Starts `serve`, which runs the program, at `endpoints` with `arguments`, and waits until it answers who owns their
+    /// identity.
+    pub fn at(mut serve: Command, arguments: &[&str], endpoints: &palpate_sdk::Endpoints) -> Self {
+        let [force, surface] = [&endpoints.force, &endpoints.surface];
         serve.arg("serve").args(arguments).arg("--until-input-ends");
-        serve.args(["--force-endpoint", &endpoints[0], "--surface-endpoint", &endpoints[1]]);
+        serve.args(["--force-endpoint", force, "--surface-endpoint", surface]);
         let process = serve.stdin(Stdio::piped()).stdout(Stdio::null()).spawn().unwrap();
-        let surface = palpate_sdk::Endpoints { surface: endpoints[1].clone(), ..Default::default() };
-        let is_up = || palpate_sdk::Connection::open_surface(&surface).is_ok_and(|c| c.session().is_ok());
+        let is_up = || palpate_sdk::Connection::open_surface(endpoints).is_ok_and(|c| c.session().is_ok());
         assert!((0..20).any(|_| is_up()), "the server does not come up");
-        Self { process, endpoints }
+        Self { process, endpoints: [force.clone(), surface.clone()] }
     }
 }
 

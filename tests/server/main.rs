@@ -12,7 +12,7 @@ use palpate::scene::LoadedScene;
 use palpate::server::{Options, Server};
 use palpate_core::model::element_kernel::Simd;
 use palpate_proto::{self as proto, Message, WrenchFlag, control_request::Request, keys};
-use palpate_sdk::{Connection, Embedding, Endpoints, PoseSample, SdkError, Tool, ToolPhase, WatchOptions, Wrench};
+use palpate_sdk::{Connection, Attachment, Endpoints, PoseSample, SdkError, Tool, ToolPhase, WatchOptions, Wrench};
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
@@ -21,8 +21,8 @@ use viewers::Viewer;
 use zenoh::Wait;
 
 /// `tool` for `client`, held rigidly.
-fn rigid(client: &str, tool: &str, rate_hz: f64) -> Embedding {
-    Embedding { client: client.to_owned(), tool: tool.to_owned(), rate_hz, ..Embedding::default() }
+fn rigid(client: &str, tool: &str, rate_hz: f64) -> Attachment {
+    Attachment { client: client.to_owned(), tool: tool.to_owned(), rate_hz, ..Attachment::default() }
 }
 
 /// Two ports that nobody listens on.
@@ -67,7 +67,12 @@ fn serve_cells(cells: &str) -> Running {
     };
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().worker_threads(2).build().unwrap();
     let server = runtime.block_on(Server::start(loaded.scene, body, start, options)).unwrap();
-    Running { runtime, server: Some(server), endpoints: Endpoints { force, surface, session: "test".into() }, folder }
+    Running {
+        runtime,
+        server: Some(server),
+        endpoints: Endpoints { force, surface, session: "test".into(), identity: None },
+        folder,
+    }
 }
 
 impl Running {
@@ -192,18 +197,15 @@ fn tools_have_one_holder_and_requests_that_make_no_sense_are_answered() {
     assert!(refused(connection.attach(&rigid("second", "left", 1000.0))).contains("held by first"));
     assert!(refused(connection.attach(&rigid("second", "scalpel", 1000.0))).contains("left, right"));
     assert!(refused(connection.attach(&rigid("second", "", 0.5))).contains("rate_hz"));
-    let soft = Embedding { coupling_angular_stiffness: 1e-3, ..rigid("second", "", 1000.0) };
+    let soft = Attachment { coupling_angular_stiffness: 1e-3, ..rigid("second", "", 1000.0) };
     assert!(refused(connection.attach(&soft)).contains("coupling_angular_stiffness is 0.001 N·m/rad"));
     let right = connection.attach(&rigid("second", "", 80.0)).unwrap();
     assert_eq!((left.id(), right.id()), (0, 1));
     assert!(refused(connection.attach(&rigid("third", "", 1000.0))).contains("every tool is taken"));
     let outside = proto::StartRecording { path: "../elsewhere.mcap".into() };
-    let e = connection.control(proto::ControlRequest { request: Some(Request::StartRecording(outside)) });
+    let e = connection.control(Request::StartRecording(outside));
     assert!(e.unwrap_err().to_string().contains("below the server's recordings folder"));
-    let e = connection.control(proto::ControlRequest { request: None }).unwrap_err().to_string();
-    assert!(e.contains("empty control request"), "{e}");
-    let e =
-        connection.control(proto::ControlRequest { request: Some(Request::StopRecording(proto::StopRecording {})) });
+    let e = connection.control(Request::StopRecording(proto::StopRecording {}));
     assert!(e.unwrap_err().to_string().contains("no recording"));
     running.stop();
 }
@@ -214,14 +216,16 @@ fn garbage_bad_poses_and_floods_are_refused_and_counted_while_the_clock_goes_on(
     let connection = Connection::open(&running.endpoints).unwrap();
     let mut tool = connection.attach(&rigid("test", "left", 1000.0)).unwrap();
     move_tool(&mut tool, 0.02, 0.02, 30);
-    // A client of contract 1.4, which knows of no secret, and is not careful.
+    // A client that is not careful.
     let stranger = stranger(&running.endpoints.force);
-    let attach = proto::Attach { client: "old".into(), tool: "right".into(), rate_hz: 1000.0, ..Default::default() };
-    let attached = connection.control(proto::ControlRequest { request: Some(Request::Attach(attach)) }).unwrap();
+    let attach =
+        proto::Attach { client: "careless".into(), tool: "right".into(), rate_hz: 1000.0, ..Default::default() };
+    let attached = connection.control(Request::Attach(attach)).unwrap();
     let attached = attached.attached.unwrap();
-    assert_eq!((attached.tool, attached.secret), (1, 0));
+    assert_eq!(attached.tool, 1);
     let good = proto::ToolPose {
         epoch: attached.epoch,
+        secret: attached.secret,
         sequence: 1_000_000,
         position: vec![0.05, 0.05, 0.14],
         orientation: vec![0.0, 0.0, 0.0, 1.0],
@@ -334,7 +338,8 @@ fn a_press_that_is_held_keeps_its_force() {
     let (running, endpoints, ticks) = match std::env::var(VICTIM) {
         Ok(endpoints) => {
             let (force, surface) = endpoints.split_once(' ').unwrap();
-            let endpoints = Endpoints { force: force.into(), surface: surface.into(), session: "test".into() };
+            let endpoints =
+                Endpoints { force: force.into(), surface: surface.into(), session: "test".into(), identity: None };
             (None, endpoints, 20_000)
         }
         Err(_) => {
@@ -440,7 +445,7 @@ fn a_recording_of_a_live_session_replays_bit_for_bit() {
     let connection = Connection::open(&running.endpoints).unwrap();
     let mut tool = connection.attach(&rigid("test", "left", 1000.0)).unwrap();
     move_tool(&mut tool, 0.02, 0.02, 30);
-    let ask = |request| connection.control(proto::ControlRequest { request: Some(request) }).unwrap();
+    let ask = |request| connection.control(request).unwrap();
     ask(Request::StartRecording(proto::StartRecording { path: "press.mcap".into() }));
     move_tool(&mut tool, 0.02, -0.01, 300);
     ask(Request::Reset(proto::ResetBody {}));

@@ -39,7 +39,8 @@ fn hold(options: &Options) -> Report {
 fn a_hand_far_away_presses_the_real_body_within_its_energy_budget() {
     if let Ok(endpoints) = std::env::var(VICTIM) {
         let (force, surface) = endpoints.split_once(' ').unwrap();
-        let endpoints = Endpoints { force: force.into(), surface: surface.into(), session: "test".into() };
+        let endpoints =
+            Endpoints { force: force.into(), surface: surface.into(), session: "test".into(), identity: None };
         // Until it is killed.
         hold(&Options { seconds: Some(120.0), ..trembling(&endpoints, "left", -0.025) });
         return;
@@ -117,7 +118,7 @@ fn alone(recording: &Recording) -> Vec<(u64, Vec3)> {
 /// it waits to come in from outside, which this hand never does.
 fn kill_one_of_two(running: &Running) -> Option<(Recording, Report)> {
     let control = Connection::open(&running.endpoints).unwrap();
-    let ask = |request| control.control(proto::ControlRequest { request: Some(request) }).unwrap();
+    let ask = |request| control.control(request).unwrap();
     ask(Request::StartRecording(proto::StartRecording { path: "two.mcap".into() }));
     let taken = || control.session().unwrap().tools[0].taken;
     let mut victim = Some(Victim::start(&running.endpoints));

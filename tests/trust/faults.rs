@@ -150,7 +150,7 @@ fn recordings_take_the_place_of_nothing_and_follow_no_link() {
     let connection = connected(&served);
     let record = |name: &str| {
         let start = Request::StartRecording(proto::StartRecording { path: name.into() });
-        connection.control(proto::ControlRequest { request: Some(start) })
+        connection.control(start)
     };
     let long = "x".repeat(50_000);
     for (name, word) in [
@@ -166,8 +166,7 @@ fn recordings_take_the_place_of_nothing_and_follow_no_link() {
         let e = record(name).unwrap_err().to_string();
         assert!(e.contains(word) && e.len() < 400, "{name:.20}: {e:.400}");
     }
-    let stop =
-        || connection.control(proto::ControlRequest { request: Some(Request::StopRecording(proto::StopRecording {})) });
+    let stop = || connection.control(Request::StopRecording(proto::StopRecording {}));
     assert!(stop().unwrap_err().to_string().contains("no recording"), "none of them runs");
     record("new.mcap").unwrap();
     stop().unwrap();

@@ -1,6 +1,6 @@
 //! A hand as a careful program has it: it presses, notices when its tool is gone, and attaches again.
 
-use palpate_sdk::{Connection, Embedding, Endpoints, Hold, PoseSample, Tool, ToolPhase, Wrench};
+use palpate_sdk::{Attachment, Connection, Endpoints, Hold, PoseSample, Tool, ToolPhase, Wrench};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
@@ -11,6 +11,8 @@ pub const INSIDE: f64 = -0.008;
 /// A hand on the cube.
 pub struct Hand {
     connection: Connection,
+    /// Which tool it takes; any, where that is empty.
+    name: String,
     tool: Option<Tool>,
     /// Every wrench of every tool that it has had, as they came.
     wrenches: Arc<Mutex<Vec<Wrench>>>,
@@ -25,8 +27,12 @@ impl Hand {
     /// Connected; it attaches with its first pose.
     pub fn new(endpoints: &[String; 2]) -> Self {
         let [force, surface] = endpoints.clone();
-        let connection = Connection::open(&Endpoints { force, surface, ..Endpoints::default() }).unwrap();
-        Self { connection, tool: None, wrenches: Arc::default(), attached: 0 }
+        Self::of(Connection::open(&Endpoints { force, surface, ..Endpoints::default() }).unwrap(), "")
+    }
+
+    /// The same over `connection`, for the tool called `name`.
+    pub fn of(connection: Connection, name: &str) -> Self {
+        Self { connection, name: name.into(), tool: None, wrenches: Arc::default(), attached: 0 }
     }
 
     /// Holds the tool at `height` for a millisecond; attaches first where it has none. The newest wrench of the tool, with
@@ -38,7 +44,7 @@ impl Hand {
         if self.tool.is_none() {
             let seen = self.wrenches.clone();
             let observer = move |wrench: &Wrench, _| seen.lock().unwrap().push(*wrench);
-            let attachment = Embedding { client: "hand".into(), ..Embedding::default() };
+            let attachment = Attachment { client: "hand".into(), tool: self.name.clone(), ..Attachment::default() };
             // Refused, or unanswered, it tries again with the next step.
             self.tool = self.connection.attach_observed(&attachment, observer).ok();
             self.attached += u32::from(self.tool.is_some());

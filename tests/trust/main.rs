@@ -3,6 +3,7 @@
 
 mod faults;
 mod hand;
+mod roles;
 #[path = "../common/served.rs"]
 mod served;
 mod stopped;

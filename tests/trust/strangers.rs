@@ -98,7 +98,7 @@ fn nobody_answers_in_the_server_s_place_or_frees_the_tool_of_another() {
     hand.press();
     let session = stranger(&served.endpoints[1]);
     let asked = Arc::new(AtomicU64::new(0));
-    for key in [keys::session_of_any_version(SESSION), keys::control(SESSION), "palpate/**".into()] {
+    for key in [keys::session_of_any_version(SESSION), keys::all_control(SESSION), "palpate/**".into()] {
         let asked = asked.clone();
         let lie = move |query: zenoh::query::Query| {
             asked.fetch_add(1, Ordering::Relaxed);
@@ -107,7 +107,6 @@ fn nobody_answers_in_the_server_s_place_or_frees_the_tool_of_another() {
         session.declare_queryable(key).complete(true).callback(lie).background().wait().unwrap();
     }
     let connection = connected(&served);
-    let control = |request| connection.control(proto::ControlRequest { request: Some(request) });
     for _ in 0..20 {
         assert_eq!(connection.session().unwrap().tools.len(), 1);
         hand.step(INSIDE);
@@ -115,7 +114,7 @@ fn nobody_answers_in_the_server_s_place_or_frees_the_tool_of_another() {
     // The epoch stands in every wrench; the secret does not.
     let epoch = hand.epoch();
     for secret in [0, 1, u64::MAX] {
-        let e = control(Request::Detach(proto::Detach { tool: 0, epoch, secret })).unwrap_err().to_string();
+        let e = connection.control(Request::Detach(proto::Detach { tool: 0, epoch, secret })).unwrap_err().to_string();
         assert!(e.contains("not held"), "{e}");
     }
     let force = stranger(&served.endpoints[0]);
@@ -140,8 +139,8 @@ fn a_hand_whose_pose_numbers_jumped_is_followed_again() {
     let served = serve();
     let connection = connected(&served);
     let attach = proto::Attach { client: "damaged".into(), rate_hz: 1000.0, ..Default::default() };
-    let reply = connection.control(proto::ControlRequest { request: Some(Request::Attach(attach)) }).unwrap();
-    let epoch = reply.attached.unwrap().epoch;
+    let reply = connection.control(Request::Attach(attach)).unwrap();
+    let proto::Attached { epoch, secret, .. } = reply.attached.unwrap();
     let session = stranger(&served.endpoints[0]);
     let answered = Arc::new(AtomicU64::new(0));
     let newest = answered.clone();
@@ -152,7 +151,7 @@ fn a_hand_whose_pose_numbers_jumped_is_followed_again() {
     session.declare_subscriber(keys::tool_wrench(SESSION, 0)).callback(listen).background().wait().unwrap();
     let send = |sequence: u32| {
         let (position, orientation) = (vec![0.05, 0.05, 0.14], vec![0.0, 0.0, 0.0, 1.0]);
-        let pose = proto::ToolPose { epoch, sequence, position, orientation, ..Default::default() };
+        let pose = proto::ToolPose { epoch, secret, sequence, position, orientation, ..Default::default() };
         session.put(keys::tool_pose(SESSION, 0), pose.encode_to_vec()).wait().unwrap();
         std::thread::sleep(Duration::from_millis(1));
     };
@@ -188,7 +187,8 @@ const ASKER: &str = "PALPATE_TEST_ASKER";
 fn ask(endpoint: &str) {
     let session = stranger(endpoint);
     for _ in 0..1000 {
-        for key in [keys::surface_topology(SESSION), keys::session(SESSION), keys::control(SESSION)] {
+        let attach = keys::control(SESSION, "attach", keys::ANYBODY);
+        for key in [keys::surface_topology(SESSION), keys::session(SESSION), attach] {
             let slow = |_| std::thread::sleep(Duration::from_millis(200));
             // Where the server has cut it off, there is nothing more to ask.
             let _ = session.get(key).congestion_control(CongestionControl::Block).callback(slow).wait();

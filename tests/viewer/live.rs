@@ -165,7 +165,7 @@ fn a_reset_puts_the_body_back() {
     let mut app = App::live(&endpoints);
     watch_until(&mut app, "the first frame", |app| app.moment().tick > 100);
     let connection = palpate_sdk::Connection::open(&endpoints).unwrap();
-    let mut tool = connection.attach(&palpate_sdk::Embedding { client: "hand".into(), ..Default::default() }).unwrap();
+    let mut tool = connection.attach(&palpate_sdk::Attachment { client: "hand".into(), ..Default::default() }).unwrap();
     let mut height = 0.15;
     watch_until(&mut app, "the body to be pushed away", |app| {
         tool.send_pose(palpate_sdk::PoseSample {
@@ -231,7 +231,7 @@ fn a_server_that_was_started_by_a_viewer_ends_when_the_viewer_dies() {
 /// half is dropped.
 fn press_with_two(connection: &palpate_sdk::Connection, end: mpsc::Receiver<()>) {
     let mut tools = ["left", "right"].map(|name| {
-        let attachment = palpate_sdk::Embedding { tool: name.into(), client: name.into(), ..Default::default() };
+        let attachment = palpate_sdk::Attachment { tool: name.into(), client: name.into(), ..Default::default() };
         connection.attach(&attachment).unwrap()
     });
     let mut depth = -0.05;

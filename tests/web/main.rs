@@ -24,7 +24,7 @@ use std::time::{Duration, Instant};
 fn free_endpoints() -> Endpoints {
     let taken: Vec<_> = (0..2).map(|_| TcpListener::bind("127.0.0.1:0").unwrap()).collect();
     let [force, surface] = [0, 1].map(|i| format!("tcp/{}", taken[i].local_addr().unwrap()));
-    Endpoints { force, surface, session: "main".into() }
+    Endpoints { force, surface, session: "main".into(), identity: None }
 }
 
 /// A server of a weightless cube with two balls, in a process of its own; it is killed when this is dropped.

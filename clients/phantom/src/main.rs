@@ -30,6 +30,9 @@ struct Arguments {
     /// Session name of the server.
     #[arg(long, default_value_t = Endpoints::default().session)]
     session: String,
+    /// Folder of this client's certificate, where the server asks for one.
+    #[arg(long, value_name = "FOLDER")]
+    identity: Option<PathBuf>,
     /// Device to model: Touch, PHANTOM Omni, PHANTOM Desktop, Touch X, PHANTOM Premium 1.5 6DOF, omega.
     #[arg(long, default_value = "PHANTOM Omni", value_parser = Device::by_name)]
     device: Device,
@@ -77,6 +80,7 @@ fn main() -> Result<()> {
             force: arguments.force_endpoint,
             surface: arguments.surface_endpoint,
             session: arguments.session,
+            identity: arguments.identity,
         },
         device: arguments.device_file.map_or(Ok(arguments.device), Device::from_file)?,
         render: arguments.network.render,

@@ -12,7 +12,7 @@ use std::{
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use hdrhistogram::Histogram;
 use palpate_sdk::{
-    Connection, EchoProbe, Embedding, Endpoints, Link, LinkConditions, PoseSample, Registration, RenderMode, Renderer,
+    Connection, EchoProbe, Attachment, Endpoints, Link, LinkConditions, PoseSample, Registration, RenderMode, Renderer,
     Session, Tool, ToolDescription, ToolPhase, WRENCH_BYTES, Wrench,
 };
 
@@ -120,10 +120,10 @@ pub fn run(options: &Options, stop: &AtomicBool, live: &mut dyn FnMut(&Live)) ->
     let observer = move |wrench: &Wrench, arrival_ns| locked(&observed).record(wrench, arrival_ns);
     // The imagined device stands in the body's own frame.
     let registration = Registration::default();
-    let attachment = Embedding {
+    let attachment = Attachment {
         tool: options.tool.clone(),
         rate_hz: options.rate_hz,
-        ..Embedding::of("palpate-phantom", &options.device, &registration)
+        ..Attachment::of("palpate-phantom", &options.device, &registration)
     };
     let tool = connection.attach_observed(&attachment, observer)?;
     let description = session

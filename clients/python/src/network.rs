@@ -1,5 +1,6 @@
 //! Tools and surfaces of a server, over the SDK: its renderer, its decoder, its watchdog.
 
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
@@ -23,14 +24,15 @@ pub struct Connection(sdk::Connection);
 
 /// Connects to a server: zenoh endpoints such as "tcp/192.168.0.2:7447"; by default one on this machine.
 ///
-/// ``watch_only`` opens no force channel. Raises ``ConnectionError``, after 5 s for each endpoint at most.
+/// ``identity`` is the folder of this client's certificate, where the server asks for one. ``watch_only`` opens no force channel. Raises ``ConnectionError``, after 5 s for each endpoint at most.
 #[pyfunction]
-#[pyo3(signature = (force = None, surface = None, session = None, *, watch_only = false))]
+#[pyo3(signature = (force = None, surface = None, session = None, *, identity = None, watch_only = false))]
 pub fn connect(
     py: Python<'_>,
     force: Option<String>,
     surface: Option<String>,
     session: Option<String>,
+    identity: Option<PathBuf>,
     watch_only: bool,
 ) -> PyResult<Connection> {
     let local = Endpoints::default();
@@ -38,6 +40,7 @@ pub fn connect(
         force: force.unwrap_or(local.force),
         surface: surface.unwrap_or(local.surface),
         session: session.unwrap_or(local.session),
+        identity,
     };
     let open = if watch_only { sdk::Connection::open_surface } else { sdk::Connection::open };
     py.detach(|| open(&endpoints)).map(Connection).map_err(no_connection)
@@ -99,7 +102,7 @@ impl Connection {
         let mode: RenderMode = render.parse().map_err(bad_value)?;
         let registration = Registration::new(scale, rotation, translation).map_err(bad_value)?;
         let attachment =
-            sdk::Embedding { tool: tool.to_owned(), rate_hz, ..sdk::Embedding::of(client, &device, &registration) };
+            sdk::Attachment { tool: tool.to_owned(), rate_hz, ..sdk::Attachment::of(client, &device, &registration) };
         let tool = py.detach(|| self.0.attach(&attachment)).map_err(no_connection)?;
         let renderer = Renderer::new(&registration.in_body(&device), mode);
         Tool::start(Hand { tool, renderer, frame, registration }, rate_hz)

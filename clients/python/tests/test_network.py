@@ -78,3 +78,10 @@ def test_nobody_there_is_an_error_that_says_where():
         palpate.connect(force="nowhere")
     with pytest.raises(ConnectionError, match="cannot be a session name"):
         palpate.connect(session="a/b")
+
+
+def test_a_server_that_asks_for_a_certificate_is_told_from_one_that_is_not_there(tmp_path):
+    with pytest.raises(ConnectionError, match="quic/127.0.0.1:7447 asks for a certificate"):
+        palpate.connect(force="quic/127.0.0.1:7447")
+    with pytest.raises(ConnectionError, match="ca.pem"):
+        palpate.connect(force="quic/127.0.0.1:7447", identity=tmp_path)

@@ -1,7 +1,7 @@
 //! A client without a display or a device: finds the session of a running `palpate serve`, takes a tool, presses it into the
 //! highest place of the body and prints the force: `cargo run -p palpate-sdk --example press`.
 
-use palpate_sdk::{Connection, Embedding, Endpoints, PoseSample, SdkError};
+use palpate_sdk::{Connection, Attachment, Endpoints, PoseSample, SdkError};
 use std::time::Duration;
 
 /// How far the tool's reference point goes above and below the place [m].
@@ -19,7 +19,7 @@ pub fn press(endpoints: &Endpoints) -> Result<Vec<f64>, SdkError> {
     let place = highest.map(f64::from);
 
     // Any free tool, held rigidly; it is let go when it is dropped.
-    let mut tool = connection.attach(&Embedding { client: "press".into(), ..Embedding::default() })?;
+    let mut tool = connection.attach(&Attachment { client: "press".into(), ..Attachment::default() })?;
     let mut forces = Vec::new();
     for i in 0..POSES {
         let down = f64::from(i) / f64::from(POSES);

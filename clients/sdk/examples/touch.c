@@ -6,7 +6,8 @@
  *     cc -std=c99 -Iclients/sdk/include clients/sdk/examples/touch.c target/library/libpalpate_sdk.so -lm -o touch
  *     ./touch [FORCE_ENDPOINT SURFACE_ENDPOINT SESSION [X Y Z]]
  *
- * X Y Z [m] is the place in the body that is touched; the origin without it.
+ * X Y Z [m] is the place in the body that is touched; the origin without it. PALPATE_IDENTITY in the environment is the
+ * folder of a certificate, where the server asks for one.
  *
  * With a real device, read_device asks its driver and the force goes to its motors; nothing else changes.
  */
@@ -53,7 +54,7 @@ int main(int argc, char **argv)
 
     for (i = 0; i < 3 && argc > 6; i++)
         place[i] = strtod(argv[4 + i], NULL);
-    client = palpate_connect(force_endpoint, surface_endpoint, session);
+    client = palpate_connect(force_endpoint, surface_endpoint, session, getenv("PALPATE_IDENTITY"));
     if (client == NULL)
         return fail("connect");
     if (palpate_session(client, &session_info) != 0)

@@ -5,6 +5,8 @@
  *     cargo build --profile library -p palpate-sdk
  *     cc -std=c99 -Iclients/sdk/include clients/sdk/examples/watch.c target/library/libpalpate_sdk.so -o watch
  *     ./watch [SURFACE_ENDPOINT SESSION [FRAMES]]
+ *
+ * PALPATE_IDENTITY in the environment is the folder of a certificate, where the server asks for one.
  */
 #define _POSIX_C_SOURCE 199309L
 #include <stdio.h>
@@ -17,13 +19,14 @@ int main(int argc, char **argv)
 {
     const char *surface_endpoint = argc > 1 ? argv[1] : NULL;
     const char *session = argc > 2 ? argv[2] : NULL;
+    const char *identity = getenv("PALPATE_IDENTITY");
     const long frames = argc > 3 ? strtol(argv[3], NULL, 10) : 100;
     const struct timespec pause = {0, 5000000}; /* 5 ms; a viewer asks before each picture instead */
     palpate_session_info about;
     palpate_server_status status;
     palpate_surface surface;
-    palpate_client *client = palpate_connect_surface(surface_endpoint, session);
-    palpate_watch *watch = palpate_watch_open(surface_endpoint, session, 1, 0);
+    palpate_client *client = palpate_connect_surface(surface_endpoint, session, identity);
+    palpate_watch *watch = palpate_watch_open(surface_endpoint, session, identity, 1, 0);
     long frame = 0;
     int newer = 0;
 

@@ -60,13 +60,15 @@ int palpate_frame_position(const char *frame, const double position[3], double p
 typedef struct palpate_client palpate_client;
 
 /* Connects to a server; NULL for an endpoint or the session means that of a server on this machine, started without
- * arguments. Takes up to 5 s for each endpoint. Returns NULL where it failed.
+ * arguments. `identity` is the folder of this client's certificate, from `palpate certificates`; NULL where the server asks
+ * for none. Takes up to 5 s for each endpoint. Returns NULL where it failed.
  *
  * The network's threads start here, and inherit the scheduling class of the calling thread: raise that first. */
-palpate_client *palpate_connect(const char *force_endpoint, const char *surface_endpoint, const char *session);
+palpate_client *palpate_connect(const char *force_endpoint, const char *surface_endpoint, const char *session,
+                                const char *identity);
 
 /* As palpate_connect, but only to the surface endpoint: enough for palpate_session and palpate_status, not for a tool. */
-palpate_client *palpate_connect_surface(const char *surface_endpoint, const char *session);
+palpate_client *palpate_connect_surface(const char *surface_endpoint, const char *session, const char *identity);
 
 /* A tool of the server. */
 typedef struct palpate_tool {
@@ -209,9 +211,10 @@ void palpate_close(palpate_client *client);
 typedef struct palpate_watch palpate_watch;
 
 /* Watches the surface: every frame (1) of 31.25 a second, every second (2), fourth (4) or eighth (8), with the level of
- * detail of each vertex (not 0) or without. NULL for the endpoint or the session means that of a server on this machine.
+ * detail of each vertex (not 0) or without. Endpoint, session and identity are as for palpate_connect.
  * It goes on by itself after lost frames, a lost connection or a restart of the server. Returns NULL where it failed. */
-palpate_watch *palpate_watch_open(const char *surface_endpoint, const char *session, uint32_t every, int levels);
+palpate_watch *palpate_watch_open(const char *surface_endpoint, const char *session, const char *identity,
+                                  uint32_t every, int levels);
 
 /* A tool that somebody holds. */
 typedef struct palpate_shown_tool {

@@ -1,10 +1,15 @@
 //! The connection to a server: two zenoh sessions, so that no mesh ever stands before a force.
 
-use std::time::{Duration, Instant};
+use std::{
+    path::{Path, PathBuf},
+    time::{Duration, Instant},
+};
 
 use palpate_client::ClientError;
 use palpate_proto::{
-    ControlReply, ControlRequest, Message, Session, Status, VERSION_MAJOR,
+    CONTROL_MINOR, ControlReply, ControlRequest, Message, Role, Session, Status, VERSION_MAJOR, VERSION_MINOR,
+    control_request::Request,
+    identity,
     keys::{self, DEFAULT_FORCE_ENDPOINT, DEFAULT_SESSION, DEFAULT_SURFACE_ENDPOINT},
 };
 use zenoh::{
@@ -24,12 +29,14 @@ const ASK_AGAIN: Duration = Duration::from_millis(50);
 /// Where a server is and how it is called.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Endpoints {
-    /// zenoh endpoint of the force channel, such as `tcp/192.168.0.2:7447`.
+    /// zenoh endpoint of the force channel, such as `quic/192.168.0.2:7447`.
     pub force: String,
     /// zenoh endpoint of surface, session, control, presence and status.
     pub surface: String,
     /// Session name of the server.
     pub session: String,
+    /// Folder of this client's certificate, where the server asks for one: see [`identity`].
+    pub identity: Option<PathBuf>,
 }
 
 impl Default for Endpoints {
@@ -39,6 +46,7 @@ impl Default for Endpoints {
             force: DEFAULT_FORCE_ENDPOINT.to_owned(),
             surface: DEFAULT_SURFACE_ENDPOINT.to_owned(),
             session: DEFAULT_SESSION.to_owned(),
+            identity: None,
         }
     }
 }
@@ -63,10 +71,10 @@ impl Connection {
     /// Connects to both endpoints; gives up after 5 s each.
     ///
     /// Threads that zenoh starts inherit the scheduling class of the calling thread, see the crate documentation.
-    /// Errors: [`SdkError::SessionName`], [`SdkError::Connect`].
+    /// Errors: [`SdkError::SessionName`], [`SdkError::Connect`], [`SdkError::Identity`], [`SdkError::Certificate`].
     pub fn open(endpoints: &Endpoints) -> Result<Self, SdkError> {
         check_session_name(endpoints)?;
-        let force = open_session(&endpoints.force)?;
+        let force = open_session(&endpoints.force, endpoints.identity.as_deref())?;
         Self::with_force(endpoints, Some(force))
     }
 
@@ -77,7 +85,7 @@ impl Connection {
     }
 
     fn with_force(endpoints: &Endpoints, force: Option<zenoh::Session>) -> Result<Self, SdkError> {
-        let surface = open_session(&endpoints.surface)?;
+        let surface = open_session(&endpoints.surface, endpoints.identity.as_deref())?;
         Ok(Self { endpoints: endpoints.clone(), force, surface, opened: Instant::now() })
     }
 
@@ -93,9 +101,15 @@ impl Connection {
 
     /// What the server simulates, which tools it has and how far they may go.
     ///
-    /// Errors: [`SdkError::NoAnswer`] after 2 s, [`SdkError::Version`] when the server speaks another contract.
+    /// Errors: [`SdkError::NoAnswer`] after 2 s, [`SdkError::NoRole`], [`SdkError::Version`] when the server speaks another
+    /// contract.
     pub fn session(&self) -> Result<Session, SdkError> {
-        let session: Session = self.ask(keys::session(&self.endpoints.session), None, "Session")?;
+        let answer = self.ask(keys::session(&self.endpoints.session), None, "Session");
+        let session: Session = answer.map_err(|error| {
+            // A server passes on no question of a client without a role, but for that of its role.
+            let roles = self.ask_once(keys::all_roles(&self.endpoints.session), None, "Role");
+            roles.ok().and_then(|roles| named(roles).err()).unwrap_or(error)
+        })?;
         if session.version_major != VERSION_MAJOR {
             let (server, client) = (session.version_major.to_string(), VERSION_MAJOR.to_string());
             return Err(SdkError::Version { server, client });
@@ -103,12 +117,37 @@ impl Connection {
         Ok(session)
     }
 
-    /// Carries out one control request.
+    /// What this client may do.
     ///
-    /// Errors: [`SdkError::Refused`] with the server's reason, [`SdkError::NoAnswer`] after 2 s.
-    pub fn control(&self, request: ControlRequest) -> Result<ControlReply, SdkError> {
-        let payload = request.encode_to_vec().into();
-        let reply: ControlReply = self.ask(keys::control(&self.endpoints.session), Some(payload), "ControlReply")?;
+    /// Errors: [`SdkError::NoRole`], [`SdkError::Version`] when the server's contract knows no roles, [`SdkError::NoAnswer`]
+    /// after 2 s.
+    pub fn role(&self) -> Result<Role, SdkError> {
+        match self.ask_all(keys::all_roles(&self.endpoints.session), None, "Role") {
+            Ok(roles) => named(roles),
+            Err(no_answer @ SdkError::NoAnswer { .. }) => match self.session()?.version_minor {
+                minor if minor < CONTROL_MINOR => Err(SdkError::Version {
+                    server: format!("{VERSION_MAJOR}.{minor}"),
+                    client: format!("{VERSION_MAJOR}.{VERSION_MINOR}"),
+                }),
+                _ => Err(no_answer),
+            },
+            Err(error) => Err(error),
+        }
+    }
+
+    /// Has the server carry out a request.
+    ///
+    /// Errors: [`SdkError::Role`] where this client may not ask for it, [`SdkError::Refused`] with the server's reason, and
+    /// those of [`role`](Self::role).
+    pub fn control(&self, request: Request) -> Result<ControlReply, SdkError> {
+        let action = keys::action(&request);
+        let Role { name, role, actions, .. } = self.role()?;
+        if actions.iter().all(|allowed| allowed != action) {
+            return Err(SdkError::Role { name, role, action });
+        }
+        let payload = ControlRequest { request: Some(request) }.encode_to_vec().into();
+        let key = keys::control(&self.endpoints.session, action, &name);
+        let reply: ControlReply = self.ask(key, Some(payload), "ControlReply")?;
         if reply.error.is_empty() { Ok(reply) } else { Err(SdkError::Refused(reply.error)) }
     }
 
@@ -240,21 +279,39 @@ pub(crate) fn realtime_publisher(force: &zenoh::Session, key: String) -> Result<
         .map_err(|error| SdkError::Zenoh { operation: "publish on", key, reason: reason(error) })
 }
 
+/// The one of `roles` that is the asker's.
+fn named(roles: Vec<Role>) -> Result<Role, SdkError> {
+    roles.into_iter().find(|role| !role.role.is_empty()).ok_or(SdkError::NoRole)
+}
+
 fn check_session_name(endpoints: &Endpoints) -> Result<(), SdkError> {
-    if keys::is_session_name(&endpoints.session) {
-        Ok(())
-    } else {
-        Err(SdkError::SessionName(endpoints.session.clone()))
-    }
+    if keys::is_name(&endpoints.session) { Ok(()) } else { Err(SdkError::SessionName(endpoints.session.clone())) }
 }
 
-fn open_session(endpoint: &str) -> Result<zenoh::Session, SdkError> {
-    client_config(endpoint)
-        .and_then(|config| zenoh::open(config).wait())
-        .map_err(|error| SdkError::Connect { endpoint: endpoint.to_owned(), reason: reason(error) })
+fn open_session(endpoint: &str, folder: Option<&Path>) -> Result<zenoh::Session, SdkError> {
+    let certificates = match folder {
+        Some(folder) => identity::settings(folder).map_err(SdkError::Identity)?,
+        None if is_secured(endpoint) => {
+            return Err(SdkError::Identity(format!("{endpoint} asks for a certificate, and none was given")));
+        }
+        None => Vec::new(),
+    };
+    let opened = client_config(endpoint, certificates).and_then(|config| zenoh::open(config).wait());
+    opened.map_err(|error| match folder {
+        // zenoh tells of a time limit alone.
+        Some(folder) if is_secured(endpoint) => {
+            SdkError::Certificate { endpoint: endpoint.to_owned(), folder: folder.display().to_string() }
+        }
+        _ => SdkError::Connect { endpoint: endpoint.to_owned(), reason: reason(error) },
+    })
 }
 
-fn client_config(endpoint: &str) -> zenoh::Result<zenoh::Config> {
+/// True where both ends show certificates.
+fn is_secured(endpoint: &str) -> bool {
+    endpoint.starts_with("quic/")
+}
+
+fn client_config(endpoint: &str, certificates: Vec<(String, String)>) -> zenoh::Result<zenoh::Config> {
     let mut config = zenoh::Config::default();
     for (key, value) in [
         ("mode", r#""client""#),
@@ -272,6 +329,9 @@ fn client_config(endpoint: &str) -> zenoh::Result<zenoh::Config> {
     ] {
         config.insert_json5(key, value)?;
     }
+    for (key, value) in certificates {
+        config.insert_json5(&key, &value)?;
+    }
     Ok(config)
 }
 
@@ -281,7 +341,7 @@ mod tests {
 
     #[test]
     fn the_client_configuration_is_accepted_by_zenoh() {
-        let config = client_config("tcp/127.0.0.1:7447").unwrap();
+        let config = client_config("tcp/127.0.0.1:7447", vec![]).unwrap();
         assert_eq!(config.get_json("mode").unwrap(), r#""client""#);
         assert!(config.get_json("connect/endpoints").unwrap().contains("tcp/127.0.0.1:7447"));
     }

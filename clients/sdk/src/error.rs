@@ -13,6 +13,20 @@ pub enum SdkError {
         /// What zenoh says.
         reason: String,
     },
+    /// The certificate of this client cannot be read, or there is none where one is asked for.
+    #[error("identity: {0}")]
+    Identity(String),
+    /// Nobody who asks for certificates takes this client's, and has one that it takes.
+    #[error(
+        "cannot connect to {endpoint}: no server is there, or it does not take the certificate in {folder}, or has none that \
+         is good: both are of the same authority (ca.pem), not out of date, and the server's is for the host of the endpoint"
+    )]
+    Certificate {
+        /// The endpoint, as given.
+        endpoint: String,
+        /// This client's identity.
+        folder: String,
+    },
     /// The session name is not one key chunk.
     #[error("'{0}' cannot be a session name: use letters, digits, '-' and '_'")]
     SessionName(String),
@@ -36,6 +50,19 @@ pub enum SdkError {
         key: String,
         /// The endpoint it was asked through.
         endpoint: String,
+    },
+    /// The server knows the certificate's maker, and no role for its name.
+    #[error("the server has no role for the name of this certificate: it has to stand in the server's roles file")]
+    NoRole,
+    /// This client's role does not include a request.
+    #[error("{name} is {role} on this server, and may not {action}")]
+    Role {
+        /// Of the certificate.
+        name: String,
+        /// As the server calls it.
+        role: String,
+        /// One of [`ACTIONS`](palpate_proto::keys::ACTIONS).
+        action: &'static str,
     },
     /// The server answered a request with an error.
     #[error("the server refused: {0}")]

@@ -30,8 +30,8 @@ pub use echo::EchoProbe;
 pub use error::SdkError;
 pub use palpate_client::*;
 pub use palpate_proto::{
-    ControlReply, ControlRequest, Organ, Session, Status, SurfaceFrame, SurfaceTopology, ToolDescription, ToolPhase,
-    ToolState, control_request,
+    ControlReply, ControlRequest, Organ, Role, Session, Status, SurfaceFrame, SurfaceTopology, ToolDescription,
+    ToolPhase, ToolState, control_request,
 };
-pub use tool::{Counters, Embedding, Received, Tool, ToolStatus};
+pub use tool::{Counters, Attachment, Received, Tool, ToolStatus};
 pub use watch::{SurfaceWatch, WatchCounters, WatchOptions};

@@ -8,9 +8,7 @@ use std::sync::{
 use palpate_client::{
     ClientError, Device, Grip, Hold, Order, PoseSample, Registration, Verdict, Wrench, watchdog_scale,
 };
-use palpate_proto::{
-    Attach, ControlRequest, Detach, Message, ToolPhase, ToolWrench, VERSION_MINOR, control_request::Request, keys,
-};
+use palpate_proto::{Attach, Detach, Message, ToolPhase, ToolWrench, VERSION_MINOR, control_request::Request, keys};
 use triple_buffer::triple_buffer;
 use zenoh::{
     Wait,
@@ -26,7 +24,7 @@ use crate::{
 
 /// How to take a tool.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Embedding {
+pub struct Attachment {
     /// A name for people.
     pub client: String,
     /// Name of the tool to take; empty for any free one.
@@ -40,7 +38,7 @@ pub struct Embedding {
     pub coupling_angular_stiffness: f64,
 }
 
-impl Embedding {
+impl Attachment {
     /// Any free tool for `client`, 1000 poses a second, as stiff as `device` can render it where it is registered.
     pub fn of(client: &str, device: &Device, registration: &Registration) -> Self {
         Self {
@@ -52,7 +50,7 @@ impl Embedding {
     }
 }
 
-impl Default for Embedding {
+impl Default for Attachment {
     /// Any free tool, held rigidly, 1000 poses a second, by nobody in particular.
     fn default() -> Self {
         Self {
@@ -145,7 +143,7 @@ pub struct Tool {
 impl Connection {
     /// Takes a tool. Errors: [`SdkError::Refused`] when it does not exist or is taken, or a number is out of bounds;
     /// [`SdkError::NoForceChannel`], [`SdkError::NoAnswer`].
-    pub fn attach(&self, attachment: &Embedding) -> Result<Tool, SdkError> {
+    pub fn attach(&self, attachment: &Attachment) -> Result<Tool, SdkError> {
         self.attach_observed(attachment, |_, _| ())
     }
 
@@ -155,16 +153,17 @@ impl Connection {
     /// and finds it with [`Tool::latest_wrench`].
     pub fn attach_observed(
         &self,
-        attachment: &Embedding,
+        attachment: &Attachment,
         observer: impl Fn(&Wrench, u64) + Send + Sync + 'static,
     ) -> Result<Tool, SdkError> {
         let force = self.force_session()?;
-        let Embedding { client, tool, rate_hz, coupling_stiffness, coupling_angular_stiffness } = attachment.clone();
+        let Attachment { client, tool, rate_hz, coupling_stiffness, coupling_angular_stiffness } = attachment.clone();
         let version_minor = VERSION_MINOR;
         let attach = Attach { client, tool, rate_hz, coupling_stiffness, coupling_angular_stiffness, version_minor };
-        let attached = self.control(ControlRequest { request: Some(Request::Attach(attach)) })?.attached.ok_or(
-            ClientError::Undecodable { message: "ControlReply", reason: "attach was not answered".to_owned() },
-        )?;
+        let attached = self.control(Request::Attach(attach))?.attached.ok_or(ClientError::Undecodable {
+            message: "ControlReply",
+            reason: "attach was not answered".to_owned(),
+        })?;
         let (id, epoch, secret) = (attached.tool, attached.epoch, attached.secret);
         let session = &self.endpoints().session;
 
@@ -325,7 +324,7 @@ impl Tool {
     /// Gives the tool back. Errors as [`Connection::control`]; the tool is let go in any case.
     pub fn detach(self) -> Result<(), SdkError> {
         let detach = Detach { tool: self.id, epoch: self.epoch, secret: self.secret };
-        self.connection.control(ControlRequest { request: Some(Request::Detach(detach)) }).map(|_| ())
+        self.connection.control(Request::Detach(detach)).map(|_| ())
     }
 
     fn refresh(&mut self) {

@@ -8,14 +8,15 @@ use std::{
 };
 
 use fake_server::{FLOOR_STIFFNESS, FakeServer, height};
+use palpate_sdk::proto::{StopRecording, control_request::Request};
 use palpate_sdk::{
-    ClientError, Connection, ControlRequest, Device, Embedding, Endpoints, PoseSample, Registration, SdkError,
-    SurfaceWatch, WatchOptions,
+    Attachment, ClientError, Connection, Device, Endpoints, PoseSample, Registration, SdkError, SurfaceWatch,
+    WatchOptions,
 };
 
 /// `tool` for `client`, held rigidly.
-fn rigid(client: &str, tool: &str, rate_hz: f64) -> Embedding {
-    Embedding { client: client.to_owned(), tool: tool.to_owned(), rate_hz, ..Embedding::default() }
+fn rigid(client: &str, tool: &str, rate_hz: f64) -> Attachment {
+    Attachment { client: client.to_owned(), tool: tool.to_owned(), rate_hz, ..Attachment::default() }
 }
 
 fn pose(z: f64) -> PoseSample {
@@ -39,7 +40,7 @@ fn a_device_holds_its_tool_as_stiffly_as_it_can_render() {
     let server = FakeServer::current();
     let connection = Connection::open(&server.endpoints).unwrap();
     let device = Device::by_name("PHANTOM Premium 1.5 6DOF").unwrap();
-    let _tool = connection.attach(&Embedding::of("test", &device, &Registration::default())).unwrap();
+    let _tool = connection.attach(&Attachment::of("test", &device, &Registration::default())).unwrap();
     let asked = server.attached.lock().unwrap().clone();
     assert_eq!((asked.coupling_stiffness, asked.coupling_angular_stiffness), (800.0, 0.3));
 }
@@ -77,7 +78,7 @@ fn a_refusal_carries_the_reason_of_the_server() {
     let connection = Connection::open(&server.endpoints).unwrap();
     let unknown = connection.attach(&rigid("test", "scalpel", 1000.0)).err().unwrap();
     assert_eq!(unknown.to_string(), "the server refused: there is no tool 'scalpel'");
-    assert!(matches!(connection.control(ControlRequest::default()), Err(SdkError::Refused(_))));
+    assert!(matches!(connection.control(Request::StopRecording(StopRecording {})), Err(SdkError::Refused(_))));
 }
 
 #[test]
@@ -98,6 +99,14 @@ fn a_viewer_of_a_server_before_quantised_frames_is_told_both_versions() {
     let client = format!("{}.{}", palpate_sdk::proto::VERSION_MAJOR, palpate_sdk::proto::VERSION_MINOR);
     let told = format!("the server speaks version 1.0 of the contract, this client version {client}");
     assert_eq!(error.to_string(), told);
+}
+
+#[test]
+fn whoever_would_touch_on_a_server_before_roles_is_told_both_versions() {
+    let server = FakeServer::start((1, 5));
+    let connection = Connection::open(&server.endpoints).unwrap();
+    let error = connection.attach(&rigid("test", "", 1000.0)).err().unwrap();
+    assert!(error.to_string().starts_with("the server speaks version 1.5 of the contract"), "{error}");
 }
 
 #[test]

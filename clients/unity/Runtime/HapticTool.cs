@@ -14,6 +14,9 @@ namespace Palpate
         public struct Server
         {
             public string ForceEndpoint, SurfaceEndpoint, Session;
+
+            /// <summary>Folder of this client's certificate, where the server asks for one.</summary>
+            public string Identity;
         }
 
         /// <summary>Connects and takes a tool, by name or any free one; waits for the network, up to 5 s an endpoint.</summary>
@@ -26,7 +29,8 @@ namespace Palpate
             using (var texts = new Texts())
             {
                 client = Native.palpate_connect(
-                    texts.Add(server.ForceEndpoint), texts.Add(server.SurfaceEndpoint), texts.Add(server.Session));
+                    texts.Add(server.ForceEndpoint), texts.Add(server.SurfaceEndpoint), texts.Add(server.Session),
+                    texts.Add(server.Identity));
                 Native.Check(client != IntPtr.Zero);
                 Native.Attachment attachment;
                 Native.palpate_attachment_defaults(out attachment);

@@ -140,7 +140,8 @@ namespace Palpate
         public static extern IntPtr palpate_last_error();
 
         [DllImport(Library)]
-        public static extern IntPtr palpate_connect(IntPtr forceEndpoint, IntPtr surfaceEndpoint, IntPtr session);
+        public static extern IntPtr palpate_connect(
+            IntPtr forceEndpoint, IntPtr surfaceEndpoint, IntPtr session, IntPtr identity);
 
         [DllImport(Library)]
         public static extern void palpate_attachment_defaults(out Attachment attachment);
@@ -168,7 +169,8 @@ namespace Palpate
         public static extern void palpate_close(IntPtr client);
 
         [DllImport(Library)]
-        public static extern IntPtr palpate_watch_open(IntPtr surfaceEndpoint, IntPtr session, uint every, int levels);
+        public static extern IntPtr palpate_watch_open(
+            IntPtr surfaceEndpoint, IntPtr session, IntPtr identity, uint every, int levels);
 
         [DllImport(Library)]
         public static extern int palpate_watch_latest(IntPtr watch, ref Surface surface);

@@ -11,10 +11,12 @@ namespace Palpate
 
         /// <summary>Starts to watch; waits for the network, up to 5 s.</summary>
         /// <param name="every">Every frame (1) of 31 a second, every second (2), fourth (4) or eighth (8).</param>
-        public SurfaceView(string surfaceEndpoint = "", string session = "", uint every = 1)
+        /// <param name="identity">Folder of this client's certificate, where the server asks for one.</param>
+        public SurfaceView(string surfaceEndpoint = "", string session = "", uint every = 1, string identity = "")
         {
             using (var texts = new Texts())
-                watch = Native.palpate_watch_open(texts.Add(surfaceEndpoint), texts.Add(session), every, 0);
+                watch = Native.palpate_watch_open(
+                    texts.Add(surfaceEndpoint), texts.Add(session), texts.Add(identity), every, 0);
             Native.Check(watch != IntPtr.Zero);
         }
 

@@ -7,7 +7,7 @@
 
 use anyhow::Context;
 use hdrhistogram::Histogram;
-use palpate_sdk::{Connection, Embedding, Endpoints, PoseSample};
+use palpate_sdk::{Connection, Attachment, Endpoints, PoseSample};
 use palpate_viewer::app::App;
 use palpate_viewer::offscreen::Offscreen;
 use palpate_viewer::painter::Painter;
@@ -104,7 +104,7 @@ impl TickClock {
         let corner: Vec<f64> = limits.workspace[3..6].iter().map(|coordinate| coordinate - 0.01).collect();
         let offset = Arc::new(AtomicI64::new(i64::MAX));
         let least = offset.clone();
-        let attachment = Embedding { client: "latency".into(), ..Embedding::default() };
+        let attachment = Attachment { client: "latency".into(), ..Attachment::default() };
         let mut tool = connection.attach_observed(&attachment, move |wrench, arrival_ns| {
             least.fetch_min(arrival_ns as i64 - 1_000_000 * wrench.tick as i64, Relaxed);
         })?;

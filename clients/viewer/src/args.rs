@@ -26,6 +26,9 @@ pub struct Args {
     /// Where the server takes poses, to poke with the mouse
     #[arg(long, default_value = keys::DEFAULT_FORCE_ENDPOINT)]
     pub force_endpoint: String,
+    /// Folder of your certificate, where the server asks for one
+    #[arg(long, value_name = "FOLDER")]
+    pub identity: Option<PathBuf>,
     /// Write one picture into this file (PNG) instead of opening a window; needs no display
     #[arg(long, value_name = "FILE")]
     pub snapshot: Option<PathBuf>,
@@ -72,6 +75,7 @@ impl Args {
             force: self.force_endpoint.clone(),
             surface: self.surface_endpoint.clone(),
             session: self.session.clone(),
+            identity: self.identity.clone(),
         }
     }
 

@@ -20,6 +20,9 @@ pub struct Args {
     /// Where the server takes poses
     #[arg(long, default_value = keys::DEFAULT_FORCE_ENDPOINT)]
     pub force_endpoint: String,
+    /// Folder of the page's certificate for the server, where that asks for one
+    #[arg(long, value_name = "FOLDER")]
+    pub identity: Option<PathBuf>,
     /// Address and port of the page; port 0: any free one
     #[arg(long, default_value = "127.0.0.1:8460", value_name = "ADDRESS:PORT")]
     pub listen: SocketAddr,
@@ -47,7 +50,12 @@ impl From<Args> for Options {
             _ => args.tls_self_signed.then_some(Tls::SelfSigned),
         };
         Self {
-            endpoints: Endpoints { force: args.force_endpoint, surface: args.surface_endpoint, session: args.session },
+            endpoints: Endpoints {
+                force: args.force_endpoint,
+                surface: args.surface_endpoint,
+                session: args.session,
+                identity: args.identity,
+            },
             listen: args.listen,
             tls,
             origins: args.origins,

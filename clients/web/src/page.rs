@@ -13,7 +13,7 @@ use axum::body::Bytes;
 use axum::extract::ws::{CloseFrame, Message, WebSocket, close_code};
 use futures_util::{SinkExt, StreamExt, stream::SplitSink, stream::SplitStream};
 use palpate_sdk::proto::{Attached, Detach};
-use palpate_sdk::{ControlReply, ControlRequest, Embedding, control_request::Request};
+use palpate_sdk::{ControlReply, ControlRequest, Attachment, control_request::Request};
 use tokio::sync::{mpsc, watch};
 use tokio::time::{MissedTickBehavior, interval, timeout};
 
@@ -348,11 +348,11 @@ impl Page {
                     return Err(format!("this page holds {MOST_TOOLS} tools, which is the most"));
                 }
                 let name: String = attach.client.chars().filter(|c| !c.is_control()).take(40).collect();
-                let attachment = Embedding {
+                let attachment = Attachment {
                     client: format!("page {name}"),
                     tool: attach.tool,
                     rate_hz: attach.rate_hz.clamp(*RATE.start(), *RATE.end()),
-                    ..Embedding::default()
+                    ..Attachment::default()
                 };
                 let connection = world.connection.clone();
                 let tool = blocking(move || connection.attach(&attachment)).await?;
@@ -369,7 +369,7 @@ impl Page {
             }
             Some(request @ Request::Reset(_)) => {
                 let connection = world.connection.clone();
-                blocking(move || connection.control(ControlRequest { request: Some(request) })).await
+                blocking(move || connection.control(request)).await
             }
             Some(Request::StartRecording(_) | Request::StopRecording(_)) => {
                 Err("a page does not record: palpate record does".to_owned())

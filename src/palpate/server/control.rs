@@ -2,6 +2,7 @@
 
 use super::health::Weight;
 use super::queries::Desk;
+use super::roles::Client;
 use super::{ServerError, Shared, lock, network, recorder};
 use crate::realtime::mailbox::Command;
 use palpate_core::contact::tool::Coupling;
@@ -28,9 +29,6 @@ const LONGEST_DISK: Duration = Duration::from_millis(1500);
 /// Clients that may come or go at once.
 const MOST_PRESENCES: usize = 1024;
 
-/// Minor version of the contract since which clients send the secret of their holding.
-const SECRET_MINOR: u32 = 5;
-
 /// Bytes of a name that somebody gives.
 const MOST_NAME: usize = 64;
 
@@ -40,7 +38,7 @@ struct Holder {
     client: String,
     /// What others see of this holding of the tool, in wrenches and in the key of its liveliness.
     epoch: u32,
-    /// What nobody else does; 0 for a client that does not know of secrets.
+    /// What nobody else does.
     secret: u64,
     /// Its pose numbers have jumped so often.
     jumps: u32,
@@ -126,7 +124,7 @@ impl Holders {
     }
 }
 
-/// Answers the session description and control requests until `session` closes.
+/// Answers the session description, what clients may do and their requests until `session` closes.
 pub(super) async fn serve(shared: &Arc<Shared>, session: &zenoh::Session, desk: &Desk) -> Result<(), ServerError> {
     let name = &shared.options.session;
     let about = shared.clone();
@@ -135,12 +133,19 @@ pub(super) async fn serve(shared: &Arc<Shared>, session: &zenoh::Session, desk: 
         std::future::ready(vec![(key, answer.into())])
     })
     .await?;
+    // The asker's own is the only one that the router passes on to it, beside that of nobody.
+    let roles = shared.clients.describe().into_iter().map(|role| (keys::role(name, &role.name), role.encode_to_vec()));
+    let roles: Vec<_> = roles.collect();
+    desk.offer(session, keys::all_roles(name), move |_, _| {
+        std::future::ready(roles.iter().map(|(key, role)| (key.clone(), role.clone().into())).collect())
+    })
+    .await?;
     let shared = shared.clone();
-    desk.offer(session, keys::control(name), move |key, bytes| {
+    desk.offer(session, keys::all_control(name), move |key, bytes| {
         let shared = shared.clone();
         async move {
             let reply = match proto::ControlRequest::decode(&bytes[..]) {
-                Ok(request) => carry_out(&shared, request).await,
+                Ok(request) => carry_out(&shared, &key, request).await,
                 Err(e) => Err(format!("not a control request: {e}")),
             };
             let reply = reply.unwrap_or_else(|error| proto::ControlReply { error, ..Default::default() });
@@ -176,18 +181,36 @@ pub(super) async fn watch_presence(
     }))
 }
 
-async fn carry_out(shared: &Arc<Shared>, request: proto::ControlRequest) -> Result<proto::ControlReply, String> {
+/// Carries out a request that came on `key`. The router has let it pass, so the client whose name the key has made it.
+async fn carry_out(
+    shared: &Arc<Shared>,
+    key: &str,
+    request: proto::ControlRequest,
+) -> Result<proto::ControlReply, String> {
+    let request = request.request.ok_or("an empty control request: it is of a later version, or damaged")?;
+    let asked = keys::action(&request);
+    let asker = keys::asker_of_control_key(key).filter(|(action, _)| *action == asked);
+    let (action, who) = asker.ok_or_else(|| format!("a request to {asked} on {key}"))?;
+    let client = shared.clients.who_may(action, who).ok_or_else(|| format!("{who} may not {action}"))?;
     let mut reply = proto::ControlReply::default();
-    match request.request.ok_or("an empty control request: it is of a later version, or damaged")? {
-        Request::Attach(attach) => reply.attached = Some(take(shared, &attach)?),
-        Request::Detach(d) => free(shared, d.tool as usize, d.epoch, Some(d.secret))?,
-        Request::Reset(_) => shared.command(Command::Reset)?,
+    match request {
+        Request::Attach(attach) => reply.attached = Some(take(shared, who, client, &attach)?),
+        Request::Detach(d) => {
+            free(shared, d.tool as usize, d.epoch, Some(d.secret))?;
+            tracing::info!(tool = d.tool, who, "given back");
+        }
+        Request::Reset(_) => {
+            shared.command(Command::Reset)?;
+            tracing::info!(who, "body reset");
+        }
         Request::StartRecording(start) => {
             let path = shared.options.recordings.join(plain_name(&start.path)?);
+            tracing::info!(who, "asks for a recording");
             recorder::start(shared, path, LONGEST_DISK).await?;
             reply.recording = shared.recorder.status();
         }
         Request::StopRecording(_) => {
+            tracing::info!(who, "ends the recording");
             recorder::expect_end(shared);
             shared.command(Command::StopRecording)?;
             reply.recording = Some(recorder::finish(shared, LONGEST_DISK).await.ok_or("no recording is running")?);
@@ -225,7 +248,7 @@ fn compliance(name: &str, stiffness: f64, unit: &str, allowed: RangeInclusive<f6
     Ok(1.0 / stiffness)
 }
 
-fn take(shared: &Shared, attach: &proto::Attach) -> Result<proto::Attached, String> {
+fn take(shared: &Shared, who: &str, client: &Client, attach: &proto::Attach) -> Result<proto::Attached, String> {
     if !(10.0..=2000.0).contains(&attach.rate_hz) {
         return Err(format!("rate_hz is {}: declare how often poses come, 10 to 2000", attach.rate_hz));
     }
@@ -240,12 +263,14 @@ fn take(shared: &Shared, attach: &proto::Attach) -> Result<proto::Attached, Stri
         angular_compliance: compliance("coupling_angular_stiffness", angular, "N·m/rad", ANGULAR_COUPLINGS)?,
     };
     let mut held = lock(&shared.holders.held);
-    let names = || shared.scene.tool.iter().map(|t| t.name.as_str()).collect::<Vec<_>>().join(", ");
+    let name = |tool: usize| shared.scene.tool[tool].name.as_str();
+    let mut own = client.tools.iter().map(|tool| *tool as usize);
     let tool = if attach.tool.is_empty() {
-        held.tools.iter().position(Option::is_none).ok_or("every tool is taken")?
+        own.find(|tool| held.tools[*tool].is_none()).ok_or("every tool is taken")?
     } else {
-        let tool = shared.scene.tool.iter().position(|t| t.name == attach.tool);
-        let tool = tool.ok_or_else(|| format!("no tool {:?}: this session has {}", attach.tool, names()))?;
+        let names = own.clone().map(name).collect::<Vec<_>>().join(", ");
+        let tool = own.find(|tool| name(*tool) == attach.tool);
+        let tool = tool.ok_or_else(|| format!("no tool {:?}: there is {names} for you", attach.tool))?;
         if let Some(holder) = &held.tools[tool] {
             return Err(format!("tool {:?} is held by {}", attach.tool, holder.client));
         }
@@ -254,12 +279,12 @@ fn take(shared: &Shared, attach: &proto::Attach) -> Result<proto::Attached, Stri
     // Random, so that neither can be guessed, and an epoch of an earlier run of the server does not come again.
     let random = || getrandom::u64().map_err(|e| format!("the system has no random numbers: {e}"));
     let epoch = (random()? as u32).max(1);
-    let secret = if attach.version_minor >= SECRET_MINOR { random()?.max(1) } else { 0 };
+    let secret = random()?.max(1);
     let period_ticks = ((1.0 / (attach.rate_hz * TICK)).round() as u32).max(1);
     shared.command(Command::Attach { tool, epoch, period_ticks, coupling })?;
     shared.input.admit(tool, epoch, secret);
     held.tools[tool] = Some(Holder { client: attach.client.clone(), epoch, secret, jumps: 0, is_present: false });
-    tracing::info!(tool, client = attach.client, rate_hz = attach.rate_hz, "taken");
+    tracing::info!(tool, who, client = attach.client, rate_hz = attach.rate_hz, "taken");
     Ok(proto::Attached { tool: tool as u32, epoch, secret })
 }
 

@@ -3,6 +3,7 @@
 //! Two zenoh sessions, so that no viewer can hold up a force: one for poses and wrenches, one for everything else.
 //! Nothing in here decides physics; what arrives becomes an input of some tick, and the tick records it.
 
+mod access;
 mod control;
 mod endpoint;
 mod force_output;
@@ -11,12 +12,15 @@ mod local_model;
 mod metrics;
 mod queries;
 mod recorder;
+mod roles;
+mod router;
 mod status;
 mod surface_output;
 mod tool_input;
 
-pub use endpoint::{Reach, reach};
+pub use endpoint::{Reach, check};
 pub use metrics::TIMES;
+pub use roles::{Role, Roles, Trust};
 
 use crate::display::Display;
 use crate::realtime::clock::Monotonic;
@@ -30,12 +34,13 @@ use palpate_core::model::{Body, State};
 use palpate_core::simulation::{Simulation, Snapshot};
 use palpate_proto as proto;
 use palpate_proto::keys;
+use roles::Clients;
+use router::{Router, network};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use tokio::sync::watch;
-use zenoh::Wait;
 
 /// Where a server listens and what else it is told.
 #[derive(Clone, Debug)]
@@ -52,6 +57,10 @@ pub struct Options {
     pub record: Option<PathBuf>,
     /// Folder that clients' recordings go to.
     pub recordings: PathBuf,
+    /// Who may connect.
+    pub trust: Trust,
+    /// zenoh's own settings, of both endpoints, from this file.
+    pub zenoh_config: Option<PathBuf>,
 }
 
 impl Default for Options {
@@ -64,6 +73,8 @@ impl Default for Options {
             cpu: None,
             record: None,
             recordings: "recordings".into(),
+            trust: Trust::default(),
+            zenoh_config: None,
         }
     }
 }
@@ -72,11 +83,6 @@ impl Default for Options {
 pub const FORCE_OPTION: &str = "--force-endpoint";
 /// See [`FORCE_OPTION`].
 pub const SURFACE_OPTION: &str = "--surface-endpoint";
-
-/// Connections to the force endpoint, which hands alone need: viewers cannot take their places.
-const HANDS: u32 = 64;
-/// Connections to the surface endpoint.
-const VIEWERS: u32 = 512;
 
 /// Why a server does not start.
 #[derive(Debug, thiserror::Error)]
@@ -92,6 +98,35 @@ pub enum ServerError {
         /// The option of the command line that gives it.
         option: &'static str,
         /// The system's words, or zenoh's.
+        reason: String,
+    },
+    /// An endpoint would let in clients that the server knows nothing of, or nobody.
+    #[error("{option} {endpoint}: {reason}")]
+    Trust {
+        /// The endpoint.
+        endpoint: String,
+        /// The option of the command line that gives it.
+        option: &'static str,
+        /// Why, with a remedy.
+        reason: &'static str,
+    },
+    /// The server's certificate is not there.
+    #[error("--identity: {0}")]
+    Identity(String),
+    /// The roles file cannot be read, or says what makes no sense.
+    #[error("--roles {}: {reason}", file.display())]
+    Roles {
+        /// The file.
+        file: PathBuf,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// The zenoh configuration file cannot be read, or sets what is the server's own.
+    #[error("--zenoh-config {}: {reason}", file.display())]
+    ZenohConfig {
+        /// The file.
+        file: PathBuf,
+        /// What is wrong with it.
         reason: String,
     },
     /// zenoh refused something later.
@@ -148,6 +183,7 @@ struct Shared {
     commands: Mutex<rtrb::Producer<Command>>,
     input: tool_input::ToolInput,
     holders: control::Holders,
+    clients: Clients,
     recorder: recorder::Recorder,
     health: Arc<Health>,
     counters: status::Counters,
@@ -192,11 +228,15 @@ impl Server {
         start: Snapshot,
         options: Options,
     ) -> Result<Server, ServerError> {
-        if !keys::is_session_name(&options.session) {
+        if !keys::is_name(&options.session) {
             return Err(ServerError::SessionName(options.session));
         }
-        reach(&options.force_endpoint, FORCE_OPTION)?;
-        reach(&options.surface_endpoint, SURFACE_OPTION)?;
+        check(&options)?;
+        let clients = match &options.trust {
+            Trust::Certificates { roles, .. } => roles.clients(&scene)?,
+            Trust::ThisMachine | Trust::Insecure => Clients::everybody(&scene),
+        };
+        let router = Router::new(&options, &clients)?;
         let simulation = Simulation::new(body.clone(), scene.settings(), start).map_err(ServerError::Simulation)?;
         let display = Arc::new(scene.display(&body).map_err(ServerError::Simulation)?);
         let reset = simulation.reset_state().clone();
@@ -205,9 +245,9 @@ impl Server {
         })?;
         let ServerEnds { poses, commands, retired, reports, wake, timings, frames, copies, dropped, others } = ends;
 
-        // The force session first, and from a real-time thread: zenoh's threads inherit its class.
-        let force_session = open_force_session(&options)?;
-        let surface_session = open(&options.surface_endpoint, SURFACE_OPTION, &options.session, VIEWERS)?;
+        // The force session first: zenoh's threads inherit the class of the thread that opens it.
+        let force_session = router.force(&options)?;
+        let surface_session = router.surface(&options)?;
 
         let (stop, health) = (Arc::new(AtomicBool::new(false)), Health::new());
         let thread = SimThread::new(simulation, sim_ends);
@@ -219,6 +259,7 @@ impl Server {
         let shared = Arc::new(Shared {
             input: tool_input::ToolInput::new(poses, scene.workspace(&body)),
             holders: control::Holders::new(scene.tool.len()),
+            clients,
             recorder: recorder::Recorder::new(),
             health,
             counters: status::Counters::default(),
@@ -342,117 +383,4 @@ fn spawn_simulation(
     })?;
     let (granted, measured) = told.recv().map_err(|_| std::io::Error::other("the simulation thread died at start"))?;
     Ok((handle, granted, measured))
-}
-
-fn open_force_session(options: &Options) -> Result<zenoh::Session, ServerError> {
-    let (endpoint, name) = (options.force_endpoint.clone(), options.session.clone());
-    let opened = std::thread::spawn(move || {
-        if scheduling::fifo(scheduling::FORCE_NETWORK).is_err() {
-            tracing::debug!("the force network's threads run at normal priority");
-        }
-        open(&endpoint, FORCE_OPTION, &name, HANDS)
-    });
-    opened.join().map_err(|_| ServerError::Network("zenoh panicked while opening".into()))?
-}
-
-/// What passes between the server's router and a client, of the session `name`; nothing else does. So wrenches, frames, status
-/// and answers are the server's alone, whoever else sends on their keys, and nobody overhears a pose or an epoch.
-///
-/// A rule has to include the whole key of a message, so that one with wildcards passes only where all that it means may.
-/// Clients and servers tell each other of what they declare: those messages pass as well.
-fn access(name: &str) -> String {
-    let from_clients = [keys::all_tool_poses(name), keys::echo_request(name)];
-    let answers = [
-        keys::session_of_any_version(name),
-        keys::control(name),
-        keys::surface_topology(name),
-        keys::surface_key(name),
-        keys::surface_pictures(name),
-    ];
-    let from_server =
-        [keys::all_tool_wrenches(name), keys::echo_reply(name), keys::status(name), keys::all_surface_frames(name)];
-    let presence = [keys::all_presence(name)];
-    let rules = [
-        ("ingress", &["put"][..], &from_clients[..]),
-        ("ingress", &["query"], &answers),
-        ("ingress", &["declare_subscriber"], &from_server),
-        ("ingress", &["liveliness_token"], &presence),
-        ("egress", &["put"], &from_server),
-        ("egress", &["reply", "declare_queryable"], &answers),
-        ("egress", &["declare_subscriber"], &from_clients),
-        ("egress", &["declare_liveliness_subscriber", "liveliness_query"], &presence),
-    ];
-    let rules: Vec<_> = rules
-        .iter()
-        .enumerate()
-        .map(|(id, (flow, messages, keys))| {
-            serde_json::json!({
-                "id": id.to_string(), "permission": "allow", "flows": [flow], "messages": messages, "key_exprs": keys,
-            })
-        })
-        .collect();
-    let all: Vec<String> = (0..rules.len()).map(|id| id.to_string()).collect();
-    serde_json::json!({
-        "enabled": true,
-        "default_permission": "deny",
-        "rules": rules,
-        "subjects": [{ "id": "everybody" }],
-        "policies": [{ "rules": all, "subjects": ["everybody"] }],
-    })
-    .to_string()
-}
-
-/// A session that routes for its clients: no router has to run beside it. At most `places` may be connected.
-fn open(endpoint: &str, option: &'static str, name: &str, places: u32) -> Result<zenoh::Session, ServerError> {
-    let mut config = zenoh::Config::default();
-    for (key, value) in [
-        ("mode", "\"router\"".to_owned()),
-        ("listen/endpoints", format!("[{endpoint:?}]")),
-        ("listen/exit_on_failure", "true".into()),
-        ("scouting/multicast/enabled", "false".into()),
-        ("scouting/gossip/enabled", "false".into()),
-        // There is nobody to look for: without this, opening waits half a second.
-        ("scouting/delay", "0".into()),
-        ("timestamping/enabled", "false".into()),
-        ("access_control", access(name)),
-        ("transport/unicast/max_sessions", places.to_string()),
-        // Whoever connects and says nothing makes room for others after this long [ms].
-        ("transport/unicast/accept_timeout", "1000".into()),
-        ("transport/unicast/accept_pending", places.to_string()),
-        // Bytes of a message: a pose has about 60, a request some hundred.
-        ("transport/link/rx/max_message_size", "65536".into()),
-        // A client that stops answering is noticed after this long [ms]; safety does not wait for it.
-        ("transport/link/tx/lease", "1500".into()),
-        // A message that does not fit the queue at once is dropped: a slow viewer holds up nobody.
-        ("transport/link/tx/queue/congestion_control/drop/wait_before_drop", "0".into()),
-        // Whoever does not read the answers to its questions is cut off after this long [µs]. Longer, and more threads wait for
-        // it; shorter, and a link of less than 2 Mbit/s, which needs as long for a batch, is no link.
-        ("transport/link/tx/queue/congestion_control/block/wait_before_close", "250000".into()),
-        // Batches of 64 KiB that may wait for a viewer: a frame of the largest surface has more parts than the default of two.
-        ("transport/link/tx/queue/size/data_low", "16".into()),
-    ] {
-        config.insert_json5(key, &value).map_err(|e| match key {
-            "listen/endpoints" => {
-                let reason = "this is no endpoint".to_owned();
-                ServerError::Listen { endpoint: endpoint.to_owned(), option, reason }
-            }
-            _ => ServerError::Network(format!("{key}: {e}")),
-        })?;
-    }
-    zenoh::open(config).wait().map_err(|e| {
-        let words = words(&e);
-        // The system's words stand last, after the same endpoint twice.
-        let reason = words.split_once(": [").map_or(&*words, |(_, list)| list.rsplit(": ").next().unwrap_or(list));
-        ServerError::Listen { endpoint: endpoint.to_owned(), option, reason: reason.trim_end_matches(']').to_owned() }
-    })
-}
-
-fn network(e: zenoh::Error) -> ServerError {
-    ServerError::Network(words(&e))
-}
-
-/// zenoh's message without the places in its source that it appends.
-fn words(e: &zenoh::Error) -> String {
-    let text = e.to_string();
-    text.split(" at ").filter(|part| !part.contains(".rs:")).collect::<Vec<_>>().join(" at ")
 }

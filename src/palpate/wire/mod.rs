@@ -61,7 +61,7 @@ impl Refusal {
 pub struct Gate {
     /// Of the holder; 0 while nobody holds the tool.
     pub epoch: u32,
-    /// What the holder alone was told; 0 for a client that does not know of secrets.
+    /// What the holder alone was told.
     pub secret: u64,
     /// Last sequence number that passed, 0 before the first.
     pub sequence: u32,

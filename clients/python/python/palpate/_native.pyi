@@ -190,11 +190,12 @@ def connect(
     surface: Optional[str] = None,
     session: Optional[str] = None,
     *,
+    identity: Optional[Path] = None,
     watch_only: bool = False,
 ) -> "Connection":
     """Connects to a server: zenoh endpoints such as "tcp/192.168.0.2:7447"; by default one on this machine.
 
-    ``watch_only`` opens no force channel. Raises ``ConnectionError``, after 5 s for each endpoint at most.
+    ``identity`` is the folder of this client's certificate, where the server asks for one. ``watch_only`` opens no force channel. Raises ``ConnectionError``, after 5 s for each endpoint at most.
     """
 
 class Connection:

@@ -5,6 +5,7 @@ use std::{
     error::Error,
     ffi::{CStr, CString, c_char, c_int},
     panic::{AssertUnwindSafe, catch_unwind},
+    path::PathBuf,
 };
 
 /// What the crate or a check here says.
@@ -47,6 +48,16 @@ pub(super) unsafe fn text(pointer: *const c_char, default: &str) -> Fallible<&st
     }
     // SAFETY: not NULL, and text by the caller's word.
     Ok(unsafe { CStr::from_ptr(pointer) }.to_str()?)
+}
+
+/// The text at `pointer` as the place of a folder, none where it is NULL. Errors: not UTF-8.
+///
+/// # Safety
+/// `pointer` is NULL or text.
+pub(super) unsafe fn folder(pointer: *const c_char) -> Fallible<Option<PathBuf>> {
+    // SAFETY: NULL or text by the caller's word.
+    let folder = unsafe { text(pointer, "") }?;
+    Ok((!folder.is_empty()).then(|| folder.into()))
 }
 
 /// What `pointer` points to. Errors: NULL, by `name`.

@@ -16,7 +16,7 @@ use std::{
 use border::{guarded, last_error, read, status, text, write};
 use client::{CAttachment, CPose, CRegistration, CToolState, Client, Held};
 
-use crate::{Connection, Device, Embedding, Endpoints, Frame, Registration, RenderMode};
+use crate::{Connection, Device, Attachment, Endpoints, Frame, Registration, RenderMode};
 
 /// See `palpate.h`.
 #[unsafe(no_mangle)]
@@ -115,18 +115,17 @@ pub unsafe extern "C" fn palpate_connect(
     force_endpoint: *const c_char,
     surface_endpoint: *const c_char,
     session: *const c_char,
+    identity: *const c_char,
 ) -> *mut Client {
     guarded(std::ptr::null_mut(), || {
-        let local = Endpoints::default();
         // SAFETY: NULL or text by the caller's word.
-        let (force, surface, session) = unsafe {
+        let (force, others) = unsafe {
             (
-                text(force_endpoint, &local.force)?,
-                text(surface_endpoint, &local.surface)?,
-                text(session, &local.session)?,
+                text(force_endpoint, &Endpoints::default().force)?.to_owned(),
+                watch::surface_endpoints(surface_endpoint, session, identity)?,
             )
         };
-        let endpoints = Endpoints { force: force.into(), surface: surface.into(), session: session.into() };
+        let endpoints = Endpoints { force, ..others };
         Ok(Client::boxed(Connection::open(&endpoints)?))
     })
 }
@@ -139,10 +138,11 @@ pub unsafe extern "C" fn palpate_connect(
 pub unsafe extern "C" fn palpate_connect_surface(
     surface_endpoint: *const c_char,
     session: *const c_char,
+    identity: *const c_char,
 ) -> *mut Client {
     guarded(std::ptr::null_mut(), || {
         // SAFETY: NULL or text by the caller's word.
-        let endpoints = unsafe { watch::surface_endpoints(surface_endpoint, session) }?;
+        let endpoints = unsafe { watch::surface_endpoints(surface_endpoint, session, identity) }?;
         Ok(Client::boxed(Connection::open_surface(&endpoints)?))
     })
 }
@@ -156,7 +156,7 @@ pub unsafe extern "C" fn palpate_attachment_defaults(attachment: *mut CAttachmen
     let defaults = CAttachment {
         client: std::ptr::null(),
         tool: std::ptr::null(),
-        rate_hz: Embedding::default().rate_hz,
+        rate_hz: Attachment::default().rate_hz,
         device: std::ptr::null(),
         frame: std::ptr::null(),
         render: std::ptr::null(),
@@ -193,10 +193,10 @@ pub unsafe extern "C" fn palpate_attach(client: *mut Client, attachment: *const 
         let device = if device.ends_with(".toml") { Device::from_file(device)? } else { Device::by_name(device)? };
         let (frame, mode): (_, RenderMode) = (Frame::by_name(frame)?, render.parse()?);
         let registration = attachment.registration.checked()?;
-        let tool = client.connection.attach(&Embedding {
+        let tool = client.connection.attach(&Attachment {
             tool: tool.to_owned(),
             rate_hz: attachment.rate_hz,
-            ..Embedding::of(name, &device, &registration)
+            ..Attachment::of(name, &device, &registration)
         })?;
         client.held = Some(Held::new(tool, &device, frame, mode, registration));
         Ok(())

@@ -5,7 +5,7 @@ use std::{
     sync::Arc,
 };
 
-use super::border::{Fallible, guarded, text, write};
+use super::border::{Fallible, folder, guarded, text, write};
 use crate::{Connection, Endpoints, Moment, Surface, SurfaceWatch, WatchOptions};
 
 /// `palpate_watch`.
@@ -83,15 +83,20 @@ impl Shown {
     }
 }
 
-/// Where the surface is; NULL means that of a server on this machine.
+/// Where the surface is; NULL means that of a server on this machine, which asks for no certificate.
 ///
 /// # Safety
 /// Each is NULL or text.
-pub(super) unsafe fn surface_endpoints(surface: *const c_char, session: *const c_char) -> Fallible<Endpoints> {
+pub(super) unsafe fn surface_endpoints(
+    surface: *const c_char,
+    session: *const c_char,
+    identity: *const c_char,
+) -> Fallible<Endpoints> {
     let local = Endpoints::default();
     // SAFETY: NULL or text by the caller's word.
-    let (surface, session) = unsafe { (text(surface, &local.surface)?, text(session, &local.session)?) };
-    Ok(Endpoints { surface: surface.into(), session: session.into(), ..local.clone() })
+    let (surface, session, identity) =
+        unsafe { (text(surface, &local.surface)?, text(session, &local.session)?, folder(identity)?) };
+    Ok(Endpoints { surface: surface.into(), session: session.into(), identity, ..local.clone() })
 }
 
 /// See `palpate.h`.
@@ -102,12 +107,13 @@ pub(super) unsafe fn surface_endpoints(surface: *const c_char, session: *const c
 pub unsafe extern "C" fn palpate_watch_open(
     surface_endpoint: *const c_char,
     session: *const c_char,
+    identity: *const c_char,
     every: u32,
     levels: c_int,
 ) -> *mut Watch {
     guarded(std::ptr::null_mut(), || {
         // SAFETY: NULL or text by the caller's word.
-        let endpoints = unsafe { surface_endpoints(surface_endpoint, session) }?;
+        let endpoints = unsafe { surface_endpoints(surface_endpoint, session, identity) }?;
         let options = WatchOptions { every, levels: levels != 0 };
         let watch = Connection::open_surface(&endpoints)?.watch_surface(options)?;
         Ok(Box::into_raw(Box::new(Watch { watch, shown: None })))

@@ -11,8 +11,9 @@ use std::{
 };
 
 use palpate_proto::{
-    Attach, Attached, BodyDescription, ControlReply, ControlRequest, Limits, Message, Session, Status, SurfaceFrame,
-    SurfaceTopology, ToolDescription, ToolPhase, ToolPose, ToolWrench, VERSION_MAJOR, VERSION_MINOR,
+    Attach, Attached, BodyDescription, CONTROL_MINOR, ControlReply, ControlRequest, Limits, Message, Role, Session,
+    Status, SurfaceFrame, SurfaceTopology, ToolDescription, ToolPhase, ToolPose, ToolWrench, VERSION_MAJOR,
+    VERSION_MINOR,
     control_request::Request,
     keys,
     surface::{KEY_INTERVAL, SurfaceCode},
@@ -77,7 +78,8 @@ impl FakeServer {
     /// As [`start`](Self::start), but takes queries only `after` it takes connections.
     pub fn start_slowly(version: (u32, u32), after: Duration) -> Self {
         let ((force, force_endpoint), (surface, surface_endpoint)) = (open_router(), open_router());
-        let endpoints = Endpoints { force: force_endpoint, surface: surface_endpoint, session: "fake".to_owned() };
+        let endpoints =
+            Endpoints { force: force_endpoint, surface: surface_endpoint, session: "fake".to_owned(), identity: None };
         let mute = Arc::new(AtomicBool::new(false));
         answer_poses(&force, &endpoints.session, mute.clone());
         let attached = Arc::new(Mutex::new(Attach::default()));
@@ -242,9 +244,19 @@ fn answer_queries(surface: &zenoh::Session, session: &str, version: (u32, u32), 
         ..Default::default()
     };
     answer(surface, keys::session(session), move |_| description.encode_to_vec());
+    if version.1 < CONTROL_MINOR {
+        return;
+    }
+    let role = Role {
+        name: keys::ANYBODY.to_owned(),
+        role: "admin".to_owned(),
+        actions: keys::ACTIONS.map(String::from).to_vec(),
+        tools: vec![TOOL],
+    };
+    answer(surface, keys::all_roles(session), move |_| role.encode_to_vec());
 
     let taken = AtomicBool::new(false);
-    answer(surface, keys::control(session), move |payload| {
+    answer(surface, keys::all_control(session), move |payload| {
         let reply = match ControlRequest::decode(payload).unwrap().request {
             Some(Request::Attach(attach)) if !attach.tool.is_empty() && attach.tool != "ball" => {
                 ControlReply { error: format!("there is no tool '{}'", attach.tool), ..Default::default() }

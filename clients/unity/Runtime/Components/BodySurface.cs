@@ -9,6 +9,8 @@ namespace Palpate
     public sealed class BodySurface : MonoBehaviour
     {
         public string surfaceEndpoint = "", session = "";
+        [Tooltip("Folder of your certificate, where the server asks for one.")]
+        public string identity = "";
         [Tooltip("Every frame (1) of 31 a second, every second (2), fourth (4) or eighth (8).")]
         public uint every = 1;
 
@@ -19,10 +21,10 @@ namespace Palpate
 
         void OnEnable()
         {
-            string endpoint = surfaceEndpoint, name = session;
+            string endpoint = surfaceEndpoint, name = session, certificate = identity;
             uint frames = every;
             view = new Background<SurfaceView>(
-                () => new SurfaceView(endpoint, name, frames), reason => Debug.LogWarning("Palpate: " + reason));
+                () => new SurfaceView(endpoint, name, frames, certificate), reason => Debug.LogWarning("Palpate: " + reason));
             mesh = new Mesh { indexFormat = IndexFormat.UInt32 };
             mesh.MarkDynamic();
             topology = 0;

@@ -18,6 +18,8 @@ namespace Palpate
         [Tooltip("Pictures a second: poses go out with each.")]
         public double rateHz = 90;
         public string forceEndpoint = "", surfaceEndpoint = "", session = "";
+        [Tooltip("Folder of your certificate, where the server asks for one.")]
+        public string identity = "";
 
         /// <summary>On the tool, in the axes of the scene [N]: what to draw, or to make vibrations from.</summary>
         public Vector3 Force { get; private set; }
@@ -32,7 +34,8 @@ namespace Palpate
         {
             var server = new HapticTool.Server
             {
-                ForceEndpoint = forceEndpoint, SurfaceEndpoint = surfaceEndpoint, Session = session
+                ForceEndpoint = forceEndpoint, SurfaceEndpoint = surfaceEndpoint, Session = session,
+                Identity = identity
             };
             string name = tool, limits = device;
             double rate = rateHz;

@@ -7,7 +7,7 @@ mod hand;
 pub use hand::Press;
 
 use hand::Hand;
-use palpate_sdk::{Connection, Embedding, Endpoints, PoseSample, SdkError};
+use palpate_sdk::{Connection, Attachment, Endpoints, PoseSample, SdkError};
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -99,7 +99,7 @@ impl Drop for Poke {
 impl Shared {
     fn hold(&self, endpoints: &Endpoints, tool: String, reach: Reach) -> Result<(), SdkError> {
         let connection = Connection::open(endpoints)?;
-        let mut tool = connection.attach(&Embedding { client: "mouse".into(), tool, ..Embedding::default() })?;
+        let mut tool = connection.attach(&Attachment { client: "mouse".into(), tool, ..Attachment::default() })?;
         let mut hand = Hand::above(reach.centre, reach.radius, reach.tool);
         let mut last = Instant::now();
         let mut due = last;

@@ -4,7 +4,7 @@ use super::pace::Pace;
 use super::{Moment, SourceError, Subject};
 use palpate_sdk::control_request::Request;
 use palpate_sdk::proto::ResetBody;
-use palpate_sdk::{Connection, ControlRequest, Endpoints, Status, WatchOptions};
+use palpate_sdk::{Connection, Endpoints, Status, WatchOptions};
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -163,7 +163,7 @@ impl Shared {
         let mut last = None;
         while !self.stop.load(Relaxed) {
             if self.reset.swap(false, Relaxed) {
-                connection.control(ControlRequest { request: Some(Request::Reset(ResetBody {})) })?;
+                connection.control(Request::Reset(ResetBody {}))?;
             }
             let moment = frames.latest().filter(|moment| last != Some(moment.sequence));
             let mut seen = self.lock();
