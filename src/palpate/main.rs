@@ -54,6 +54,8 @@ enum Command {
     Prepare(prepare_command::PrepareArgs),
     /// Start a recording on a running server, and stop it again
     Record(RecordArgs),
+    /// List the servers that a server or a zenoh router knows
+    List(ListArgs),
     /// Run a recording again and compare bit for bit
     Replay(ReplayArgs),
     /// Write a recording for other tools: a table, a series for ParaView, a file for Foxglove
@@ -96,6 +98,9 @@ struct ServerArgs {
     /// Endpoint of surface, session, control, status and presence
     #[arg(long, default_value = keys::DEFAULT_SURFACE_ENDPOINT)]
     surface_endpoint: String,
+    /// Also connect to this zenoh router, which passes on what the server and its clients send; may be given several times
+    #[arg(long, value_name = "ENDPOINT")]
+    connect: Vec<String>,
     /// Bind the simulation thread to this CPU
     #[arg(long)]
     cpu: Option<usize>,
@@ -126,10 +131,11 @@ enum LogFormat {
 impl ServerArgs {
     /// Where it listens, and who can reach it. Fails, with a remedy, where it cannot listen: before the body is built.
     fn describe(&self) -> anyhow::Result<String> {
+        server::check_routers(&self.connect)?;
         let force = server::reach(&self.force_endpoint, server::FORCE_OPTION)?;
         let surface = server::reach(&self.surface_endpoint, server::SURFACE_OPTION)?;
         let reach = match (force, surface) {
-            (Reach::ThisMachine, Reach::ThisMachine) => "from this machine only",
+            (Reach::ThisMachine, Reach::ThisMachine) if self.connect.is_empty() => "from this machine only",
             _ => "FROM OTHER MACHINES TOO, without authentication",
         };
         Ok(format!(
@@ -149,6 +155,7 @@ impl ServerArgs {
             session: self.session.clone(),
             force_endpoint: self.force_endpoint.clone(),
             surface_endpoint: self.surface_endpoint.clone(),
+            routers: self.connect.clone(),
             cpu: self.cpu,
             record: self.record.clone(),
             recordings: self.recordings.clone(),
@@ -210,6 +217,13 @@ struct RecordArgs {
 }
 
 #[derive(Args)]
+struct ListArgs {
+    /// A server's surface endpoint, or a router's
+    #[arg(long, value_name = "ENDPOINT", default_value = keys::DEFAULT_SURFACE_ENDPOINT)]
+    connect: String,
+}
+
+#[derive(Args)]
 struct ReplayArgs {
     /// The recording
     file: PathBuf,
@@ -249,6 +263,7 @@ fn main() -> ExitCode {
         Command::Simulate(args) => simulate(&args),
         Command::Prepare(args) => prepare_command::run(&args),
         Command::Record(args) => record(&args),
+        Command::List(args) => list(&args),
         Command::Replay(args) => replay_file(&args),
         Command::Export(args) => export_command::run(&args),
     };
@@ -474,6 +489,21 @@ fn record(args: &RecordArgs) -> anyhow::Result<ExitCode> {
         bail!("{}: {}", done.path, done.fault);
     }
     say!("{}: {} ticks from {}, {:.1} MB", done.path, done.ticks, done.first_tick, done.bytes as f64 / 1e6)?;
+    Ok(ExitCode::SUCCESS)
+}
+
+/// A line for each server: its session, its body, and its tools, which may be taken.
+fn list(args: &ListArgs) -> anyhow::Result<ExitCode> {
+    for session in palpate_sdk::sessions(&args.connect)? {
+        let endpoints =
+            palpate_sdk::Endpoints { surface: args.connect.clone(), session: session.clone(), ..Default::default() };
+        // One that has just ended answers no more: it is left out.
+        let Ok(found) = palpate_sdk::Connection::open_surface(&endpoints)?.session() else { continue };
+        let state = |taken| if taken { "taken" } else { "free" };
+        let tools = found.tools.iter().map(|tool| format!("{} ({})", tool.name, state(tool.taken)));
+        let body = found.body.unwrap_or_default().name;
+        say!("{session}: {body}; {}", tools.collect::<Vec<_>>().join(", "))?;
+    }
     Ok(ExitCode::SUCCESS)
 }
 

@@ -28,15 +28,22 @@ impl Served {
         Self::run(Command::new(program), arguments)
     }
 
-    fn run(mut serve: Command, arguments: &[&str]) -> Self {
+    fn run(serve: Command, arguments: &[&str]) -> Self {
         let taken: Vec<TcpListener> = (0..2).map(|_| TcpListener::bind("127.0.0.1:0").unwrap()).collect();
         let endpoint = |i: usize| format!("tcp/127.0.0.1:{}", taken[i].local_addr().unwrap().port());
         let endpoints = [endpoint(0), endpoint(1)];
         drop(taken);
+        Self::at(serve, arguments, endpoints)
+    }
+
+    /// Starts `serve`, which runs the program, with `arguments` at `endpoints`, and waits until it answers.
+    pub fn at(mut serve: Command, arguments: &[&str], endpoints: [String; 2]) -> Self {
         serve.arg("serve").args(arguments).arg("--until-input-ends");
         serve.args(["--force-endpoint", &endpoints[0], "--surface-endpoint", &endpoints[1]]);
         let process = serve.stdin(Stdio::piped()).stdout(Stdio::null()).spawn().unwrap();
-        let surface = palpate_sdk::Endpoints { surface: endpoints[1].clone(), ..Default::default() };
+        let session = arguments.iter().skip_while(|argument| **argument != "--session").nth(1);
+        let session = session.map_or_else(|| palpate_sdk::Endpoints::default().session, |name| (*name).to_owned());
+        let surface = palpate_sdk::Endpoints { surface: endpoints[1].clone(), session, ..Default::default() };
         let is_up = || palpate_sdk::Connection::open_surface(&surface).is_ok_and(|c| c.session().is_ok());
         assert!((0..20).any(|_| is_up()), "the server does not come up");
         Self { process, endpoints }

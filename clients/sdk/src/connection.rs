@@ -248,6 +248,24 @@ fn check_session_name(endpoints: &Endpoints) -> Result<(), SdkError> {
     }
 }
 
+/// Names of the sessions of all servers that can be reached at `endpoint`, a server's surface endpoint or that of a zenoh router;
+/// in their order. Errors: [`SdkError::Connect`], [`SdkError::Zenoh`].
+pub fn sessions(endpoint: &str) -> Result<Vec<String>, SdkError> {
+    let (session, key) = (open_session(endpoint)?, keys::session("*"));
+    let tokens = session.liveliness().get(&key).timeout(ANSWER_TIMEOUT).wait().map_err(|error| SdkError::Zenoh {
+        operation: "look for",
+        key: key.clone(),
+        reason: reason(error),
+    })?;
+    let name = |key: &str| key.split('/').nth_back(1).unwrap_or_default().to_owned();
+    let mut names: Vec<String> = std::iter::from_fn(|| tokens.recv().ok())
+        .filter_map(|token| Some(name(token.result().ok()?.key_expr())))
+        .collect();
+    names.sort();
+    names.dedup();
+    Ok(names)
+}
+
 fn open_session(endpoint: &str) -> Result<zenoh::Session, SdkError> {
     client_config(endpoint)
         .and_then(|config| zenoh::open(config).wait())

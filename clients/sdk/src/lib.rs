@@ -25,7 +25,7 @@ mod relay;
 mod tool;
 mod watch;
 
-pub use connection::{Connection, Endpoints, Subscription};
+pub use connection::{Connection, Endpoints, Subscription, sessions};
 pub use echo::EchoProbe;
 pub use error::SdkError;
 pub use palpate_client::*;

@@ -55,9 +55,9 @@ impl Recording {
     /// As [`Recording::read`].
     pub fn from_bytes(bytes: &[u8], name: &str) -> Result<Self, RecordingError> {
         let content = |what: String| RecordingError::Content { path: name.to_owned(), what };
-        // Without the end-of-file magic a cut file still gives its messages up to the cut.
-        let options = mcap::read::Options::IgnoreEndMagic.into();
-        let stream = mcap::MessageStream::new_with_options(bytes, options)
+        // Without the end-of-file magic a cut file still gives its messages up to the cut; checksums are not checked unless asked for.
+        use mcap::read::Options;
+        let stream = mcap::MessageStream::new_with_options(bytes, Options::IgnoreEndMagic | Options::ValidateChunkCrcs)
             .map_err(|source| RecordingError::Mcap { path: name.to_owned(), source })?;
         let mut start = None;
         let (mut inputs, mut hashes) = (Vec::<(u64, Inputs)>::new(), BTreeMap::new());

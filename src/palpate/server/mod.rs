@@ -46,6 +46,8 @@ pub struct Options {
     pub force_endpoint: String,
     /// Endpoint of everything else.
     pub surface_endpoint: String,
+    /// Endpoints of zenoh routers that pass on what the server and its clients send.
+    pub routers: Vec<String>,
     /// CPU to bind the simulation thread to.
     pub cpu: Option<usize>,
     /// Record from the first tick into this file.
@@ -61,6 +63,7 @@ impl Default for Options {
             session: keys::DEFAULT_SESSION.into(),
             force_endpoint: keys::DEFAULT_FORCE_ENDPOINT.into(),
             surface_endpoint: keys::DEFAULT_SURFACE_ENDPOINT.into(),
+            routers: Vec::new(),
             cpu: None,
             record: None,
             recordings: "recordings".into(),
@@ -72,6 +75,8 @@ impl Default for Options {
 pub const FORCE_OPTION: &str = "--force-endpoint";
 /// See [`FORCE_OPTION`].
 pub const SURFACE_OPTION: &str = "--surface-endpoint";
+/// The option of the command line that gives the routers.
+pub const ROUTER_OPTION: &str = "--connect";
 
 /// Connections to the force endpoint, which hands alone need: viewers cannot take their places.
 const HANDS: u32 = 64;
@@ -94,6 +99,9 @@ pub enum ServerError {
         /// The system's words, or zenoh's.
         reason: String,
     },
+    /// What is given for a router is no endpoint.
+    #[error("cannot connect to {0}: this is no endpoint. Remedy: give {ROUTER_OPTION} as in tcp/192.168.0.2:7447")]
+    Router(String),
     /// zenoh refused something later.
     #[error("network: {0}")]
     Network(String),
@@ -177,6 +185,7 @@ pub struct Server {
     local_models: local_model::LocalModels,
     tasks: Vec<tokio::task::JoinHandle<()>>,
     sessions: [zenoh::Session; 2],
+    _alive: zenoh::liveliness::LivelinessToken,
     live: watch::Receiver<proto::Status>,
     flush_status: tokio::sync::mpsc::Sender<tokio::sync::oneshot::Sender<()>>,
 }
@@ -207,7 +216,7 @@ impl Server {
 
         // The force session first, and from a real-time thread: zenoh's threads inherit its class.
         let force_session = open_force_session(&options)?;
-        let surface_session = open(&options.surface_endpoint, SURFACE_OPTION, &options.session, VIEWERS)?;
+        let surface_session = open(&options.surface_endpoint, SURFACE_OPTION, &options, VIEWERS)?;
 
         let (stop, health) = (Arc::new(AtomicBool::new(false)), Health::new());
         let thread = SimThread::new(simulation, sim_ends);
@@ -254,6 +263,9 @@ impl Server {
             .await?,
         ];
         tasks.push(surface_output::publish(&shared, &surface_session, &desk, frames).await?);
+        // It can be found now that it answers.
+        let alive = surface_session.liveliness().declare_token(keys::session(&shared.options.session));
+        let alive = alive.await.map_err(network)?;
         Ok(Server {
             shared,
             warning: granted.warning(),
@@ -263,6 +275,7 @@ impl Server {
             local_models,
             tasks,
             sessions: [force_session, surface_session],
+            _alive: alive,
             live,
             flush_status,
         })
@@ -345,12 +358,12 @@ fn spawn_simulation(
 }
 
 fn open_force_session(options: &Options) -> Result<zenoh::Session, ServerError> {
-    let (endpoint, name) = (options.force_endpoint.clone(), options.session.clone());
+    let options = options.clone();
     let opened = std::thread::spawn(move || {
         if scheduling::fifo(scheduling::FORCE_NETWORK).is_err() {
             tracing::debug!("the force network's threads run at normal priority");
         }
-        open(&endpoint, FORCE_OPTION, &name, HANDS)
+        open(&options.force_endpoint, FORCE_OPTION, &options, HANDS)
     });
     opened.join().map_err(|_| ServerError::Network("zenoh panicked while opening".into()))?
 }
@@ -372,6 +385,8 @@ fn access(name: &str) -> String {
     let from_server =
         [keys::all_tool_wrenches(name), keys::echo_reply(name), keys::status(name), keys::all_surface_frames(name)];
     let presence = [keys::all_presence(name)];
+    // Servers are found by the liveliness of their session keys.
+    let (alive, whoever) = ([keys::session(name)], [keys::session("*")]);
     let rules = [
         ("ingress", &["put"][..], &from_clients[..]),
         ("ingress", &["query"], &answers),
@@ -381,6 +396,8 @@ fn access(name: &str) -> String {
         ("egress", &["reply", "declare_queryable"], &answers),
         ("egress", &["declare_subscriber"], &from_clients),
         ("egress", &["declare_liveliness_subscriber", "liveliness_query"], &presence),
+        ("egress", &["liveliness_token"], &alive),
+        ("ingress", &["declare_liveliness_subscriber", "liveliness_query"], &whoever),
     ];
     let rules: Vec<_> = rules
         .iter()
@@ -402,13 +419,27 @@ fn access(name: &str) -> String {
     .to_string()
 }
 
-/// A session that routes for its clients: no router has to run beside it. At most `places` may be connected.
-fn open(endpoint: &str, option: &'static str, name: &str, places: u32) -> Result<zenoh::Session, ServerError> {
+/// Fails where `routers` holds something that is no endpoint: before a body is built.
+///
+/// # Errors
+/// [`ServerError::Router`].
+pub fn check_routers(routers: &[String]) -> Result<(), ServerError> {
+    let is_endpoint = |router: &String| router.parse::<zenoh::config::EndPoint>().is_ok();
+    routers.iter().find(|router| !is_endpoint(router)).map_or(Ok(()), |router| Err(ServerError::Router(router.clone())))
+}
+
+/// A session that routes for its clients: no router has to run beside it. At most `places` may be connected. Routers that do
+/// not answer are tried again as long as it lasts, and what passes between them and this one is what passes for clients.
+fn open(endpoint: &str, option: &'static str, options: &Options, places: u32) -> Result<zenoh::Session, ServerError> {
+    let (name, routers) = (&options.session, &options.routers);
     let mut config = zenoh::Config::default();
     for (key, value) in [
         ("mode", "\"router\"".to_owned()),
         ("listen/endpoints", format!("[{endpoint:?}]")),
         ("listen/exit_on_failure", "true".into()),
+        ("connect/endpoints", format!("{routers:?}")),
+        // One that was away is back within a second or two [ms].
+        ("connect/retry", "{ period_init_ms: 200, period_max_ms: 1000 }".into()),
         ("scouting/multicast/enabled", "false".into()),
         ("scouting/gossip/enabled", "false".into()),
         // There is nobody to look for: without this, opening waits half a second.
