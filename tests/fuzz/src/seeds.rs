@@ -434,7 +434,7 @@ pub fn inputs() -> Vec<Vec<u8>> {
     recorded(topics::INPUTS).into_iter().take(8).collect()
 }
 
-/// A pose of the holder that [`crate::gate`] lets pass.
+/// A pose of the holder of [`crate::EPOCH`].
 pub fn pose() -> proto::ToolPose {
     proto::ToolPose {
         epoch: crate::EPOCH,
@@ -444,7 +444,6 @@ pub fn pose() -> proto::ToolPose {
         position: vec![0.05, 0.05, 0.12],
         orientation: vec![0.0, 0.0, 0.0, 1.0],
         buttons: 1,
-        ..Default::default()
     }
 }
 
