@@ -174,6 +174,8 @@ fn record_starts_and_stops_a_recording_on_a_running_server() {
     let said = record("swing.mcap").success();
     let text = String::from_utf8_lossy(&said.get_output().stdout).into_owned();
     assert!(text.contains("swing.mcap") && text.contains("ticks from"), "{text}");
+    let listed = palpate(&["list", "--connect", &surface]).success();
+    assert_eq!(String::from_utf8_lossy(&listed.get_output().stdout), "main: cube; ball (free)\n");
     let refused = stderr(&record("../swing.mcap").failure());
     assert!(refused.contains("below the server's recordings folder"), "{refused}");
     drop(serving);
@@ -184,6 +186,17 @@ fn record_starts_and_stops_a_recording_on_a_running_server() {
     assert!((500..2000).contains(&ticks), "{text}");
     let gone = stderr(&palpate(&["record", "x.mcap", "--surface-endpoint", &surface]).failure());
     assert!(gone.contains(&surface), "{gone}");
+    let gone = stderr(&palpate(&["list", "--connect", &surface]).failure());
+    assert!(gone.contains(&surface), "{gone}");
+}
+
+#[test]
+fn a_router_that_is_no_endpoint_is_refused_before_the_body_is_built() {
+    for router in ["nonsense", "10.0.0.2:7447", ""] {
+        let e = stderr(&palpate(&[&["serve"], &SMALL[..], &["--connect", router]].concat()).failure());
+        assert_eq!(e.lines().count(), 1, "no work before it: {e}");
+        assert!(e.contains(&format!("cannot connect to {router}: ")) && e.contains("Remedy: give --connect"), "{e}");
+    }
 }
 
 /// Two endpoints of this machine that nobody listens on.

@@ -15,7 +15,7 @@ mod wheel;
 use browser::{Heard, Page, Visitor};
 use c_program::{Linked, compile_example, held_forces, library, run};
 use palpate_proto::ToolPhase;
-use palpate_sdk::{Connection, Device, Attachment, Endpoints, PoseSample, Registration};
+use palpate_sdk::{Attachment, Connection, Device, Endpoints, PoseSample, Registration};
 use served::Served;
 use std::io::{BufRead, BufReader};
 use std::path::Path;

@@ -6,7 +6,7 @@
 //! X Y Z \[m\] is the place in the body that the origin of the service's space is registered to.
 
 use palpate_sdk::{
-    Clutch, Connection, Device, Attachment, Endpoints, Frame, PoseSample, Registration, RenderMode, Renderer, Tool,
+    Attachment, Clutch, Connection, Device, Endpoints, Frame, PoseSample, Registration, RenderMode, Renderer, Tool,
 };
 use serde_json::{Value, json};
 use std::error::Error;

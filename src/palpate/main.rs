@@ -57,6 +57,8 @@ enum Command {
     Certificates(certificates_command::CertificatesArgs),
     /// Start a recording on a running server, and stop it again
     Record(RecordArgs),
+    /// List the servers that a server or a zenoh router knows
+    List(ListArgs),
     /// Run a recording again and compare bit for bit
     Replay(ReplayArgs),
     /// Write a recording for other tools: a table, a series for ParaView, a file for Foxglove
@@ -99,6 +101,9 @@ struct ServerArgs {
     /// Endpoint of surface, session, control, status and presence
     #[arg(long, default_value = keys::DEFAULT_SURFACE_ENDPOINT)]
     surface_endpoint: String,
+    /// Also connect to this zenoh router, which passes on what the server and its clients send; may be given several times
+    #[arg(long, value_name = "ENDPOINT")]
+    connect: Vec<String>,
     /// Bind the simulation thread to this CPU
     #[arg(long)]
     cpu: Option<usize>,
@@ -149,6 +154,7 @@ impl ServerArgs {
             session: self.session.clone(),
             force_endpoint: self.force_endpoint.clone(),
             surface_endpoint: self.surface_endpoint.clone(),
+            routers: self.connect.clone(),
             cpu: self.cpu,
             record: self.record.clone(),
             recordings: self.recordings.clone(),
@@ -254,6 +260,16 @@ struct RecordArgs {
 }
 
 #[derive(Args)]
+struct ListArgs {
+    /// A server's surface endpoint, or a router's
+    #[arg(long, value_name = "ENDPOINT", default_value = keys::DEFAULT_SURFACE_ENDPOINT)]
+    connect: String,
+    /// Folder of your certificate, where the server asks for one
+    #[arg(long, value_name = "FOLDER")]
+    identity: Option<PathBuf>,
+}
+
+#[derive(Args)]
 struct ReplayArgs {
     /// The recording
     file: PathBuf,
@@ -294,6 +310,7 @@ fn main() -> ExitCode {
         Command::Prepare(args) => prepare_command::run(&args),
         Command::Certificates(args) => certificates_command::run(args),
         Command::Record(args) => record(&args),
+        Command::List(args) => list(&args),
         Command::Replay(args) => replay_file(&args),
         Command::Export(args) => export_command::run(&args),
     };
@@ -526,6 +543,25 @@ fn record(args: &RecordArgs) -> anyhow::Result<ExitCode> {
         bail!("{}: {}", done.path, done.fault);
     }
     say!("{}: {} ticks from {}, {:.1} MB", done.path, done.ticks, done.first_tick, done.bytes as f64 / 1e6)?;
+    Ok(ExitCode::SUCCESS)
+}
+
+/// A line for each server: its session, its body, and its tools, which may be taken.
+fn list(args: &ListArgs) -> anyhow::Result<ExitCode> {
+    for session in palpate_sdk::sessions(&args.connect, args.identity.as_deref())? {
+        let endpoints = palpate_sdk::Endpoints {
+            surface: args.connect.clone(),
+            session: session.clone(),
+            identity: args.identity.clone(),
+            ..Default::default()
+        };
+        // One that has just ended answers no more: it is left out.
+        let Ok(found) = palpate_sdk::Connection::open_surface(&endpoints)?.session() else { continue };
+        let state = |taken| if taken { "taken" } else { "free" };
+        let tools = found.tools.iter().map(|tool| format!("{} ({})", tool.name, state(tool.taken)));
+        let body = found.body.unwrap_or_default().name;
+        say!("{session}: {body}; {}", tools.collect::<Vec<_>>().join(", "))?;
+    }
     Ok(ExitCode::SUCCESS)
 }
 

@@ -1,4 +1,5 @@
 //! Chance that any seed repeats.
+#![allow(dead_code, reason = "each test uses a part")]
 
 use palpate_core::math::Real;
 

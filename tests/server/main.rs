@@ -12,7 +12,7 @@ use palpate::scene::LoadedScene;
 use palpate::server::{Options, Server};
 use palpate_core::model::element_kernel::Simd;
 use palpate_proto::{self as proto, Message, WrenchFlag, control_request::Request, keys};
-use palpate_sdk::{Connection, Attachment, Endpoints, PoseSample, SdkError, Tool, ToolPhase, WatchOptions, Wrench};
+use palpate_sdk::{Attachment, Connection, Endpoints, PoseSample, SdkError, Tool, ToolPhase, WatchOptions, Wrench};
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};

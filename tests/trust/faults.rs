@@ -50,7 +50,7 @@ fn a_closed_terminal_ends_a_server_with_its_recording_whole_and_another_exit_cod
         let mut served = Served::start_with(Command::new(PROGRAM), &more);
         served.signal(signal);
         assert_eq!(served.code(), Some(code), "{signal}");
-        let (code, said) = replayed(&recording);
+        let (code, said) = replayed(&recording, &[]);
         assert!(code == Some(0) && said.contains("identical"), "{signal}: {said}");
     }
 }
@@ -67,11 +67,47 @@ fn what_a_killed_server_recorded_is_there_to_the_last_second_and_replay_says_tha
     let last = hand.tick();
     served.signal("KILL");
     assert_eq!(served.code(), None);
-    let (code, said) = replayed(&recording);
+    let (code, said) = replayed(&recording, &[]);
     assert!(code == Some(3) && said.contains("identical") && said.contains("ended early"), "{said}");
     let recorded = last_tick(&said);
     println!("killed after tick {last}: recorded up to {recorded}");
     assert!(recorded + 1000 >= last, "tick {recorded} of {last}");
+}
+
+#[test]
+fn a_recording_of_which_a_byte_changed_or_that_was_cut_is_never_said_to_be_what_it_was() {
+    let folder = tempfile::tempdir().unwrap();
+    let (recording, damaged) = (folder.path().join("whole.mcap"), folder.path().join("damaged.mcap"));
+    let more = [&ONE_LEVEL[..], &["--record", recording.to_str().unwrap()]].concat();
+    let mut served = Served::start_with(Command::new(PROGRAM), &more);
+    let mut hand = Hand::new(&served.endpoints);
+    let pressed = hand.press().tick;
+    hand.hold_until(INSIDE, "three seconds of pressing", |wrench, _| wrench.tick > pressed + 3000);
+    served.signal("TERM");
+    assert_eq!(served.code(), Some(0));
+    let portable = ["--kernel", "portable"];
+    assert_eq!(replayed(&recording, &portable).0, Some(0));
+    let whole = std::fs::read(&recording).unwrap();
+    // Records of a byte that tells the kind, eight for the length, and content. Between chunks stand indices, which replay does not
+    // need.
+    let (mut chunks, mut at) = (Vec::new(), mcap::MAGIC.len());
+    while at + mcap::MAGIC.len() < whole.len() {
+        let length = u64::from_le_bytes(whole[at + 1..at + 9].try_into().unwrap()) as usize;
+        chunks.extend((whole[at] == mcap::records::op::CHUNK).then_some(at));
+        at += 9 + length;
+    }
+    assert!(chunks.len() > 3, "{} chunks", chunks.len());
+    for chunk in [chunks[1], chunks[chunks.len() - 1]] {
+        // Far enough into the chunk to be among its messages.
+        let at = chunk + 1000;
+        let mut changed = whole.clone();
+        changed[at] ^= 0x55;
+        for bytes in [&changed[..], &whole[..at]] {
+            std::fs::write(&damaged, bytes).unwrap();
+            let (code, said) = replayed(&damaged, &portable);
+            assert!(matches!(code, Some(1 | 3)), "byte {at} of {}: {code:?}, {said}", whole.len());
+        }
+    }
 }
 
 /// Presses until the recording has ended early for `why`, and some more; then the server ends, degraded.
@@ -109,7 +145,7 @@ fn a_file_that_may_not_grow_ends_the_recording_and_not_the_server() {
     limited.args(["-c", &format!("ulimit -f 2048; exec {PROGRAM} \"$@\""), "sh"]);
     let more = [&ONE_LEVEL[..], &["--record", recording.to_str().unwrap()]].concat();
     ends_early(Served::start_with(limited, &more), "too large");
-    let (code, said) = replayed(&recording);
+    let (code, said) = replayed(&recording, &[]);
     assert!(code == Some(3) && said.contains("ended early") && said.contains("identical"), "{said}");
 }
 
@@ -133,7 +169,7 @@ fn a_recording_ends_before_the_disk_is_full_and_says_so_itself() {
     small.args(["-rm", "sh", "-c", &script, "sh"]);
     let more = [&ONE_LEVEL[..], &["--record", recording.to_str().unwrap()]].concat();
     ends_early(Served::start_with(small, &more), "nearly full");
-    let (code, said) = replayed(&kept);
+    let (code, said) = replayed(&kept, &[]);
     assert!(code == Some(3) && said.contains("nearly full") && said.contains("identical"), "{said}");
 }
 
@@ -176,7 +212,7 @@ fn recordings_take_the_place_of_nothing_and_follow_no_link() {
     assert!(!outside.exists());
     served.signal("TERM");
     assert_eq!(served.code(), Some(0), "a refusal is no fault of the server");
-    assert_eq!(replayed(&recordings.join("new.mcap")).0, Some(0));
+    assert_eq!(replayed(&recordings.join("new.mcap"), &[]).0, Some(0));
 }
 
 /// What the page of metrics says.

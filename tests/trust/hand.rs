@@ -11,8 +11,9 @@ pub const INSIDE: f64 = -0.008;
 /// A hand on the cube.
 pub struct Hand {
     connection: Connection,
-    /// Which tool it takes; any, where that is empty.
-    name: String,
+    /// What it takes, and where it holds it: x and y [m].
+    attachment: Attachment,
+    place: [f64; 2],
     tool: Option<Tool>,
     /// Every wrench of every tool that it has had, as they came.
     wrenches: Arc<Mutex<Vec<Wrench>>>,
@@ -24,15 +25,22 @@ pub struct Hand {
 const PATIENCE: Duration = Duration::from_secs(60);
 
 impl Hand {
-    /// Connected; it attaches with its first pose.
+    /// Connected, above the middle of the cube; it attaches with its first pose.
     pub fn new(endpoints: &[String; 2]) -> Self {
-        let [force, surface] = endpoints.clone();
-        Self::of(Connection::open(&Endpoints { force, surface, ..Endpoints::default() }).unwrap(), "")
+        Self::with("", [0.05, 0.05], endpoints)
     }
 
-    /// The same over `connection`, for the tool called `name`.
-    pub fn of(connection: Connection, name: &str) -> Self {
-        Self { connection, name: name.into(), tool: None, wrenches: Arc::default(), attached: 0 }
+    /// The same with the tool called `tool`, or any where the name is empty, above `place` (x, y) [m].
+    pub fn with(tool: &str, place: [f64; 2], endpoints: &[String; 2]) -> Self {
+        let [force, surface] = endpoints.clone();
+        let connection = Connection::open(&Endpoints { force, surface, ..Endpoints::default() }).unwrap();
+        Self::of(connection, tool, place)
+    }
+
+    /// The same over `connection`.
+    pub fn of(connection: Connection, tool: &str, place: [f64; 2]) -> Self {
+        let attachment = Attachment { client: "hand".into(), tool: tool.into(), ..Attachment::default() };
+        Self { connection, attachment, place, tool: None, wrenches: Arc::default(), attached: 0 }
     }
 
     /// Holds the tool at `height` for a millisecond; attaches first where it has none. The newest wrench of the tool, with
@@ -44,14 +52,14 @@ impl Hand {
         if self.tool.is_none() {
             let seen = self.wrenches.clone();
             let observer = move |wrench: &Wrench, _| seen.lock().unwrap().push(*wrench);
-            let attachment = Attachment { client: "hand".into(), tool: self.name.clone(), ..Attachment::default() };
             // Refused, or unanswered, it tries again with the next step.
-            self.tool = self.connection.attach_observed(&attachment, observer).ok();
+            self.tool = self.connection.attach_observed(&self.attachment, observer).ok();
             self.attached += u32::from(self.tool.is_some());
         }
         std::thread::sleep(Duration::from_millis(1));
         let tool = self.tool.as_mut()?;
-        let position = [0.05, 0.05, 0.12 + height];
+        let [x, y] = self.place;
+        let position = [x, y, 0.12 + height];
         tool.send_pose(PoseSample { position, orientation: [0.0, 0.0, 0.0, 1.0], linear_velocity: None, buttons: 0 })
             .ok()?;
         let wrench = tool.latest_wrench()?.wrench;
@@ -95,6 +103,11 @@ impl Hand {
     /// The wrenches of ticks after `tick`, of all tools that it has had.
     pub fn wrenches_after(&self, tick: u64) -> Vec<Wrench> {
         self.wrenches.lock().unwrap().iter().filter(|wrench| wrench.tick > tick).copied().collect()
+    }
+
+    /// Every wrench that has come since this was asked last, of all tools that it has had.
+    pub fn take_wrenches(&self) -> Vec<Wrench> {
+        std::mem::take(&mut self.wrenches.lock().unwrap())
     }
 
     /// The epoch of the tool that it holds; 0: none.

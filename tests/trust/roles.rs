@@ -187,7 +187,7 @@ fn who_has_a_certificate_and_no_role_is_told_so() {
 #[test]
 fn a_viewer_gets_frames_and_no_wrenches_and_moves_nothing() {
     let secured = Secured::start();
-    let mut hand = Hand::of(secured.connect("root"), "right");
+    let mut hand = Hand::of(secured.connect("root"), "right", [0.05, 0.05]);
     hand.press();
     let wall = secured.connect("wall");
     assert_eq!(wall.role().unwrap(), proto::Role { name: "wall".into(), role: "viewer".into(), ..Default::default() });
@@ -216,7 +216,7 @@ fn an_operator_has_tools_of_its_own_alone() {
     assert_eq!(anna.role().unwrap().tools, [0]);
     assert!(words(anna.attach(&attachment("right"))).contains("no tool \"right\": there is left for you"));
     assert!(words(anna.control(reset())).contains("anna is operator on this server, and may not reset"));
-    let mut hand = Hand::of(anna.clone(), "");
+    let mut hand = Hand::of(anna.clone(), "", [0.05, 0.05]);
     assert!(length(hand.press().force) > 0.1);
     assert!(words(anna.attach(&attachment(""))).contains("every tool is taken"));
 
@@ -279,7 +279,7 @@ fn an_instructor_resets_and_records_and_does_not_touch() {
     assert!(recorded.ticks > 0 && recorded.fault.is_empty(), "{recorded:?}");
     assert!(words(ines.attach(&attachment(""))).contains("ines is instructor on this server, and may not attach"));
     let [force, _] = secured.strangers("ines");
-    let mut hand = Hand::of(secured.connect("anna"), "left");
+    let mut hand = Hand::of(secured.connect("anna"), "left", [0.05, 0.05]);
     hand.press();
     let heard = overheard(&[force], &["**".into(), keys::all_tool_wrenches(SESSION), keys::tool_wrench(SESSION, 0)]);
     let began = hand.tick();

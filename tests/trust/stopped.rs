@@ -57,7 +57,7 @@ fn a_stop_of(stop: Duration) {
     // The stop is a number among the inputs: what was felt follows from the recording, bit for bit.
     served.signal("TERM");
     assert_eq!(served.code(), Some(0));
-    let (code, said) = replayed(&recording);
+    let (code, said) = replayed(&recording, &[]);
     assert!(code == Some(0) && said.contains("identical"), "{said}");
 }
 

@@ -6,14 +6,14 @@ use super::stranger::stranger;
 use palpate_proto::{self as proto, Message, control_request::Request, keys};
 use palpate_sdk::{Connection, Endpoints, ToolPhase};
 use std::net::TcpStream;
-use std::process::Command;
+use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, mpsc};
 use std::time::{Duration, Instant};
 use zenoh::Wait;
 use zenoh::qos::CongestionControl;
 
-const SESSION: &str = keys::DEFAULT_SESSION;
+pub const SESSION: &str = keys::DEFAULT_SESSION;
 
 fn serve() -> Served {
     Served::start_with(Command::new(env!("CARGO_BIN_EXE_palpate")), &["--set", "body.cells=[[6,6,6]]"])
@@ -25,7 +25,7 @@ fn connected(served: &Served) -> Connection {
 }
 
 /// A wrench that pushes sideways with all that there is.
-fn forged(epoch: u32, sequence: u64, tick: u64) -> Vec<u8> {
+pub fn forged(epoch: u32, sequence: u64, tick: u64) -> Vec<u8> {
     let force = vec![3.3, 0.0, 0.0];
     let wrench = proto::ToolWrench {
         epoch,
@@ -197,6 +197,16 @@ fn ask(endpoint: &str) {
     std::thread::park();
 }
 
+/// Starts a process that asks the server at `endpoint`.
+pub fn asker(endpoint: &str) -> Child {
+    Command::new(std::env::current_exe().unwrap())
+        .arg("thousands_of_questions_whose_answers_nobody_reads_part_no_hand_from_the_body_and_take_little_memory")
+        .env(ASKER, endpoint)
+        .stdout(Stdio::null())
+        .spawn()
+        .unwrap()
+}
+
 #[test]
 fn thousands_of_questions_whose_answers_nobody_reads_part_no_hand_from_the_body_and_take_little_memory() {
     if let Ok(endpoint) = std::env::var(ASKER) {
@@ -216,12 +226,7 @@ fn thousands_of_questions_whose_answers_nobody_reads_part_no_hand_from_the_body_
     };
     let quiet = press(&mut hand, 2000, &mut || ());
     let before = size(&served);
-    let mut asker = Command::new(std::env::current_exe().unwrap())
-        .arg("thousands_of_questions_whose_answers_nobody_reads_part_no_hand_from_the_body_and_take_little_memory")
-        .env(ASKER, &served.endpoints[1])
-        .stdout(std::process::Stdio::null())
-        .spawn()
-        .unwrap();
+    let mut asker = asker(&served.endpoints[1]);
     let (mut most, mut looked) = (before, Instant::now());
     let loud = press(&mut hand, 4000, &mut || {
         if looked.elapsed() > Duration::from_millis(100) {

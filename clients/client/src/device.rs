@@ -126,10 +126,18 @@ impl Device {
     ///
     /// Errors: [`ClientError::DeviceFile`], which names the file, and the line or the key.
     pub fn from_file(path: impl AsRef<Path>) -> Result<Device, ClientError> {
-        let path = path.as_ref();
-        let fault = |reason: String| ClientError::DeviceFile { file: path.display().to_string(), reason };
-        let text = std::fs::read_to_string(path).map_err(|error| fault(error.to_string()))?;
-        let device: Device = toml::from_str(&text).map_err(|error| fault(error.to_string().trim_end().to_owned()))?;
+        let file = path.as_ref().display().to_string();
+        let unreadable =
+            |error: std::io::Error| ClientError::DeviceFile { file: file.clone(), reason: error.to_string() };
+        Self::from_text(&std::fs::read_to_string(&path).map_err(unreadable)?, &file)
+    }
+
+    /// Reads a device from the `text` of such a file, which errors call `file`.
+    ///
+    /// Errors: as [`from_file`](Self::from_file).
+    pub fn from_text(text: &str, file: &str) -> Result<Device, ClientError> {
+        let fault = |reason: String| ClientError::DeviceFile { file: file.to_owned(), reason };
+        let device: Device = toml::from_str(text).map_err(|error| fault(error.to_string().trim_end().to_owned()))?;
         device.check().map_err(fault)?;
         Ok(device)
     }

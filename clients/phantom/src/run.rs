@@ -12,7 +12,7 @@ use std::{
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use hdrhistogram::Histogram;
 use palpate_sdk::{
-    Connection, EchoProbe, Attachment, Endpoints, Link, LinkConditions, PoseSample, Registration, RenderMode, Renderer,
+    Attachment, Connection, EchoProbe, Endpoints, Link, LinkConditions, PoseSample, Registration, RenderMode, Renderer,
     Session, Tool, ToolDescription, ToolPhase, WRENCH_BYTES, Wrench,
 };
 

@@ -1,7 +1,7 @@
 //! A client without a display or a device: finds the session of a running `palpate serve`, takes a tool, presses it into the
 //! highest place of the body and prints the force: `cargo run -p palpate-sdk --example press`.
 
-use palpate_sdk::{Connection, Attachment, Endpoints, PoseSample, SdkError};
+use palpate_sdk::{Attachment, Connection, Endpoints, PoseSample, SdkError};
 use std::time::Duration;
 
 /// How far the tool's reference point goes above and below the place [m].

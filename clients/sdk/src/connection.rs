@@ -288,6 +288,24 @@ fn check_session_name(endpoints: &Endpoints) -> Result<(), SdkError> {
     if keys::is_name(&endpoints.session) { Ok(()) } else { Err(SdkError::SessionName(endpoints.session.clone())) }
 }
 
+/// Names of the sessions of all servers that can be reached at `endpoint`, a server's surface endpoint or that of a zenoh router;
+/// in their order. Errors: [`SdkError::Connect`], [`SdkError::Zenoh`].
+pub fn sessions(endpoint: &str, folder: Option<&Path>) -> Result<Vec<String>, SdkError> {
+    let (session, key) = (open_session(endpoint, folder)?, keys::session("*"));
+    let tokens = session.liveliness().get(&key).timeout(ANSWER_TIMEOUT).wait().map_err(|error| SdkError::Zenoh {
+        operation: "look for",
+        key: key.clone(),
+        reason: reason(error),
+    })?;
+    let name = |key: &str| key.split('/').nth_back(1).unwrap_or_default().to_owned();
+    let mut names: Vec<String> = std::iter::from_fn(|| tokens.recv().ok())
+        .filter_map(|token| Some(name(token.result().ok()?.key_expr())))
+        .collect();
+    names.sort();
+    names.dedup();
+    Ok(names)
+}
+
 fn open_session(endpoint: &str, folder: Option<&Path>) -> Result<zenoh::Session, SdkError> {
     let certificates = match folder {
         Some(folder) => identity::settings(folder).map_err(SdkError::Identity)?,

@@ -25,7 +25,7 @@ mod relay;
 mod tool;
 mod watch;
 
-pub use connection::{Connection, Endpoints, Subscription};
+pub use connection::{Connection, Endpoints, Subscription, sessions};
 pub use echo::EchoProbe;
 pub use error::SdkError;
 pub use palpate_client::*;
@@ -33,5 +33,5 @@ pub use palpate_proto::{
     ControlReply, ControlRequest, Organ, Role, Session, Status, SurfaceFrame, SurfaceTopology, ToolDescription,
     ToolPhase, ToolState, control_request,
 };
-pub use tool::{Counters, Attachment, Received, Tool, ToolStatus};
+pub use tool::{Attachment, Counters, Received, Tool, ToolStatus};
 pub use watch::{SurfaceWatch, WatchCounters, WatchOptions};

@@ -7,7 +7,7 @@
 
 use anyhow::Context;
 use hdrhistogram::Histogram;
-use palpate_sdk::{Connection, Attachment, Endpoints, PoseSample};
+use palpate_sdk::{Attachment, Connection, Endpoints, PoseSample};
 use palpate_viewer::app::App;
 use palpate_viewer::offscreen::Offscreen;
 use palpate_viewer::painter::Painter;

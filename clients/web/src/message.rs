@@ -99,18 +99,30 @@ pub(crate) fn to_page(kind: u8, message: &impl Message) -> Bytes {
 
 /// A binary message of a page.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) enum FromPage {
+pub enum FromPage {
+    /// [`CONTROL`].
     Control(ControlRequest),
-    Pose { tool: u32, pose: PagePose },
+    /// [`POSE`].
+    Pose {
+        /// The tool's number.
+        tool: u32,
+        /// Its pose.
+        pose: PagePose,
+    },
+    /// [`SEEN`]: the sequence of the newest frame that the page has decoded.
     Seen(u64),
 }
 
 /// A pose as the page gave it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct PagePose {
+pub struct PagePose {
+    /// Of the holding of the tool.
     pub epoch: u32,
+    /// +1 with every pose of the page.
     pub sequence: u32,
+    /// On the page's clock [ns].
     pub time_ns: u64,
+    /// Every number is finite.
     pub sample: PoseSample,
 }
 

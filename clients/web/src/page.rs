@@ -13,7 +13,7 @@ use axum::body::Bytes;
 use axum::extract::ws::{CloseFrame, Message, WebSocket, close_code};
 use futures_util::{SinkExt, StreamExt, stream::SplitSink, stream::SplitStream};
 use palpate_sdk::proto::{Attached, Detach};
-use palpate_sdk::{ControlReply, ControlRequest, Attachment, control_request::Request};
+use palpate_sdk::{Attachment, ControlReply, ControlRequest, control_request::Request};
 use tokio::sync::{mpsc, watch};
 use tokio::time::{MissedTickBehavior, interval, timeout};
 

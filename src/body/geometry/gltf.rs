@@ -23,7 +23,7 @@ const KNOWN: [&str; 3] = ["KHR_mesh_quantization", "KHR_texture_transform", "KHR
 const INSTANCES: &str = "EXT_mesh_gpu_instancing";
 
 /// What a file says of itself, and its binary part.
-fn root(bytes: &[u8]) -> Result<(Root, Option<&[u8]>), MeshError> {
+pub(super) fn root(bytes: &[u8]) -> Result<(Root, Option<&[u8]>), MeshError> {
     let (json, binary) = if bytes.starts_with(b"glTF") { chunks(bytes)? } else { (bytes, None) };
     let root = Root::from_slice(json).map_err(|e| MeshError::Syntax {
         format: "glTF",

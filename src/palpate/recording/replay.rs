@@ -46,11 +46,19 @@ impl Recording {
     pub fn read(path: &Path) -> Result<Self, RecordingError> {
         let name = path.display().to_string();
         let bytes = std::fs::read(path).map_err(|source| RecordingError::Io { path: name.clone(), source })?;
-        let content = |what: String| RecordingError::Content { path: name.clone(), what };
-        // Without the end-of-file magic a cut file still gives its messages up to the cut.
-        let options = mcap::read::Options::IgnoreEndMagic.into();
-        let stream = mcap::MessageStream::new_with_options(&bytes, options)
-            .map_err(|source| RecordingError::Mcap { path: name.clone(), source })?;
+        Self::from_bytes(&bytes, &name)
+    }
+
+    /// The recording in `bytes`, which errors call `name`. Bytes are not trusted.
+    ///
+    /// # Errors
+    /// As [`Recording::read`].
+    pub fn from_bytes(bytes: &[u8], name: &str) -> Result<Self, RecordingError> {
+        let content = |what: String| RecordingError::Content { path: name.to_owned(), what };
+        // Without the end-of-file magic a cut file still gives its messages up to the cut; checksums are not checked unless asked for.
+        use mcap::read::Options;
+        let stream = mcap::MessageStream::new_with_options(bytes, Options::IgnoreEndMagic | Options::ValidateChunkCrcs)
+            .map_err(|source| RecordingError::Mcap { path: name.to_owned(), source })?;
         let mut start = None;
         let (mut inputs, mut hashes) = (Vec::<(u64, Inputs)>::new(), BTreeMap::new());
         let (mut wrenches, mut frames) = (BTreeMap::new(), BTreeMap::<u64, Vec<_>>::new());

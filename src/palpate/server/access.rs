@@ -13,6 +13,8 @@ pub(super) fn access(session: &str, clients: &Clients) -> String {
     let mut access = Access::default();
     // Also for those who have a certificate and no role: they are told so.
     let roles = [keys::all_roles(session)];
+    // Servers are found by the liveliness of their session keys.
+    let (alive, whoever) = ([keys::session(session)], [keys::session("*")]);
     access.policy(
         "*",
         json!({}),
@@ -20,6 +22,8 @@ pub(super) fn access(session: &str, clients: &Clients) -> String {
             ("ingress", &["query"], &roles),
             ("egress", &["declare_queryable"], &roles),
             ("egress", &["reply"], &[keys::role(session, keys::NOBODY)]),
+            ("egress", &["liveliness_token"], &alive),
+            ("ingress", &["declare_liveliness_subscriber", "liveliness_query"], &whoever),
         ],
     );
     for (name, client) in clients.iter() {

@@ -2,7 +2,7 @@
 
 use super::roles::{Clients, Trust};
 use super::router::Router;
-use super::{FORCE_OPTION, Options, SURFACE_OPTION, ServerError};
+use super::{FORCE_OPTION, Options, ROUTER_OPTION, SURFACE_OPTION, ServerError};
 use std::net::{SocketAddr, TcpListener, ToSocketAddrs, UdpSocket};
 use std::path::Path;
 
@@ -30,7 +30,7 @@ enum Transport {
 ///
 /// # Errors
 /// [`ServerError::Listen`]: an endpoint is none, or cannot be listened on now. [`ServerError::Trust`]: it would let in whom it
-/// knows nothing of. [`ServerError::Identity`], [`ServerError::ZenohConfig`]: such a file cannot be used.
+/// knows nothing of. [`ServerError::Router`]: a router is no endpoint. [`ServerError::Identity`], [`ServerError::ZenohConfig`]: such a file cannot be used.
 pub fn check(options: &Options) -> Result<Reach, ServerError> {
     let mut all = Reach::ThisMachine;
     for (endpoint, option) in [(&options.force_endpoint, FORCE_OPTION), (&options.surface_endpoint, SURFACE_OPTION)] {
@@ -56,6 +56,25 @@ pub fn check(options: &Options) -> Result<Reach, ServerError> {
             _ => continue,
         };
         return Err(ServerError::Trust { endpoint: endpoint.clone(), option, reason });
+    }
+    for router in &options.routers {
+        if router.parse::<zenoh::config::EndPoint>().is_err() {
+            return Err(ServerError::Router(router.clone()));
+        }
+        let reason = match options.trust {
+            Trust::ThisMachine => {
+                "whoever reaches that router could move tools, reset the body and record. Remedy: quic/ in place of tcp/, with \
+                 --identity and --roles; or --insecure, in a network where everybody may"
+            }
+            Trust::Certificates { .. } if !router.starts_with("quic/") => {
+                "only QUIC asks for certificates. Remedy: a router as in quic/192.168.0.2:7447"
+            }
+            _ => continue,
+        };
+        return Err(ServerError::Trust { endpoint: router.clone(), option: ROUTER_OPTION, reason });
+    }
+    if !options.routers.is_empty() {
+        all = Reach::Others;
     }
     Router::new(options, &Clients::default())?;
     Ok(all)
@@ -150,7 +169,7 @@ mod tests {
     fn others_are_let_in_with_certificates_or_where_it_is_said_that_everybody_may() {
         let folder = tempfile::tempdir().unwrap();
         let files = [identity::AUTHORITY, identity::CERTIFICATE, identity::KEY, "roles.toml"];
-        files.map(|name| std::fs::write(folder.path().join(name), "").unwrap());
+        files.iter().for_each(|name| std::fs::write(folder.path().join(name), "").unwrap());
         let roles = Roles::read(&folder.path().join("roles.toml")).unwrap();
         let certificates = Trust::Certificates { identity: folder.path().into(), roles: roles.clone() };
         assert_eq!(of("tcp/127.0.0.1:0", &Trust::ThisMachine).unwrap(), Reach::ThisMachine);

@@ -51,6 +51,8 @@ pub struct Options {
     pub force_endpoint: String,
     /// Endpoint of everything else.
     pub surface_endpoint: String,
+    /// Endpoints of zenoh routers that pass on what the server and its clients send.
+    pub routers: Vec<String>,
     /// CPU to bind the simulation thread to.
     pub cpu: Option<usize>,
     /// Record from the first tick into this file.
@@ -70,6 +72,7 @@ impl Default for Options {
             session: keys::DEFAULT_SESSION.into(),
             force_endpoint: keys::DEFAULT_FORCE_ENDPOINT.into(),
             surface_endpoint: keys::DEFAULT_SURFACE_ENDPOINT.into(),
+            routers: Vec::new(),
             cpu: None,
             record: None,
             recordings: "recordings".into(),
@@ -83,6 +86,8 @@ impl Default for Options {
 pub const FORCE_OPTION: &str = "--force-endpoint";
 /// See [`FORCE_OPTION`].
 pub const SURFACE_OPTION: &str = "--surface-endpoint";
+/// The option of the command line that gives the routers.
+pub const ROUTER_OPTION: &str = "--connect";
 
 /// Why a server does not start.
 #[derive(Debug, thiserror::Error)]
@@ -129,6 +134,9 @@ pub enum ServerError {
         /// What is wrong with it.
         reason: String,
     },
+    /// What is given for a router is no endpoint.
+    #[error("cannot connect to {0}: this is no endpoint. Remedy: give {ROUTER_OPTION} as in tcp/192.168.0.2:7447")]
+    Router(String),
     /// zenoh refused something later.
     #[error("network: {0}")]
     Network(String),
@@ -213,6 +221,7 @@ pub struct Server {
     local_models: local_model::LocalModels,
     tasks: Vec<tokio::task::JoinHandle<()>>,
     sessions: [zenoh::Session; 2],
+    _alive: zenoh::liveliness::LivelinessToken,
     live: watch::Receiver<proto::Status>,
     flush_status: tokio::sync::mpsc::Sender<tokio::sync::oneshot::Sender<()>>,
 }
@@ -295,6 +304,9 @@ impl Server {
             .await?,
         ];
         tasks.push(surface_output::publish(&shared, &surface_session, &desk, frames).await?);
+        // It can be found now that it answers.
+        let alive = surface_session.liveliness().declare_token(keys::session(&shared.options.session));
+        let alive = alive.await.map_err(network)?;
         Ok(Server {
             shared,
             warning: granted.warning(),
@@ -304,6 +316,7 @@ impl Server {
             local_models,
             tasks,
             sessions: [force_session, surface_session],
+            _alive: alive,
             live,
             flush_status,
         })

@@ -1,4 +1,5 @@
-//! The two zenoh sessions of a server. Each routes for its clients: no router has to run beside it.
+//! The two zenoh sessions of a server. Each routes for its clients: no router has to run beside it. Routers that do not answer
+//! are tried again as long as it lasts, and what passes between them and these is what passes for clients.
 
 use super::access::access;
 use super::roles::{Clients, Trust};
@@ -15,8 +16,9 @@ const VIEWERS: u32 = 512;
 
 /// What a zenoh configuration file cannot have beside [`settings`]: who is let in, by which way, and what answers beside the
 /// server.
-const CLOSED: [&str; 10] = [
+const CLOSED: [&str; 11] = [
     "adminspace",
+    "connect",
     "listen",
     "namespace",
     "plugins",
@@ -48,6 +50,9 @@ impl Router {
             Some(file) => read(file, &settings)?,
             None => Config::default(),
         };
+        settings.push(("connect/endpoints".into(), format!("{:?}", options.routers)));
+        // One that was away is back within a second or two [ms].
+        settings.push(("connect/retry".into(), "{ period_init_ms: 200, period_max_ms: 1000 }".into()));
         for (key, value) in &settings {
             config.insert_json5(key, value).map_err(|e| ServerError::Network(format!("{key}: {}", words(&e))))?;
         }

@@ -16,7 +16,7 @@ use std::{
 use border::{guarded, last_error, read, status, text, write};
 use client::{CAttachment, CPose, CRegistration, CToolState, Client, Held};
 
-use crate::{Connection, Device, Attachment, Endpoints, Frame, Registration, RenderMode};
+use crate::{Attachment, Connection, Device, Endpoints, Frame, Registration, RenderMode};
 
 /// See `palpate.h`.
 #[unsafe(no_mangle)]

@@ -7,7 +7,7 @@ mod hand;
 pub use hand::Press;
 
 use hand::Hand;
-use palpate_sdk::{Connection, Attachment, Endpoints, PoseSample, SdkError};
+use palpate_sdk::{Attachment, Connection, Endpoints, PoseSample, SdkError};
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};

@@ -1,7 +1,8 @@
 //! glTF 2.0 with its pictures: `.glb`, and `.gltf` with buffers and pictures inside or beside it.
 
 use super::obj::unit;
-use super::{Material, MeshError, Picture, Piece, TexturedMesh};
+use super::{Beside, Material, MeshError, Picture, Piece, TexturedMesh};
+use crate::geometry::gltf::root;
 use base64::Engine;
 use base64::prelude::BASE64_STANDARD;
 use gltf::image::Source;
@@ -10,15 +11,15 @@ use nalgebra::Matrix4;
 use palpate_core::math::{Mat3, Real, Vec3};
 use percent_encoding::percent_decode_str;
 
-type Beside<'a> = &'a dyn Fn(&str) -> Result<Vec<u8>, MeshError>;
-
 pub(super) fn parse(bytes: &[u8], beside: Beside) -> Result<TexturedMesh, MeshError> {
-    let gltf::Gltf { document, blob } = gltf::Gltf::from_slice(bytes).map_err(|e| wrong(e.to_string()))?;
+    // Not by the library, which panics where a file says that it is shorter than its header.
+    let (root, blob) = root(bytes)?;
+    let document = gltf::Document::from_json(root).map_err(|e| wrong(e.to_string()))?;
     let buffers = document
         .buffers()
         .map(|buffer| {
             let bytes = match buffer.source() {
-                gltf::buffer::Source::Bin => blob.clone().unwrap_or_default(),
+                gltf::buffer::Source::Bin => blob.unwrap_or_default().to_vec(),
                 gltf::buffer::Source::Uri(uri) => content(uri, beside)?,
             };
             match bytes.len() < buffer.length() {

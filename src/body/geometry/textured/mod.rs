@@ -15,6 +15,9 @@ use palpate_core::math::Real;
 use std::io::Read;
 use std::path::{Component, Path, PathBuf};
 
+/// Gives the bytes of the file of a name, which a mesh file refers to.
+pub type Beside<'a> = &'a dyn Fn(&str) -> Result<Vec<u8>, MeshError>;
+
 /// Largest total of a mesh's pictures [bytes]: every viewer gets them.
 pub const MOST_PICTURE_BYTES: usize = 64 << 20;
 
@@ -62,12 +65,19 @@ impl TexturedMesh {
     /// # Errors
     /// When a file is missing or damaged, holds no triangles, or a picture is neither PNG nor JPEG.
     pub fn read(path: &Path, unit: LengthUnit) -> Result<Self, MeshError> {
-        let bytes = read_file(path)?;
         let folder = path.parent().unwrap_or(Path::new(""));
-        let beside = |name: &str| read_file(&folder.join(below(name)?));
+        Self::parse(path, &read_file(path)?, &|name| read_file(&folder.join(below(name)?)), unit)
+    }
+
+    /// The surface to look at in `bytes`, lengths in `unit`; the extension of `path` tells the format, and `beside` gives the
+    /// bytes of a file that it refers to.
+    ///
+    /// # Errors
+    /// As [`TexturedMesh::read`].
+    pub fn parse(path: &Path, bytes: &[u8], beside: Beside, unit: LengthUnit) -> Result<Self, MeshError> {
         let mut mesh = match path.extension().map(|e| e.to_string_lossy().to_lowercase()).as_deref() {
-            Some("obj") => obj::parse(&bytes, &beside)?,
-            Some("glb" | "gltf") => gltf::parse(&bytes, &beside)?,
+            Some("obj") => obj::parse(bytes, beside)?,
+            Some("glb" | "gltf") => gltf::parse(bytes, beside)?,
             _ => {
                 let what = format!("{} as a surface to look at", path.display());
                 return Err(MeshError::Unsupported { what, remedy: "give an .obj, .glb or .gltf file" });

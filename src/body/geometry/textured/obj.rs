@@ -1,6 +1,6 @@
 //! Wavefront OBJ with its MTL files.
 
-use super::{Material, MeshError, Picture, Piece, TexturedMesh};
+use super::{Beside, Material, MeshError, Picture, Piece, TexturedMesh};
 use std::cell::RefCell;
 use std::io::Cursor;
 use std::path::Path;
@@ -8,16 +8,15 @@ use std::path::Path;
 /// Exponent between the colours of MTL files, as screens have them, and linear ones.
 const GAMMA: f32 = 2.2;
 
-pub(super) fn parse(
-    bytes: &[u8],
-    beside: &dyn Fn(&str) -> Result<Vec<u8>, MeshError>,
-) -> Result<TexturedMesh, MeshError> {
+pub(super) fn parse(bytes: &[u8], beside: Beside) -> Result<TexturedMesh, MeshError> {
     let wrong = |what: String| MeshError::Syntax { format: "OBJ", line: None, what };
     // Faces become triangles; each vertex has one position, one normal and one texture coordinate.
     let options = tobj::LoadOptions { single_index: true, triangulate: true, ignore_points: true, ignore_lines: true };
     let failed = RefCell::new(None);
     let (models, materials) =
         tobj::load_obj_buf(&mut Cursor::new(bytes), &options, |name: &Path| match beside(&name.to_string_lossy()) {
+            // The library panics at a colour of fewer than three numbers.
+            Ok(bytes) if has_short_colour(&bytes) => Err(tobj::LoadError::MaterialParseError),
             Ok(bytes) => tobj::load_mtl_buf(&mut Cursor::new(bytes)),
             Err(e) => {
                 *failed.borrow_mut() = Some(e);
@@ -70,6 +69,14 @@ pub(super) fn parse(
         mesh.add(Material { name, triangles: piece.triangles.len(), colour, picture }, piece);
     }
     Ok(mesh)
+}
+
+/// True where a colour of the material file `bytes` has fewer than three numbers.
+fn has_short_colour(bytes: &[u8]) -> bool {
+    String::from_utf8_lossy(bytes).lines().any(|line| {
+        let mut words = line.split_whitespace();
+        matches!(words.next(), Some("Ka" | "Kd" | "Ks" | "Ke")) && words.count() < 3
+    })
 }
 
 /// `normal` of unit length; one of no length as it is.

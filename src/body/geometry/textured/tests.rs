@@ -114,10 +114,24 @@ fn what_cannot_be_shown_is_refused_with_a_remedy() {
 }
 
 #[test]
+fn a_colour_of_fewer_than_three_numbers_is_an_error() {
+    for kind in ["Ka", "Kd", "Ks", "Ke"] {
+        let mtl = MTL.replace("Kd 0.5 0 1", &format!("{kind} 0.5 0"));
+        let e = read(&[("a.obj", OBJ.as_bytes()), ("looks.mtl", mtl.as_bytes()), ("skin.png", PNG)]).unwrap_err();
+        assert!(e.to_string().contains("material file"), "{e}");
+    }
+}
+
+#[test]
 fn a_damaged_file_is_an_error_and_nothing_worse() {
     let whole = glb(TEXTURED);
     for cut in 0..whole.len() {
         assert!(read(&[("a.glb", &whole[..cut])]).is_err(), "cut to {cut} bytes");
+    }
+    // In its header the file says how long it is.
+    let said = |length: u32| read(&[("a.glb", &[&whole[..8], &length.to_le_bytes(), &whole[12..]].concat())]);
+    for length in [0, 11, u32::MAX] {
+        assert_eq!(said(length).unwrap(), read(&[("a.glb", &whole)]).unwrap());
     }
     let text = String::from_utf8_lossy(&whole).into_owned();
     for (good, bad) in [
