@@ -39,6 +39,16 @@ fn seconds() -> f64 {
     time.tv_sec as f64 + 1e-9 * time.tv_nsec as f64
 }
 
+/// What `read` gives, which may ask for `untouched` bytes more than it uses: a reservation that no memory stands behind.
+pub fn reserving<T>(untouched: i64, read: impl FnOnce() -> T) -> T {
+    let (most, held) = (MOST.get(), HELD.get());
+    MOST.set(held);
+    let result = read();
+    let own = MOST.get();
+    MOST.set(most.max(if own - held > untouched { own - untouched } else { own }));
+    result
+}
+
 /// What `read` gives. Panics when it held more than a hundred times `bytes` and a megabyte at once, or took the processor
 /// for more than a second and 10 µs a byte.
 pub fn bounded<T>(bytes: usize, read: impl FnOnce() -> T) -> T {

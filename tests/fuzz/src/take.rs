@@ -8,7 +8,10 @@ use std::sync::LazyLock;
 
 static TARGET: LazyLock<&Target> = LazyLock::new(|| {
     let name = std::env::var("PALPATE_FUZZ_TARGET").unwrap_or_default();
-    TARGETS.iter().find(|target| target.name == name).unwrap_or_else(|| panic!("no target {name:?}"))
+    let target = TARGETS.iter().find(|target| target.name == name).unwrap_or_else(|| panic!("no target {name:?}"));
+    // What is made once, with the seeds, costs no input anything.
+    assert!((target.seeds)().iter().all(|seed| target.take(seed)), "{name}");
+    target
 });
 
 libfuzzer_sys::fuzz_target!(

@@ -14,6 +14,11 @@ use percent_encoding::percent_decode_str;
 pub(super) fn parse(bytes: &[u8], beside: Beside) -> Result<TexturedMesh, MeshError> {
     // Not by the library, which panics where a file says that it is shorter than its header.
     let (root, blob) = root(bytes)?;
+    // The library's check looks up positions before it has checked that there are so many accessors.
+    let mut named = root.meshes.iter().flat_map(|mesh| &mesh.primitives).flat_map(|p| p.attributes.values());
+    if named.any(|accessor| accessor.value() >= root.accessors.len()) {
+        return Err(wrong("a mesh refers to an accessor that does not exist".into()));
+    }
     let document = gltf::Document::from_json(root).map_err(|e| wrong(e.to_string()))?;
     let buffers = document
         .buffers()

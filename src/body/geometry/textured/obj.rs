@@ -10,6 +10,10 @@ const GAMMA: f32 = 2.2;
 
 pub(super) fn parse(bytes: &[u8], beside: Beside) -> Result<TexturedMesh, MeshError> {
     let wrong = |what: String| MeshError::Syntax { format: "OBJ", line: None, what };
+    // The library multiplies numbers of vertices before it compares them with how many there are.
+    if has_absurd_index(bytes) {
+        return Err(wrong("a face refers to a vertex that does not exist".into()));
+    }
     // Faces become triangles; each vertex has one position, one normal and one texture coordinate.
     let options = tobj::LoadOptions { single_index: true, triangulate: true, ignore_points: true, ignore_lines: true };
     let failed = RefCell::new(None);
@@ -69,6 +73,15 @@ pub(super) fn parse(bytes: &[u8], beside: Beside) -> Result<TexturedMesh, MeshEr
         mesh.add(Material { name, triangles: piece.triangles.len(), colour, picture }, piece);
     }
     Ok(mesh)
+}
+
+/// True where a face, line or point of the file `bytes` has a number larger than the file.
+fn has_absurd_index(bytes: &[u8]) -> bool {
+    String::from_utf8_lossy(bytes).lines().any(|line| {
+        let mut words = line.split_whitespace();
+        let is_absurd = |number: &str| number.parse::<i64>().is_ok_and(|n| n.unsigned_abs() > bytes.len() as u64);
+        matches!(words.next(), Some("f" | "l" | "p")) && words.flat_map(|word| word.split('/')).any(is_absurd)
+    })
 }
 
 /// True where a colour of the material file `bytes` has fewer than three numbers.

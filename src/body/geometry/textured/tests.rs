@@ -114,6 +114,17 @@ fn what_cannot_be_shown_is_refused_with_a_remedy() {
 }
 
 #[test]
+fn a_vertex_of_an_absurd_number_is_an_error() {
+    for vertex in ["9223372036854775807", "-9223372036854775807"] {
+        for face in [format!("{vertex}/1/1"), format!("1/{vertex}/1"), format!("1/1/{vertex}")] {
+            let obj = OBJ.replacen("f 1/1/1", &format!("f {face}"), 1);
+            let e = read(&[("a.obj", obj.as_bytes()), ("looks.mtl", MTL.as_bytes()), ("skin.png", PNG)]).unwrap_err();
+            assert!(e.to_string().contains("does not exist"), "{e}");
+        }
+    }
+}
+
+#[test]
 fn a_colour_of_fewer_than_three_numbers_is_an_error() {
     for kind in ["Ka", "Kd", "Ks", "Ke"] {
         let mtl = MTL.replace("Kd 0.5 0 1", &format!("{kind} 0.5 0"));
@@ -140,6 +151,7 @@ fn a_damaged_file_is_an_error_and_nothing_worse() {
         (r#""componentType":5126,"count":3,"type":"VEC2""#, r#""componentType":5125,"count":3,"type":"VEC2""#),
         (r#""byteOffset":96"#, r#""byteOffset":999"#),
         (r#""nodes":[0]"#, r#""nodes":[7]"#),
+        (r#""POSITION":0"#, r#""POSITION":7"#),
     ] {
         assert!(text.contains(good), "{good}");
         let at = text.find(good).unwrap();
