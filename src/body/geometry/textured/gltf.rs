@@ -20,8 +20,11 @@ pub(super) fn parse(bytes: &[u8], beside: Beside) -> Result<TexturedMesh, MeshEr
         return Err(wrong("a mesh refers to an accessor that does not exist".into()));
     }
     // And it takes for granted that a picture in the file has a kind.
-    if root.images.iter().any(|image| image.uri.is_none() && (image.buffer_view.is_none() || image.mime_type.is_none()))
-    {
+    let is_there = |image: &gltf_json::Image| match image.buffer_view {
+        Some(_) => image.mime_type.is_some(),
+        None => image.uri.is_some(),
+    };
+    if !root.images.iter().all(is_there) {
         return Err(wrong("a picture is neither in the file, with its kind, nor beside it".into()));
     }
     let document = gltf::Document::from_json(root).map_err(|e| wrong(e.to_string()))?;
