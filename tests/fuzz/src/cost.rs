@@ -39,13 +39,11 @@ fn seconds() -> f64 {
     time.tv_sec as f64 + 1e-9 * time.tv_nsec as f64
 }
 
-/// What `read` gives, which may ask for `untouched` bytes more than it uses: a reservation that no memory stands behind.
-pub fn reserving<T>(untouched: i64, read: impl FnOnce() -> T) -> T {
-    let (most, held) = (MOST.get(), HELD.get());
-    MOST.set(held);
+/// What `read` gives, of whose memory only what is left at its end is counted: it reserves what it does not touch.
+pub fn reserving<T>(read: impl FnOnce() -> T) -> T {
+    let most = MOST.get();
     let result = read();
-    let own = MOST.get();
-    MOST.set(most.max(if own - held > untouched { own - untouched } else { own }));
+    MOST.set(most.max(HELD.get()));
     result
 }
 

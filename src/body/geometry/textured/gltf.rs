@@ -19,6 +19,14 @@ pub(super) fn parse(bytes: &[u8], beside: Beside) -> Result<TexturedMesh, MeshEr
     if named.any(|accessor| accessor.value() >= root.accessors.len()) {
         return Err(wrong("a mesh refers to an accessor that does not exist".into()));
     }
+    // And it takes for granted that a picture in the file has a kind.
+    let is_there = |image: &gltf_json::Image| match image.buffer_view {
+        Some(_) => image.mime_type.is_some(),
+        None => image.uri.is_some(),
+    };
+    if !root.images.iter().all(is_there) {
+        return Err(wrong("a picture is neither in the file, with its kind, nor beside it".into()));
+    }
     let document = gltf::Document::from_json(root).map_err(|e| wrong(e.to_string()))?;
     let buffers = document
         .buffers()

@@ -152,6 +152,7 @@ fn a_damaged_file_is_an_error_and_nothing_worse() {
         (r#""byteOffset":96"#, r#""byteOffset":999"#),
         (r#""nodes":[0]"#, r#""nodes":[7]"#),
         (r#""POSITION":0"#, r#""POSITION":7"#),
+        (r#""mimeType""#, r#""kind""#),
     ] {
         assert!(text.contains(good), "{good}");
         let at = text.find(good).unwrap();
