@@ -93,8 +93,8 @@ fn debian(package: &Path, root: &Path) -> PathBuf {
 fn c(archive: &Path, folder: &Path, program: &Path) {
     unpack(archive, folder);
     let inside = fs::read_dir(folder).unwrap().next().unwrap().unwrap().path();
-    // Of what the tests are built with, which checks itself; without that the static one too takes less than 15 MB.
-    for (name, most) in [("libpalpate_sdk.so", 15_000_000), ("libpalpate_sdk.a", 18_000_000)] {
+    // Of what the tests are built with, which checks itself; some 9 MB of the static one are QUIC.
+    for (name, most) in [("libpalpate_sdk.so", 15_000_000), ("libpalpate_sdk.a", 25_000_000)] {
         let size = inside.join("lib").join(name).metadata().unwrap().len();
         println!("{name}: {:.1} MB", size as f64 / 1e6);
         assert!(size < most, "stripped, and no more than that: {size}");

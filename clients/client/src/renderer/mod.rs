@@ -31,8 +31,7 @@ const BLEND_TIME: f64 = 8e-3;
 /// The guarded modes keep account of the energy that the force has given out to the hand [Hannaford & Ryu 2002]. Beyond
 /// half of the budget, [`Device::passivity_budget`], damping takes it back, up to the device's greatest, and the force
 /// of the environment fades, to nothing at the whole budget. A touch that gives back no more than it took is not
-/// altered. What a touch has taken in counts until the force ends: old friction pays for nothing new. What it gave too
-/// much is forgotten 70 ms after the body has stopped pushing, as is every force.
+/// altered. What a touch has taken in counts until the force ends: old friction pays for nothing new.
 #[derive(Clone, Debug)]
 pub struct Renderer {
     mode: RenderMode,
@@ -46,8 +45,6 @@ pub struct Renderer {
     /// What an older model gave more than the newer one, fading [N].
     excess: Vector3<f64>,
     passivity: PassivityController,
-    /// When the body pushed last [ns].
-    pushed_ns: u64,
     /// The force of the last call, where the device was and when [ns].
     last: Option<(Vector3<f64>, Vector3<f64>, u64)>,
 }
@@ -64,7 +61,6 @@ impl Renderer {
             taken: None,
             excess: Vector3::zeros(),
             passivity: PassivityController::new(device),
-            pushed_ns: 0,
             last: None,
         }
     }
@@ -109,11 +105,8 @@ impl Renderer {
             self.change_model(newer, x, now_ns);
         }
         let mut F = self.environment(x, now_ns);
-        // What still fades does not make it a touch.
-        if F == Vector3::zeros() || self.model.force(x) == Vector3::zeros() {
-            self.passivity.end_touch(now_ns.saturating_sub(self.pushed_ns));
-        } else {
-            self.pushed_ns = now_ns;
+        if F == Vector3::zeros() {
+            self.passivity.end_touch();
         }
         if self.mode.is_guarded() {
             F = self.passivity.guarded(F, v, dt);
