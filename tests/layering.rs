@@ -190,6 +190,7 @@ fn every_import_follows_the_map() {
             let programs = [
                 "main",
                 "certificates_command",
+                "list_command",
                 "companion",
                 "demo",
                 "doctor",

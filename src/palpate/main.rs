@@ -6,6 +6,7 @@ mod demo;
 mod doctor;
 mod ending;
 mod export_command;
+mod list_command;
 mod metrics_page;
 mod prepare_command;
 mod progress;
@@ -58,7 +59,7 @@ enum Command {
     /// Start a recording on a running server, and stop it again
     Record(RecordArgs),
     /// List the servers that a server or a zenoh router knows
-    List(ListArgs),
+    List(list_command::ListArgs),
     /// Run a recording again and compare bit for bit
     Replay(ReplayArgs),
     /// Write a recording for other tools: a table, a series for ParaView, a file for Foxglove
@@ -260,16 +261,6 @@ struct RecordArgs {
 }
 
 #[derive(Args)]
-struct ListArgs {
-    /// A server's surface endpoint, or a router's
-    #[arg(long, value_name = "ENDPOINT", default_value = keys::DEFAULT_SURFACE_ENDPOINT)]
-    connect: String,
-    /// Folder of your certificate, where the server asks for one
-    #[arg(long, value_name = "FOLDER")]
-    identity: Option<PathBuf>,
-}
-
-#[derive(Args)]
 struct ReplayArgs {
     /// The recording
     file: PathBuf,
@@ -310,7 +301,7 @@ fn main() -> ExitCode {
         Command::Prepare(args) => prepare_command::run(&args),
         Command::Certificates(args) => certificates_command::run(args),
         Command::Record(args) => record(&args),
-        Command::List(args) => list(&args),
+        Command::List(args) => list_command::run(&args),
         Command::Replay(args) => replay_file(&args),
         Command::Export(args) => export_command::run(&args),
     };
@@ -543,25 +534,6 @@ fn record(args: &RecordArgs) -> anyhow::Result<ExitCode> {
         bail!("{}: {}", done.path, done.fault);
     }
     say!("{}: {} ticks from {}, {:.1} MB", done.path, done.ticks, done.first_tick, done.bytes as f64 / 1e6)?;
-    Ok(ExitCode::SUCCESS)
-}
-
-/// A line for each server: its session, its body, and its tools, which may be taken.
-fn list(args: &ListArgs) -> anyhow::Result<ExitCode> {
-    for session in palpate_sdk::sessions(&args.connect, args.identity.as_deref())? {
-        let endpoints = palpate_sdk::Endpoints {
-            surface: args.connect.clone(),
-            session: session.clone(),
-            identity: args.identity.clone(),
-            ..Default::default()
-        };
-        // One that has just ended answers no more: it is left out.
-        let Ok(found) = palpate_sdk::Connection::open_surface(&endpoints)?.session() else { continue };
-        let state = |taken| if taken { "taken" } else { "free" };
-        let tools = found.tools.iter().map(|tool| format!("{} ({})", tool.name, state(tool.taken)));
-        let body = found.body.unwrap_or_default().name;
-        say!("{session}: {body}; {}", tools.collect::<Vec<_>>().join(", "))?;
-    }
     Ok(ExitCode::SUCCESS)
 }
 

@@ -32,7 +32,7 @@ impl Focus {
 const STAY: Real = 1.3;
 /// Where the material is heterogeneous, nodes are split from this much farther away: large elements show too little of what is
 /// smaller than they are, and what they show is felt from afar.
-const UNEVEN: Real = 1.5;
+const HETEROGENEOUS: Real = 1.5;
 /// Values from here on are those of nodes that a tool is close to, and the most that strain alone gives: at the limit of
 /// the budget it gives way to touch.
 pub(super) const TOUCHED: Real = 2.0;
@@ -75,7 +75,7 @@ impl Priorities<'_> {
 
     /// How much farther than elsewhere a tool is felt around node `n`.
     fn farther(&self, n: Node) -> Real {
-        if self.body.is_heterogeneous(n) { UNEVEN } else { 1.0 }
+        if self.body.is_heterogeneous(n) { HETEROGENEOUS } else { 1.0 }
     }
 
     /// False where there is nothing finer that may be used.
@@ -109,7 +109,7 @@ impl Priorities<'_> {
         if self.focus.is_empty() {
             return;
         }
-        let near = self.near_tools(self.adaptivity.reach * UNEVEN * self.widest());
+        let near = self.near_tools(self.adaptivity.reach * HETEROGENEOUS * self.widest());
         for slot in mesh.active() {
             // Most nodes around a tool are as fine as may be, and most others are far away.
             let n = mesh.node(*slot);
