@@ -73,3 +73,11 @@ impl Drop for Served {
         let _ = self.process.wait();
     }
 }
+
+/// What replay, with more `arguments`, says of `recording`, and its exit code.
+pub fn replayed(recording: &Path, arguments: &[&str]) -> (Option<i32>, String) {
+    let mut replay = Command::new(env!("CARGO_BIN_EXE_palpate"));
+    let outcome = replay.arg("replay").arg(recording).args(arguments).output().unwrap();
+    let said = [outcome.stdout, outcome.stderr].concat();
+    (outcome.status.code(), String::from_utf8_lossy(&said).into_owned())
+}

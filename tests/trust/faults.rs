@@ -1,8 +1,7 @@
 //! Faults show: in the status, in the exit code, in the recording and in what replay says of it.
 
 use super::hand::{Hand, INSIDE};
-use super::replayed;
-use super::served::Served;
+use super::served::{Served, replayed};
 use palpate_proto::{self as proto, control_request::Request};
 use palpate_sdk::{Connection, Endpoints};
 use std::io::{Read, Write};

@@ -2,8 +2,8 @@
 #![cfg(target_os = "linux")] // signals, and the server itself
 
 mod faults;
+#[path = "../common/hand.rs"]
 mod hand;
-mod matrix;
 #[path = "../common/random.rs"]
 mod random;
 #[path = "../common/roads.rs"]
@@ -16,11 +16,3 @@ mod stopped;
 #[path = "../common/stranger.rs"]
 mod stranger;
 mod strangers;
-
-/// What replay, with more `arguments`, says of `recording`, and its exit code.
-fn replayed(recording: &std::path::Path, arguments: &[&str]) -> (Option<i32>, String) {
-    let mut replay = std::process::Command::new(env!("CARGO_BIN_EXE_palpate"));
-    let outcome = replay.arg("replay").arg(recording).args(arguments).output().unwrap();
-    let said = [outcome.stdout, outcome.stderr].concat();
-    (outcome.status.code(), String::from_utf8_lossy(&said).into_owned())
-}

@@ -1,7 +1,6 @@
 //! Three sites with a router each, two servers behind one of them, a hundred viewers behind the others, and hands 20 ms away.
 
-use super::hand::{Hand, INSIDE, OUTSIDE};
-use super::matrix::TOOLS;
+use super::hand::{Hand, INSIDE, OUTSIDE, TOOLS};
 use super::roads::{Apart, Road, Roads, apart};
 use super::served::Served;
 use palpate_sdk::{Connection, Endpoints, SurfaceWatch, WatchOptions};

@@ -1,8 +1,7 @@
 //! The server stopped mid-press, as by a debugger, a hypervisor or a suspended machine.
 
 use super::hand::{Hand, INSIDE, length};
-use super::replayed;
-use super::served::Served;
+use super::served::{Served, replayed};
 use palpate_sdk::ToolPhase;
 use std::process::Command;
 use std::time::{Duration, Instant};
@@ -45,14 +44,15 @@ fn a_stop_of(stop: Duration) {
         waited.len(),
         hand.attached - holding
     );
-    // Outside and in again, it feels as before, and the force begins at zero.
+    // Outside and in again, it feels as before, and the force begins at zero and grows: no tick brings half of it, however late
+    // the machine lets the hand's poses go (a hand that comes at once gets a tenth of it in a tick).
     let last = hand.tick();
     let again = length(hand.press().force);
     assert!((again / pressed - 1.0).abs() < 0.25, "{pressed} N before, {again} N after");
     let steps = hand.wrenches_after(last);
     let steps = steps.windows(2).filter(|pair| pair[1].tick == pair[0].tick + 1);
     let largest = steps.map(|pair| (length(pair[1].force) - length(pair[0].force)).abs()).fold(0.0, f64::max);
-    assert!(largest < 0.2, "{largest} N in a tick");
+    assert!(largest < 0.5 * pressed, "{largest} N in a tick");
 
     // The stop is a number among the inputs: what was felt follows from the recording, bit for bit.
     served.signal("TERM");

@@ -2,18 +2,15 @@
 
 use super::hand::{Hand, INSIDE, length};
 use super::served::Served;
-use super::stranger::stranger;
+use super::stranger::{SESSION, asker, asks, forged, stranger};
 use palpate_proto::{self as proto, Message, control_request::Request, keys};
 use palpate_sdk::{Connection, Endpoints, ToolPhase};
 use std::net::TcpStream;
-use std::process::{Child, Command, Stdio};
+use std::process::Command;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, mpsc};
 use std::time::{Duration, Instant};
 use zenoh::Wait;
-use zenoh::qos::CongestionControl;
-
-pub const SESSION: &str = keys::DEFAULT_SESSION;
 
 fn serve() -> Served {
     Served::start_with(Command::new(env!("CARGO_BIN_EXE_palpate")), &["--set", "body.cells=[[6,6,6]]"])
@@ -22,25 +19,6 @@ fn serve() -> Served {
 fn connected(served: &Served) -> Connection {
     let [force, surface] = served.endpoints.clone();
     Connection::open(&Endpoints { force, surface, ..Endpoints::default() }).unwrap()
-}
-
-/// A wrench that pushes sideways with all that there is.
-pub fn forged(epoch: u32, sequence: u64, tick: u64) -> Vec<u8> {
-    let force = vec![3.3, 0.0, 0.0];
-    let wrench = proto::ToolWrench {
-        epoch,
-        sequence,
-        tick,
-        position: vec![0.0; 3],
-        orientation: vec![0.0, 0.0, 0.0, 1.0],
-        physical_force: force.clone(),
-        physical_torque: vec![0.0; 3],
-        force,
-        torque: vec![0.0; 3],
-        phase: proto::ToolPhase::Engaged.into(),
-        ..Default::default()
-    };
-    wrench.encode_to_vec()
 }
 
 #[test]
@@ -180,37 +158,10 @@ fn size(served: &Served) -> (u64, u64) {
     (number("Threads:"), number("VmRSS:") / 1000)
 }
 
-/// Set for the process that asks, as slow callbacks would hold up the hand in their own: the endpoint of the server.
-const ASKER: &str = "PALPATE_TEST_ASKER";
-
-/// Asks for everything a thousand times, and takes a fifth of a second for each answer, for ever.
-fn ask(endpoint: &str) {
-    let session = stranger(endpoint);
-    for _ in 0..1000 {
-        let attach = keys::control(SESSION, "attach", keys::ANYBODY);
-        for key in [keys::surface_topology(SESSION), keys::session(SESSION), attach] {
-            let slow = |_| std::thread::sleep(Duration::from_millis(200));
-            // Where the server has cut it off, there is nothing more to ask.
-            let _ = session.get(key).congestion_control(CongestionControl::Block).callback(slow).wait();
-        }
-    }
-    std::thread::park();
-}
-
-/// Starts a process that asks the server at `endpoint`.
-pub fn asker(endpoint: &str) -> Child {
-    Command::new(std::env::current_exe().unwrap())
-        .arg("thousands_of_questions_whose_answers_nobody_reads_part_no_hand_from_the_body_and_take_little_memory")
-        .env(ASKER, endpoint)
-        .stdout(Stdio::null())
-        .spawn()
-        .unwrap()
-}
-
 #[test]
 fn thousands_of_questions_whose_answers_nobody_reads_part_no_hand_from_the_body_and_take_little_memory() {
-    if let Ok(endpoint) = std::env::var(ASKER) {
-        return ask(&endpoint);
+    if asks() {
+        return;
     }
     let served = serve();
     let mut hand = Hand::new(&served.endpoints);
@@ -226,7 +177,10 @@ fn thousands_of_questions_whose_answers_nobody_reads_part_no_hand_from_the_body_
     };
     let quiet = press(&mut hand, 2000, &mut || ());
     let before = size(&served);
-    let mut asker = asker(&served.endpoints[1]);
+    let mut asker = asker(
+        &served.endpoints[1],
+        "strangers::thousands_of_questions_whose_answers_nobody_reads_part_no_hand_from_the_body_and_take_little_memory",
+    );
     let (mut most, mut looked) = (before, Instant::now());
     let loud = press(&mut hand, 4000, &mut || {
         if looked.elapsed() > Duration::from_millis(100) {

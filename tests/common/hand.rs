@@ -1,8 +1,12 @@
 //! A hand as a careful program has it: it presses, notices when its tool is gone, and attaches again.
+#![allow(dead_code, reason = "each test uses a part")]
 
 use palpate_sdk::{Attachment, Connection, Endpoints, Hold, PoseSample, Tool, ToolPhase, Wrench};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
+
+/// Two balls, one for each hand.
+pub const TOOLS: &str = "tool=[{name=\"left\", radius=0.015}, {name=\"right\", radius=0.015}]";
 
 /// Height of the tool above touching the cube [m] where it is outside, and where it presses.
 pub const OUTSIDE: f64 = 0.02;
