@@ -7,10 +7,10 @@
 mod browser;
 #[path = "../clients/sdk/tests/c_program/mod.rs"]
 mod c_program;
+#[path = "common/python.rs"]
+mod python;
 #[path = "common/served.rs"]
 mod served;
-#[path = "common/wheel.rs"]
-mod wheel;
 
 use browser::{Heard, Page, Visitor};
 use c_program::{Linked, compile_example, held_forces, library, run};
@@ -194,7 +194,7 @@ fn every_client_feels_the_same_at_the_same_place() {
     } else {
         println!("C# is left out: mcs or mono is not there (apt-get install mono-mcs mono-runtime)");
     }
-    if let Some(python) = wheel::python() {
+    if let Some((python, _)) = python::python() {
         table.push(("Python", pressed("Python", || in_python(&python, &endpoints, place))));
     }
     let mut web = Command::new(program);
