@@ -1,6 +1,7 @@
-//! What the allocator itself counts, thread by thread. The simulation thread allocates nothing once it runs, while a tool
-//! attaches, presses, is lost, a recording starts and stops, and the body is reset, and while all that refines and
-//! coarsens the body. And what a body and its simulation hold grows no faster than the body has nodes.
+//! What the allocator itself counts, thread by thread, and what the kernel lets through. The simulation thread allocates nothing
+//! once it runs and asks the system for nothing but to wake others, while a tool attaches, presses, is lost, a recording starts
+//! and stops, and the body is reset, and while all that refines and coarsens the body. And what a body and its simulation hold
+//! grows no faster than the body has nodes.
 
 use palpate::realtime::clock::Clock;
 use palpate::realtime::mailbox::{Command, Frame, PoseSlot, RecordTap, mailboxes};
@@ -17,7 +18,7 @@ use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 use std::path::Path;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 struct Counting;
 thread_local! {
@@ -57,14 +58,21 @@ unsafe impl GlobalAlloc for Counting {
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
 
-/// Runs a script between ticks, from the other side of the mailboxes, without being counted; time jumps to every
-/// deadline, and now and then far beyond it.
-struct Scripted<F> {
+/// Turns of the simulation thread and of the script on the other side of its mailboxes: ticks that have ended, and those after
+/// which the script has run.
+#[derive(Default)]
+struct Turns {
+    ended: AtomicU64,
+    scripted: AtomicU64,
+}
+
+/// Lets the script run between ticks; time jumps to every deadline, and now and then far beyond it.
+struct Scripted {
     now: u64,
     tick: u64,
-    script: F,
+    turns: Arc<Turns>,
 }
-impl<F: FnMut(u64)> Clock for Scripted<F> {
+impl Clock for Scripted {
     fn now(&mut self) -> u64 {
         self.now += 50_000;
         self.now
@@ -77,14 +85,49 @@ impl<F: FnMut(u64)> Clock for Scripted<F> {
         self.tick += 1;
         let stall = if self.tick.is_multiple_of(500) { 200_000_000 } else { 0 };
         self.now = self.now.max(deadline) + stall;
-        COUNTED.set(false);
-        (self.script)(self.tick);
-        COUNTED.set(true);
+        self.turns.ended.store(self.tick, Ordering::Release);
+        // Whoever may not ask the system for anything waits awake.
+        while self.turns.scripted.load(Ordering::Acquire) < self.tick {
+            std::hint::spin_loop();
+        }
     }
 }
 
+/// From here on the kernel ends this process with SIGSYS where this thread asks it for anything but to count an eventfd up,
+/// which wakes other threads, and to end itself. A lock that somebody else holds would ask, too. The clock needs no call.
+#[cfg(target_os = "linux")]
+fn confine() {
+    use seccompiler::{BpfProgram, SeccompAction, SeccompFilter, apply_filter};
+    let end = [libc::SYS_exit, libc::SYS_madvise, libc::SYS_munmap, libc::SYS_rt_sigprocmask, libc::SYS_sigaltstack];
+    let rules = end.into_iter().chain([libc::SYS_write]).map(|call| (call, vec![])).collect();
+    let architecture = std::env::consts::ARCH.try_into().unwrap();
+    let (others, these) = (SeccompAction::KillProcess, SeccompAction::Allow);
+    let filter = SeccompFilter::new(rules, others, these, architecture).unwrap();
+    apply_filter(&BpfProgram::try_from(filter).unwrap()).unwrap();
+}
+
+/// In another process, because it ends it.
+#[cfg(target_os = "linux")]
 #[test]
-fn the_simulation_thread_allocates_nothing() {
+fn a_confined_thread_that_asks_the_system_ends_its_process() {
+    use std::os::unix::process::ExitStatusExt;
+    if std::env::var_os("PALPATE_TEST_CONFINED").is_some() {
+        std::thread::spawn(|| {
+            confine();
+            std::thread::sleep(std::time::Duration::from_millis(1));
+        })
+        .join()
+        .unwrap();
+        return;
+    }
+    let mut again = std::process::Command::new(std::env::current_exe().unwrap());
+    again.args(["a_confined_thread_that_asks_the_system_ends_its_process", "--exact"]);
+    let status = again.env("PALPATE_TEST_CONFINED", "1").output().unwrap().status;
+    assert_eq!(status.signal(), Some(libc::SIGSYS), "{status}");
+}
+
+#[test]
+fn the_simulation_thread_allocates_nothing_and_asks_the_system_for_nothing() {
     // On springs, with memory: everything that a body may have.
     let given = [
         "body.cells=[[3,3,3],[5,5,5],[9,9,9]]",
@@ -111,7 +154,7 @@ fn the_simulation_thread_allocates_nothing() {
     let (mut splits, mut merges) = (0, 0);
     let mut consumers = None;
     let (stopped, surface_area) = (stop.clone(), 0.1);
-    let script = |tick: u64| {
+    let mut script = |tick: u64| {
         match tick {
             100 => ends
                 .commands
@@ -170,16 +213,33 @@ fn the_simulation_thread_allocates_nothing() {
             taps += 1;
         }
     };
-    COUNTED.set(true);
-    thread.run(Scripted { now: 1, tick: 0, script }, &stop);
-    COUNTED.set(false);
+    let turns = Arc::new(Turns::default());
+    let clock = Scripted { now: 1, tick: 0, turns: turns.clone() };
+    let running = stop.clone();
+    let simulation = std::thread::spawn(move || {
+        #[cfg(target_os = "linux")]
+        confine();
+        COUNTED.set(true);
+        thread.run(clock, &running);
+        COUNTED.set(false);
+        // What it owns is dropped elsewhere.
+        (thread, CALLS.get())
+    });
+    while !simulation.is_finished() {
+        let ended = turns.ended.load(Ordering::Acquire);
+        if ended > turns.scripted.load(Ordering::Acquire) {
+            script(ended);
+            turns.scripted.store(ended, Ordering::Release);
+        }
+        std::thread::yield_now();
+    }
+    let (thread, calls) = simulation.join().unwrap();
 
     println!(
-        "{} calls; {contacts} ticks in contact, {recorded} recorded, {frames} frames, {taps} taps, {splits} splits, \
-         {merges} merges",
-        CALLS.get()
+        "{calls} calls; {contacts} ticks in contact, {recorded} recorded, {frames} frames, {taps} taps, {splits} splits, \
+         {merges} merges"
     );
-    assert_eq!(CALLS.get(), 0, "calls to the allocator on the simulation thread");
+    assert_eq!(calls, 0, "calls to the allocator on the simulation thread");
     // The script did happen.
     assert!(contacts > 300 && recorded > 700 && frames > 60 && taps == 1);
     assert!(splits > 20 && merges > 20);
