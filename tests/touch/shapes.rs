@@ -284,12 +284,12 @@ fn covered(spacings: &[Real], cells: u32, radius: Real) -> Setup {
 /// Two lines along the slide beside the middle [m].
 const TRACKS: [Real; 2] = [0.003, -0.0011];
 
-/// Slides a ball of 10 mm along both tracks, 1 mm deep, then 2 and 3; its force stays within a part of its mean, by depth in `all`. Unless all
-/// is tried: the least deep along the one and the deepest along the other.
+/// Slides a ball of 10 mm along both tracks, 1 mm deep, then 2 and 3; its force stays within a part of its mean, by depth in `all`.
+/// Unless all is tried: the deepest along one of them.
 fn slides(name: &str, cube: &Setup, all: &[Real]) {
     for (i, (depth, most)) in [0.001, 0.002, 0.003].into_iter().zip(all.iter().copied()).enumerate() {
         for (k, beside) in TRACKS.into_iter().enumerate() {
-            if !whole() && i != k * (all.len() - 1) {
+            if !whole() && (i + 1 < all.len() || k == 0) {
                 continue;
             }
             let (away, mean) = sliding(cube, 0.01, depth, beside);
@@ -314,6 +314,10 @@ fn a_ball_that_slides_over_a_face_that_cuts_elements_keeps_its_force() {
     slides("cover of 12.5 mm", &covered(&[0.03, 0.0125], 40, 0.01), &[0.025, 0.025, 0.03]);
     slides("cover of 8.5 mm", &covered(&[0.03, 0.0085], 40, 0.01), &[0.025; 3]);
     slides("cover of 8.5 mm, small triangles", &covered(&[0.03, 0.0085], 72, 0.01), &[0.025; 2]);
+}
+
+#[test]
+fn a_ball_that_slides_over_an_adaptive_face_that_cuts_elements_keeps_its_force() {
     slides("adaptive cover, 30 to 6 mm", &covered(&[0.03, 0.018, 0.0105, 0.006], 40, 0.01), &[0.03, 0.025, 0.025]);
 }
 
