@@ -112,7 +112,7 @@ pub enum StudyError {
 }
 
 /// Runs the study `name`, or all of them, and writes pictures, tables and a [`report`] into the folder `out`, which is made
-/// if need be: `REPORT.md`, or the study's name. The report comes back, too.
+/// if need be: `REPORT.md`, in which only what ran is new. What the studies found comes back, too.
 pub fn run(name: Option<&str>, out: &Path, progress: Progress) -> Result<String, StudyError> {
     let chosen: Vec<Study> = STUDIES.into_iter().filter(|s| name.is_none_or(|n| n == s.name)).collect();
     if chosen.is_empty() {
@@ -120,18 +120,25 @@ pub fn run(name: Option<&str>, out: &Path, progress: Progress) -> Result<String,
     }
     let failed = |source| StudyError::Write { path: out.into(), source };
     std::fs::create_dir_all(out).map_err(failed)?;
-    let mut report = report::head();
+    let (file, mut found_now) = (out.join("REPORT.md"), String::new());
     for study in chosen {
         progress(study.about);
         let began = std::time::SystemTime::now();
         let found = (study.work)(out, progress).map_err(failed)?;
         let mut pictures = report::pictures_since(out, began).map_err(failed)?;
         // Clocks of file systems are coarse: the last picture of the study before may be among them.
-        pictures.retain(|picture| !report::shows(&report, picture));
-        report += &report::section(&study, &found, &pictures);
+        pictures.retain(|picture| !report::shows(&found_now, picture));
+        let section = report::section(&study, &found, &pictures);
+        // Study by study: what ends early keeps what it has.
+        let old = match std::fs::read_to_string(&file) {
+            Ok(old) => old,
+            Err(e) if e.kind() == std::io::ErrorKind::NotFound => String::new(),
+            Err(e) => return Err(failed(e)),
+        };
+        std::fs::write(&file, report::with_section(&old, study.name, &section)).map_err(failed)?;
+        found_now += &section;
     }
-    std::fs::write(out.join(format!("{}.md", name.unwrap_or("REPORT"))), &report).map_err(failed)?;
-    Ok(report)
+    Ok(found_now)
 }
 
 #[cfg(test)]

@@ -7,17 +7,37 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::SystemTime;
 
-/// Title, machine, version, commit, build and date.
-pub fn head() -> String {
+/// What stands above all sections.
+const HEAD: &str = "# Report\n\nWritten by `palpate-study`, study by study; nothing in it is typed by hand. Each section names its run.\n";
+
+/// Machine, version, commit, build and date of a run, as a line.
+fn run() -> String {
     format!(
-        "# Report\n\nWritten by `palpate-study`; nothing in it is typed by hand.\n\n- machine: {}\n- version: {}, {}\n- build: {}\n\
-         - date: {}\n",
+        "*{}; version {}, {}, {}; {}.*",
         machine(),
         env!("CARGO_PKG_VERSION"),
         commit().unwrap_or_else(|| "commit unknown".into()),
-        if cfg!(debug_assertions) { "with debug assertions, so times are longer" } else { "optimised" },
+        if cfg!(debug_assertions) { "built with debug assertions, so times are longer" } else { "optimised" },
         humantime::format_rfc3339_seconds(SystemTime::now())
     )
+}
+
+/// The report `old`, which may be empty, with the `section` of the study `name` in place of the one that it had, in the order of
+/// the studies.
+pub fn with_section(old: &str, name: &str, section: &str) -> String {
+    let begin = |name: &str| format!("\n## {name}: ");
+    let start = |text: &str, name: &str| text.find(&begin(name));
+    let mut text = HEAD.to_owned();
+    for study in crate::STUDIES {
+        if study.name == name {
+            text += section;
+        } else if let Some(from) = start(old, study.name) {
+            let others = crate::STUDIES.iter().filter_map(|study| start(old, study.name));
+            let to = others.filter(|other| *other > from).min().unwrap_or(old.len());
+            text += &old[from..to];
+        }
+    }
+    text
 }
 
 /// The commit of the folder that this runs in, and whether files differ from it.
@@ -38,7 +58,7 @@ pub fn shows(text: &str, picture: &Path) -> bool {
 
 /// What a study found, in Markdown, and those of the `pictures` that it does not show itself.
 pub fn section(study: &Study, found: &str, pictures: &[PathBuf]) -> String {
-    let mut text = format!("\n## {}: {}\n\n{}\n", study.name, study.about, found.trim_end());
+    let mut text = format!("\n## {}: {}\n\n{}\n\n{}\n", study.name, study.about, run(), found.trim_end());
     for picture in pictures.iter().filter(|picture| !shows(found, picture)) {
         let name = picture.file_stem().unwrap_or_default().to_string_lossy();
         let file = picture.file_name().unwrap_or_default().to_string_lossy();
@@ -87,6 +107,18 @@ mod tests {
         assert!(text.contains("## claims: ") && text.contains("\n1 2 3\n"), "{text}");
         assert!(text.contains("![shown](a.png)\n\n![b curve](b_curve.png)"), "{text}");
         assert!(!text.contains("![a](a.png)") && !text.contains("old"), "{text}");
-        assert!(head().contains("machine: ") && head().contains("date: 20"));
+        assert!(text.contains("; version 0.") && text.contains(" processors, ") && text.contains("; 20"), "{text}");
+    }
+
+    #[test]
+    fn a_study_that_is_run_again_replaces_its_own_section_and_no_other() {
+        let [first, second, third] = [0, 1, 2].map(|i| crate::STUDIES[i].name);
+        let section = |name: &str, found: &str| format!("\n## {name}: it\n\n{found}\n");
+        let mut report = String::new();
+        for (name, found) in [(third, "old"), (first, "1"), (second, "2"), (third, "3")] {
+            report = with_section(&report, name, &section(name, found));
+        }
+        let sections = [(first, "1"), (second, "2"), (third, "3")].map(|(name, found)| section(name, found));
+        assert_eq!(report, format!("{HEAD}{}", sections.concat()));
     }
 }
