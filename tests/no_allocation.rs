@@ -134,6 +134,9 @@ fn the_simulation_thread_allocates_nothing_and_asks_the_system_for_nothing() {
         "hold=[{min=[0,0,0], max=[0.1,0.1,0]}]",
         "material.damping_ratio=0.1",
         "world.gravity=[0,0,0]",
+        // It lies on a floor that breathes, and against a bone.
+        "obstacle=[{name='floor', motion={displacement=[0,0,-0.002], period=0.5}}, \
+            {name='bone', shape='cylinder', radius=0.02, length=0.1, position=[-0.0201,0.05,0]}]",
         // A ball, and solid cores beside it that touch, too.
         "tool=[{name='all', shape='compound', part=[{radius=0.02}, \
             {shape='cylinder', radius=0.005, length=0.03, position=[0.0,0.0,-0.02]}, \

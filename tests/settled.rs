@@ -37,6 +37,8 @@ fn a_body_that_falls_is_crushed_or_still_swings_is_refused_with_what_to_do() {
     let free = of(&["hold=[]"]).unwrap_err();
     assert!(matches!(free.fault, Fault::Far { .. }), "{free}");
     assert!(free.to_string().contains("hold it ([[hold]])") && free.to_string().contains("unsettled = true"), "{free}");
+    let floor = "obstacle=[{name='floor', motion={displacement=[0,0,0.01], period=1.0}}]";
+    assert_eq!(of(&["hold=[]", floor]), Ok(()), "on a floor that breathes once it is served");
     let soft = of(&["material.youngs_modulus=500"]).unwrap_err();
     assert!(matches!(soft.fault, Fault::Inverted { .. } | Fault::Far { .. }), "{soft}");
     assert!(soft.to_string().contains("material.youngs_modulus"), "{soft}");

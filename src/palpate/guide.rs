@@ -46,6 +46,8 @@ macro_rules! page {
         /// [`palpate_body::prepare::body_file`]: palpate_body::prepare::body_file
         /// [`palpate_body::prepare::calibration`]: palpate_body::prepare::calibration
         /// [`palpate_core::contact::detection`]: palpate_core::contact::detection
+        /// [`palpate_core::contact::ground`]: palpate_core::contact::ground
+        /// [`palpate_core::contact::obstacle`]: palpate_core::contact::obstacle
         /// [`palpate_core::feedback::relaxed`]: palpate_core::feedback::relaxed
         /// [`palpate_core::hierarchy`]: palpate_core::hierarchy
         /// [`palpate_core::model::active_set`]: palpate_core::model::active_set

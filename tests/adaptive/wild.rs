@@ -40,6 +40,7 @@ fn wild_settings() -> Settings {
         tools: vec![tool("ball", 0.01, 0.0), tool("rod", 0.005, 0.08), tool("tip", 0.001, 0.0)],
         limits: ForceLimits { force: 3.3, torque: 0.2, slew: 1000.0 },
         // Faster than any scene allows.
+        obstacles: vec![],
         following: Following { speed: 1.5, engage_ticks: 20 },
         most_elements: 500,
         ..settings(Some(Adaptivity { split: 0.1, ..Adaptivity::default() }))

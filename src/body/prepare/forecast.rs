@@ -90,6 +90,7 @@ impl Touch {
         let settings = Settings {
             gravity: Vec3::zeros(),
             tools: vec![ball],
+            obstacles: vec![],
             following: Following { speed: 1.0, engage_ticks: 1 },
             limits: ForceLimits { force: 1e3, torque: 1e2, slew: 1e9 },
             adaptivity: Some(Adaptivity::default()),

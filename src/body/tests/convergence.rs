@@ -16,6 +16,7 @@ fn settings(gravity: Vec3, adaptivity: Option<Adaptivity>, radius: Real) -> Sett
     Settings {
         gravity,
         tools: vec![Tool { name: "ball".into(), shape: ToolShape::ball(radius), friction: 0.0 }],
+        obstacles: vec![],
         following: Following { speed: 1.0, engage_ticks: 1 },
         limits: ForceLimits { force: 100.0, torque: 10.0, slew: 1e6 },
         adaptivity,

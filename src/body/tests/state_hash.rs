@@ -4,6 +4,7 @@
 use palpate_body::geometry::primitives::sphere_surface;
 use palpate_body::prepare::{Recipe, Shape, prepare};
 use palpate_core::adaptation::Adaptivity;
+use palpate_core::contact::obstacle::{Form, Obstacle};
 use palpate_core::contact::safety::ForceLimits;
 use palpate_core::contact::tool::{Coupling, Following, PoseSample, Shape as ToolShape, Tool, ToolEvent};
 use palpate_core::math::{Pose, Vec3};
@@ -25,10 +26,17 @@ fn body() -> Arc<Body> {
     prepare(&recipe, &mut |_, _, _| {}).unwrap().into()
 }
 
+/// Just below the ball at rest.
+fn floor() -> Obstacle {
+    let pose = Pose { position: Vec3::z() * -0.05, ..Pose::default() };
+    Obstacle { name: "floor".into(), shape: Form::Ground, friction: 0.5, pose, motion: None }
+}
+
 fn settings(body: &Body) -> Settings {
     Settings {
         gravity: Vec3::zeros(),
         tools: vec![Tool { name: "ball".into(), shape: ToolShape::ball(0.01), friction: 0.5 }],
+        obstacles: vec![floor()],
         following: Following { speed: 1.0, engage_ticks: 10 },
         limits: ForceLimits { force: 100.0, torque: 10.0, slew: 1e6 },
         adaptivity: Some(Adaptivity::default()),
@@ -59,7 +67,8 @@ fn pressed(body: &Arc<Body>) -> Simulation {
 /// Every field of a snapshot, by name, with a change of it that still fits the body. One that is new and not named here is
 /// an error of the compiler.
 fn changes(snapshot: &Snapshot) -> BTreeMap<&'static str, Snapshot> {
-    let Snapshot { tick: _, frozen: _, prices: _, entangled: _, body, tools: _, points: _ } = snapshot;
+    let Snapshot { tick: _, frozen: _, prices: _, entangled: _, body, tools: _, points: _, obstacle_points: _ } =
+        snapshot;
     let State {
         nodes: _,
         position: _,
@@ -103,6 +112,8 @@ fn changes(snapshot: &Snapshot) -> BTreeMap<&'static str, Snapshot> {
     change("tools", &|s| s.tools[0].ramp += 1e-12);
     change("a point less", &|s| s.points[0].truncate(1));
     change("points", &|s| s.points[0][0].weights[2] += 1e-12);
+    change("an obstacle's point less", &|s| _ = s.obstacle_points[0].pop());
+    change("an obstacle's points", &|s| s.obstacle_points[0][0].anchor.x += 1e-12);
     changed
 }
 

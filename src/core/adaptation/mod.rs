@@ -201,7 +201,7 @@ pub fn adapt(
     let load = held.max(expected);
     let Budget { limit, planned, .. } = allowance.budget;
     // Under a tool, the out-of-balance force of a change decays as a residual.
-    let pressed: Real = loads.points.iter().flatten().map(|p| p.multiplier).sum();
+    let pressed: Real = loads.all_points().map(|p| p.multiplier).sum();
     let residuals = pressed > 0.0;
     // Ticks that end a frame have to fit, too; there nothing is changed.
     let frame = work::of_frame(allowance.prices);

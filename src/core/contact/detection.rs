@@ -5,11 +5,12 @@
 //! place in the middle of the tick.
 
 use super::candidate::{ALIKE, Candidate, Sheet, Touch, follow_sunk, near_triangles, near_vertices, sunk_depth};
+pub use super::dent::measure;
 use super::dent::{Dents, Load, share_areas};
 use super::nearby::Nearby;
 use super::posed::{Posed, posed};
-use super::shape::MOST_PARTS;
-use super::tool::{MOST_POINTS, Tool, ToolState};
+use super::shape::{MOST_PARTS, Shape};
+use super::tool::{MOST_POINTS, ToolState};
 use super::touchable::{FASTEST_SURFACE, MARGIN, Touchable};
 use super::wrench::middle_pose;
 use crate::ids::{ToolId, Triangle, Vertex};
@@ -40,7 +41,7 @@ pub struct Workspace {
     nearby: Vec<Nearby>,
     /// Display vertices [m], (n_vertices); those far from the tool at hand as of some earlier tick.
     vertices: Vec<Vec3>,
-    memory: Vec<PointMemory>,
+    pub(super) memory: Vec<PointMemory>,
     /// Display vertices around the tool.
     near: Vec<Vertex>,
     /// Display triangles that have been looked at.
@@ -59,8 +60,9 @@ pub struct Workspace {
 const MOST_STRETCH: Real = 2.0;
 
 impl Workspace {
-    /// For the surface of `body`, all of which may come near one of `tools` tools at once.
-    pub fn new(body: &Body, mesh: &ActiveMesh, tools: usize) -> Self {
+    /// For the surface of `body`, all of which may come near one of `tools` tools and obstacles at once, with at most `points`
+    /// contact points each.
+    pub fn new(body: &Body, mesh: &ActiveMesh, tools: usize, points: usize) -> Self {
         // Some triangles have a point for each of several parts.
         let most = body.surface().vertices.len() + 2 * body.surface().triangles.len();
         let surface = body.surface();
@@ -74,7 +76,7 @@ impl Workspace {
             nearby: (0..tools).map(|_| Nearby::new(body, mesh)).collect(),
             vertices: surface.vertices.clone(),
             dents: (0..tools).map(|_| Dents::new(body.node_count())).collect(),
-            memory: Vec::with_capacity(MOST_POINTS),
+            memory: Vec::with_capacity(points),
             near: Vec::with_capacity(surface.vertices.len()),
             seen: Visited::new(surface.triangles.len()),
             restores: true,
@@ -113,15 +115,47 @@ impl Workspace {
     }
 }
 
-/// A tool that a hand holds.
+/// A tool that a hand holds, or an obstacle.
 #[derive(Clone, Copy, Debug)]
-pub struct Held<'a> {
-    /// Which it is.
+pub struct Rigid<'a> {
+    /// Which it is; the numbers of obstacles come after those of the tools.
     pub id: ToolId,
-    /// What it is.
-    pub of: &'a Tool,
+    /// Its shape.
+    pub shape: &'a Shape,
+    /// Coulomb's coefficient of friction.
+    pub friction: Real,
     /// Where it is.
     pub state: &'a ToolState,
+    /// As [`Constraint::horizon`] [s].
+    pub horizon: Real,
+}
+
+/// How an overlap that is found late is closed, and what has been shifted goes back, within a tick.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Closing {
+    /// [`PointMemory::slack`] at the start of the tick [m] ...
+    pub(super) slack: Real,
+    /// ... and at its end.
+    pub(super) slack_end: Real,
+    /// [`PointMemory::shift`] at its end [m].
+    pub(super) shift_end: Real,
+}
+
+impl Closing {
+    /// Of a point that is `known` from the last tick with this `shift` [m], and overlaps by this much beside that [m] at the start
+    /// of a tick in which the tool has `moved` towards it [m].
+    ///
+    /// Neither the last multiplier nor the last slack explains that overlap: the tool came too fast, or the point was just found.
+    pub(super) fn new(known: Option<&PointMemory>, overlap: Real, shift: Real, moved: Real) -> Self {
+        let slack = match known {
+            Some(m) => m.slack.min(overlap.max(0.0)).max(overlap - UNNOTICED - 0.5 * moved.abs()),
+            None => overlap.max(0.0),
+        };
+        let left = |of: Real, kept: Real| if of.abs() > 1e-7 { of * kept } else { 0.0 };
+        let (slack_end, shift_end) = (left(slack, SLACK_KEPT), left(shift, SHIFT_KEPT));
+        let fastest = FASTEST_SHIFT.max(SHIFT_LEFT * shift.abs());
+        Self { slack, slack_end, shift_end: shift + (shift_end - shift).clamp(-fastest, fastest) }
+    }
 }
 
 /// Receives what is found.
@@ -133,23 +167,24 @@ pub struct Found<'a> {
     pub points_of_action: &'a mut Vec<Vec3>,
 }
 
-/// Appends the constraints of the tool that is `held` on the body at the start of a tick to `out`; `memory` holds the tool's points of the last tick, ascending, and
+/// Appends the constraints of the `rigid` tool or obstacle on the body at the start of a tick to `out`; `memory` holds the tool's points of the last tick, ascending, and
 /// receives this tick's.
 pub fn detect(
     body: &Body,
     mesh: &ActiveMesh,
-    held: Held,
+    rigid: Rigid,
     memory: &mut Vec<PointMemory>,
     out: Found,
     work: &mut Workspace,
 ) {
-    let (Held { id, of, state: tool }, Found { constraints, points_of_action }) = (held, out);
+    let Rigid { id, shape, friction, state: tool, horizon } = rigid;
+    let Found { constraints, points_of_action } = out;
     let candidates = &mut work.candidates;
     candidates.clear();
     let per_part = body.points_of_a_part();
     let middle = middle_pose(tool);
     let ((all, parts), (start, _), (end, _)) =
-        (posed(&middle, &of.shape), posed(&tool.previous, &of.shape), posed(&tool.pose, &of.shape));
+        (posed(&middle, shape), posed(&tool.previous, shape), posed(&tool.pose, shape));
     let way = |i: usize| if i < parts { start[i].frame.farthest_move(&end[i].frame, all[i].part) } else { 0.0 };
     let ways: [Real; MOST_PARTS] = std::array::from_fn(way);
     let margin = ways[..parts].iter().map(|way| way + FASTEST_SURFACE * TICK).fold(MARGIN, Real::max);
@@ -203,8 +238,6 @@ pub fn detect(
             compliance[..n].copy_from_slice(dents.of_point(i, n));
         }
         let moved = n.dot(&(end - start));
-        // Overlap at the start of the tick that neither the last multiplier nor the last slack explains: a tool that
-        // came too fast, a point just found. It is closed gradually.
         let soft: Real = compliance.iter().zip(&work.loads).map(|(g, other)| g * other.multiplier).sum();
         let shown = firming.of(soft, 0.0, load.multiplier).0;
         let overlap = n.dot(&start) + radius - n.dot(&candidate.place) - shown;
@@ -220,12 +253,9 @@ pub fn detect(
         };
         let shift = shift + known.filter(|m| part.is_solid() && m.multiplier > 0.0).map_or(0.0, escaped);
         let overlap = overlap - share * shift;
-        let slack = match known {
-            Some(m) => m.slack.min(overlap.max(0.0)).max(overlap - UNNOTICED - 0.5 * moved.abs()),
-            None => overlap.max(0.0),
-        };
+        let Closing { slack, slack_end, shift_end } = Closing::new(known, overlap, shift, moved);
         let same = |m: &&PointMemory| m.point % per_part == candidate.point % per_part;
-        let (anchor, tangential) = match known.filter(|_| of.friction > 0.0).filter(same) {
+        let (anchor, tangential) = match known.filter(|_| friction > 0.0).filter(same) {
             Some(m) => {
                 // Another place of the triangle is the nearest now: the anchor goes along by as much.
                 let now = candidate.place - candidate.at(on, m.weights);
@@ -235,10 +265,6 @@ pub fn detect(
             None => (tool.previous.to_own(candidate.place), Vec3::zeros()),
         };
         let anchored = (tool.previous.to_world(anchor), tool.pose.to_world(anchor));
-        let left = |of: Real, kept: Real| if of.abs() > 1e-7 { of * kept } else { 0.0 };
-        let (slack_end, shift_end) = (left(slack, SLACK_KEPT), left(shift, SHIFT_KEPT));
-        let fastest = FASTEST_SHIFT.max(SHIFT_LEFT * shift.abs());
-        let shift_end = shift + (shift_end - shift).clamp(-fastest, fastest);
         constraints.push(Constraint {
             row: load.row,
             normal: n,
@@ -255,7 +281,7 @@ pub fn detect(
             multiplier: load.multiplier,
             mean_multiplier: 0.0,
             friction: Friction {
-                coefficient: of.friction,
+                coefficient: friction,
                 compliance: (2.0 - load.nu) / (2.0 * (1.0 - load.nu)),
                 anchor: anchored.0 - load.geomorph,
                 rate: (anchored.1 - anchored.0) / TICK,
@@ -265,6 +291,7 @@ pub fn detect(
             arm: candidate.place - middle.position,
             coupling: tool.coupling,
             allowed_for,
+            horizon,
         });
         // The surface's own point, not the tool's: that is where the body gets the force.
         points_of_action.push(candidate.place);

@@ -1,6 +1,5 @@
 //! What is remembered of a contact point after the solve: its multipliers, and where it sticks to the tool.
 
-use super::dent::measure;
 use super::tool::ToolState;
 use crate::math::{Pose, Real, Vec3};
 use crate::model::constraint::PointMemory;
@@ -15,8 +14,6 @@ const SLIPS: Real = 1.0 - 1e-9;
 pub struct Solved<'a> {
     /// The tool's own constraints.
     pub constraints: &'a [Constraint],
-    /// Numbers that the points of a part of the tool take.
-    pub per_part: u32,
     /// Where the solve took the tool to be.
     pub at: Pose,
     /// The body has moved by a tick and not stood still.
@@ -28,12 +25,13 @@ pub struct Solved<'a> {
 /// A point that slips takes its anchor along, so that nothing but the force on the edge of Coulomb's disc is left to
 /// hold it; one that sticks keeps its anchor for ever.
 pub fn remember(mesh: &ActiveMesh, solved: &Solved, tool: &ToolState, points: &mut [PointMemory]) {
-    let Solved { constraints, per_part, at, moved } = *solved;
-    measure(constraints, points, per_part);
+    let Solved { constraints, at, moved } = *solved;
     for (c, point) in constraints.iter().zip(points) {
         debug_assert_eq!(c.point, point.point);
         point.multiplier = c.multiplier;
-        point.dent = c.dent(constraints, 0.0).0;
+        // A compliance is to those from its first on.
+        let sharing = &constraints[(c.first - constraints[0].first) as usize..];
+        point.dent = c.dent(sharing, 0.0).0;
         if !moved {
             // The tool went on alone, there or back, and what is displayed faded: within the next tick, that would be a blow.
             let away = c.normal.dot(&c.row.interpolate(&mesh.motion.position)) + point.dent - c.offset;
@@ -45,7 +43,7 @@ pub fn remember(mesh: &ActiveMesh, solved: &Solved, tool: &ToolState, points: &m
         point.tangential = c.friction.multiplier;
         if moved && c.friction.multiplier.norm() >= SLIPS * c.friction.coefficient * c.multiplier {
             let sheared = |(other, g): (&Constraint, &Real)| other.friction.multiplier * (g * c.friction.compliance);
-            let shear: Vec3 = constraints.iter().zip(&c.compliance).map(sheared).sum();
+            let shear: Vec3 = sharing.iter().zip(&c.compliance).map(sheared).sum();
             let geomorph = c.friction.anchor + c.friction.rate * TICK - at.to_world(point.anchor);
             point.anchor = tool.pose.to_own(c.row.interpolate(&mesh.motion.position) + shear - geomorph);
         }

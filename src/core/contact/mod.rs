@@ -1,4 +1,4 @@
-//! Touch: tools, where they meet the surface, and the wrench that comes of it.
+//! Touch: tools and obstacles, where they meet the surface, and the wrench that comes of it.
 //!
 //! Emits point constraints and receives their multipliers; knows nothing of how they are solved.
 
@@ -6,7 +6,9 @@ mod candidate;
 mod dent;
 pub mod detection;
 pub mod friction;
+pub mod ground;
 mod nearby;
+pub mod obstacle;
 pub mod outside;
 pub mod posed;
 pub mod safety;
@@ -16,5 +18,6 @@ pub mod tool;
 mod touchable;
 pub mod wrench;
 
+pub use obstacle::Obstacle;
 pub use shape::Shape;
 pub use tool::{Tool, ToolState};

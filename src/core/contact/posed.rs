@@ -38,6 +38,11 @@ impl<'a> Posed<'a> {
         }
     }
 
+    /// World's place in the middle of the core's box.
+    pub fn middle(&self) -> Vec3 {
+        self.frame.at(self.part.core.bounds().middle())
+    }
+
     /// Part of the axis (0..=1) nearest to `p`.
     fn along(&self, p: Vec3) -> Real {
         let axis = self.frame.axes[2];

@@ -7,9 +7,7 @@
 pub use super::solid::MOST_CORNERS;
 use super::solid::{Hull, Solid};
 use crate::math::{Bounds, Pose, Real, Vec3};
-
-/// Most parts of a shape: what bounds the cost of a tick.
-pub const MOST_PARTS: usize = 8;
+pub use crate::model::constraint::MOST_PARTS;
 
 /// Rigid shape of a tool: convex parts in the tool's own frame.
 #[derive(Clone, Debug, PartialEq)]

@@ -1,7 +1,7 @@
 //! The relaxed stiffness under a tool: how the contact force changes with where the tool is held, once the body has
 //! come to rest there.
 //!
-//! The contact set is frozen. With `K_T` the tangent of the body's elastic forces and of its holds, `J` what the displacement
+//! The contact set is frozen. With `K_T` the tangent of the body's elastic forces, of its holds and of the points that lie on obstacles, `J` what the displacement
 //! of the active nodes does to the contact points, `S` what that of the device does, and `H` the stiffness of what lies
 //! between them (the dent below the mesh's size and the virtual coupling, in series), moving the device along the axis
 //! `e_k` moves the nodes by `u_k`:
@@ -101,7 +101,10 @@ impl Probe {
                 found[i] = Some(tool).filter(|t| t.touches()).and_then(|t| ahead(&body, vertices, &shapes[i], t));
                 continue;
             }
-            let system = system.get_or_insert_with(|| System::new(&body, self.path, mesh));
+            let system = system.get_or_insert_with(|| {
+                let lying = |(_, c): &(usize, &Constraint)| c.tool.index() >= tools.len() && c.multiplier > 0.0;
+                System::new(&body, self.path, mesh, constraints.iter().enumerate().filter(lying))
+            });
             let Some(contact) = Contact::new(&own, round(&shapes[i], &tool.pose), system) else { continue };
             let answer = self.answers[i].get_or_insert_with(|| Answer::new(body.node_count()));
             found[i] = system.relax(mesh, &contact, answer).map(|(matrix, iterations)| {
@@ -247,15 +250,31 @@ struct System<'a> {
     force: Vec<Vec3>,
     /// About the diagonal of the tangent [N/m].
     diagonal: Vec<Real>,
+    /// Points that lie on obstacles.
+    resting: Vec<Resting>,
+}
+
+/// A point that lies on an obstacle, which stays where it is.
+struct Resting {
+    /// Node weights, as indices of active nodes.
+    entries: Vec<(usize, Real)>,
+    /// Inverse of its own compliance: along the normal, and in all directions where there is friction [N/m].
+    stiffness: Mat3,
 }
 
 impl<'a> System<'a> {
-    fn new(body: &'a Body, path: Simd, mesh: &mut ActiveMesh) -> Self {
+    /// `lying`: constraints of obstacles that push, and their places in the list of all.
+    fn new<'c>(
+        body: &'a Body,
+        path: Simd,
+        mesh: &mut ActiveMesh,
+        lying: impl Iterator<Item = (usize, &'c Constraint)>,
+    ) -> Self {
         let mut index = vec![usize::MAX; mesh.motion.mass.len()];
         mesh.active().iter().enumerate().for_each(|(i, slot)| index[slot.index()] = i);
         let at: Vec<Vec3> = mesh.active().iter().map(|s| mesh.position(*s)).collect();
         let fixed = mesh.active().iter().map(|s| mesh.motion.inverse_mass[s.index()] == 0.0).collect();
-        let diagonal = mesh
+        let mut diagonal: Vec<Real> = mesh
             .active()
             .iter()
             .map(|s| {
@@ -271,9 +290,17 @@ impl<'a> System<'a> {
                 around.map(share).sum::<Real>()
             })
             .collect();
+        let mut resting = Vec::new();
+        for (i, c) in lying {
+            let own = 1.0 / c.compliance[i - c.first as usize];
+            let entries: Vec<(usize, Real)> = c.row.entries().iter().map(|(s, b)| (index[s.index()], *b)).collect();
+            entries.iter().for_each(|(i, b)| diagonal[*i] += b * b * own);
+            let held = if c.friction.coefficient > 0.0 { Mat3::identity() } else { c.normal * c.normal.transpose() };
+            resting.push(Resting { entries, stiffness: held * own });
+        }
         let mut force = vec![Vec3::zeros(); at.len()];
         forces(path, mesh, &mut force);
-        Self { body, path, index, at, fixed, force, diagonal }
+        Self { body, path, index, at, fixed, force, diagonal, resting }
     }
 
     /// `K_T u`, by a difference of forces.
@@ -291,6 +318,10 @@ impl<'a> System<'a> {
         forces(self.path, mesh, out);
         for ((out, before), fixed) in out.iter_mut().zip(&self.force).zip(&self.fixed) {
             *out = if *fixed { Vec3::zeros() } else { (before - *out) / scale };
+        }
+        for Resting { entries, stiffness } in &self.resting {
+            let resists = stiffness * entries.iter().map(|(i, b)| u[*i] * *b).sum::<Vec3>();
+            entries.iter().for_each(|(i, b)| out[*i] += resists * *b);
         }
     }
 

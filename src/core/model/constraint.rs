@@ -1,4 +1,5 @@
-//! A point of the surface that a tool pushes: what contact hands to the solver, and nothing else passes between them.
+//! A point of the surface that a tool or an obstacle pushes: what contact hands to the solver, and nothing else passes
+//! between them.
 
 use super::element_kernel::Padded;
 use crate::ids::{Slot, ToolId};
@@ -7,6 +8,12 @@ use serde::{Deserialize, Serialize};
 
 /// Most tools of a session.
 pub const MOST_TOOLS: usize = 8;
+
+/// Most parts of a tool: what bounds the cost of a tick.
+pub const MOST_PARTS: usize = 8;
+
+/// Most obstacles of a session. To the solver an obstacle is a tool, with a number after those of the tools.
+pub const MOST_OBSTACLES: usize = 8;
 
 /// Most contact points of one tool: what bounds the cost of a tick.
 pub const MOST_POINTS: usize = 64;
@@ -186,6 +193,10 @@ pub struct Constraint {
     pub coupling: Coupling,
     /// What [`Constraint::offset`] and [`Friction::anchor`] allow for already.
     pub allowed_for: Pushed,
+    /// Time within which the gap is closed [s], at least one step of the contact. Where the elements are kicked less often than
+    /// the contact is solved, closing it within each solve would push twice as much after a kick and not at all before the
+    /// next; zero for tools, whose compliance has that effect.
+    pub horizon: Real,
 }
 
 impl Constraint {

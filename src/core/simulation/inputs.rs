@@ -1,6 +1,7 @@
 //! What enters a simulation: its settings once, and the inputs of each tick.
 
 use crate::adaptation::Adaptivity;
+use crate::contact::obstacle::Obstacle;
 use crate::contact::safety::ForceLimits;
 use crate::contact::tool::{Following, MOST_TOOLS, Tool, ToolEvent};
 use crate::math::Vec3;
@@ -13,6 +14,8 @@ pub struct Settings {
     pub gravity: Vec3,
     /// Tools that clients may take, at most [`MOST_TOOLS`]; a tool's id is its index.
     pub tools: Vec<Tool>,
+    /// Rigid things that the body meets, at most [`MOST_OBSTACLES`](crate::contact::obstacle::MOST_OBSTACLES).
+    pub obstacles: Vec<Obstacle>,
     /// How tools follow their poses.
     pub following: Following,
     /// Bounds on rendered forces.

@@ -16,8 +16,10 @@ pub use outputs::{MOST_LEVELS, Outputs, Plan, TickFlags, ToolOutput};
 pub use snapshot::Snapshot;
 
 use crate::adaptation::{self, Allowance, Focus, Request};
-use crate::contact::detection::{self, Found, Held};
+use crate::contact::detection::{self, Found, Rigid};
 use crate::contact::friction::{self, Solved};
+use crate::contact::ground::{self, Ground};
+use crate::contact::obstacle::{Form, MOST_OBSTACLES, Obstacle};
 use crate::contact::outside::is_outside;
 use crate::contact::safety;
 use crate::contact::shape::{MOST_PARTS, Part as ShapePart};
@@ -29,7 +31,7 @@ use crate::model::active_mesh::Loads;
 use crate::model::constraint::PointMemory;
 use crate::model::element_kernel::{Extremes, Simd};
 use crate::model::entangled::{ENTANGLED_FRAMES, ReferencePose};
-use crate::model::{ActiveMesh, Body, Constraint, State};
+use crate::model::{ActiveMesh, Body, Constraint, State, step_class};
 use crate::stepping::step::{self, World};
 use crate::stepping::work;
 use std::sync::Arc;
@@ -50,6 +52,7 @@ pub struct Simulation {
     mesh: ActiveMesh,
     tools: Vec<ToolState>,
     points: Vec<Vec<PointMemory>>,
+    obstacle_points: Vec<Vec<PointMemory>>,
     start: State,
     /// Where `start` is.
     reference: ReferencePose,
@@ -68,7 +71,7 @@ impl Simulation {
     /// `body` in the state `start`, which a reset returns to.
     ///
     /// # Errors
-    /// When `start` does not fit the body or the tools, or more than [`MOST_TOOLS`] are given.
+    /// When `start` does not fit the body or the tools, or more than [`MOST_TOOLS`] or [`MOST_OBSTACLES`] are given.
     pub fn new(body: Arc<Body>, settings: Settings, start: Snapshot) -> Result<Self, String> {
         let tools = settings.tools.len();
         let most_points = start.points.iter().map(Vec::len).max().unwrap_or(0);
@@ -76,10 +79,26 @@ impl Simulation {
         {
             return Err(format!("{tools} tools: a session has at most {MOST_TOOLS}, and its state as many"));
         }
+        let obstacles = settings.obstacles.len();
+        let most = |obstacle: &Obstacle| obstacle.most_points(&body);
+        let most_points = settings.obstacles.iter().map(most).fold(MOST_POINTS, usize::max);
+        let touched = &start.obstacle_points;
+        let fits = (touched.is_empty() || touched.len() == obstacles) && touched.iter().all(|p| p.len() <= most_points);
+        if obstacles > MOST_OBSTACLES || !fits {
+            return Err(format!(
+                "{obstacles} obstacles: a session has at most {MOST_OBSTACLES}, and its state as many"
+            ));
+        }
         let mesh = ActiveMesh::new(&body, &start.body, settings.most_elements)?;
         let vertices = body.surface().vertices.len();
-        let mut points: Vec<Vec<PointMemory>> = (0..tools).map(|_| Vec::with_capacity(MOST_POINTS)).collect();
-        points.iter_mut().zip(&start.points).for_each(|(to, from)| to.extend_from_slice(from));
+        // Lists are swapped when contacts are found: all have the same room.
+        let with_room = |count: usize, from: &[Vec<PointMemory>]| {
+            let mut points: Vec<Vec<PointMemory>> = (0..count).map(|_| Vec::with_capacity(most_points)).collect();
+            points.iter_mut().zip(from).for_each(|(to, from)| to.extend_from_slice(from));
+            points
+        };
+        let (points, obstacle_points) = (with_room(tools, &start.points), with_room(obstacles, touched));
+        let most_constraints = MOST_POINTS * tools + settings.obstacles.iter().map(most).sum::<usize>();
         Ok(Self {
             path: Simd::best(),
             tick: start.tick,
@@ -88,17 +107,19 @@ impl Simulation {
             entangled: start.entangled,
             tools: start.tools,
             points,
+            obstacle_points,
             reference: ReferencePose::new(&body, &mesh),
             vertices: vec![Vec3::zeros(); vertices],
-            constraints: Vec::with_capacity(MOST_POINTS * tools),
-            points_of_action: Vec::with_capacity(MOST_POINTS * tools),
+            constraints: Vec::with_capacity(most_constraints),
+            points_of_action: Vec::with_capacity(most_constraints),
             focus: Vec::with_capacity(MOST_TOOLS * MOST_PARTS * LOOKS_AHEAD),
             adaptation: adaptation::Workspace::new(&body, &settings.adaptivity.clone().unwrap_or_default()),
-            stepping: step::Workspace::new(&mesh, MOST_POINTS * tools),
-            detection: detection::Workspace::new(&body, &mesh, tools),
+            stepping: step::Workspace::new(&mesh, most_constraints),
+            detection: detection::Workspace::new(&body, &mesh, tools + obstacles, most_points),
             outputs: Outputs {
                 tick: start.tick,
                 tools: vec![ToolOutput::default(); tools],
+                obstacles: vec![Wrench::default(); obstacles],
                 frame: false,
                 skin: body.surface().vertices.clone(),
                 levels: vec![0; vertices],
@@ -225,7 +246,7 @@ impl Simulation {
         self.mesh.restore(&self.body, &self.start);
         self.detection.forget();
         (self.entangled, self.frozen) = (0, 0);
-        self.points.iter_mut().for_each(Vec::clear);
+        self.points.iter_mut().chain(&mut self.obstacle_points).for_each(Vec::clear);
         self.constraints.clear();
         // The shape jumps back under the tools: they have to come from outside again.
         for tool in &mut self.tools {
@@ -265,7 +286,9 @@ impl Simulation {
             }
             let (contact, points) = self.contact_time(0);
             let near = !self.focus.is_empty();
-            let class = self.mesh.contact_class(&self.body, self.points.iter().flatten().map(|p| p.point));
+            let tools = self.points.iter().flatten().map(|p| p.point);
+            let obstacles = self.obstacle_points.iter().flatten().map(|p| p.point);
+            let class = self.mesh.contact_class(&self.body, tools, obstacles);
             let allowance = Allowance {
                 budget,
                 prices: &self.prices,
@@ -276,7 +299,8 @@ impl Simulation {
                 frame: ticks.is_multiple_of(TICKS_PER_FRAME / 2),
                 moves: self.frozen >= MOST_FROZEN,
             };
-            let loads = Loads { points: &self.points, gravity: self.settings.gravity };
+            let loads =
+                Loads { points: &self.points, obstacle_points: &self.obstacle_points, gravity: self.settings.gravity };
             laps.lap(Part::Fixed, 0);
             let wishes = Request { adaptivity, focus: &self.focus, allowance, loads, ticks };
             self.outputs.adapted = adaptation::adapt(&self.body, &mut self.mesh, &wishes, &mut self.adaptation, laps);
@@ -305,6 +329,11 @@ impl Simulation {
             time = time.saturating_add(work::of_contact(&self.prices, own, solid));
             points += own;
         }
+        for (memory, of) in self.obstacle_points.iter().zip(&self.settings.obstacles) {
+            let own = memory.len() as u32;
+            time = time.saturating_add(work::of_contact(&self.prices, own, of.is_solid()));
+            points += own;
+        }
         (time, points)
     }
 
@@ -325,10 +354,32 @@ impl Simulation {
         }
     }
 
-    /// Fills the constraint list, tool by tool, and lets waiting tools engage where they are outside.
+    /// Fills the constraint list, tool by tool and obstacle by obstacle.
     fn find_contacts(&mut self, laps: &mut dyn Laps) {
         self.constraints.clear();
         self.points_of_action.clear();
+        self.find_tool_contacts(laps);
+        for (i, (of, points)) in self.settings.obstacles.iter().zip(&mut self.obstacle_points).enumerate() {
+            laps.lap(Part::Fixed, 0);
+            let (id, state) = (ToolId::at(self.tools.len() + i), &of.state_at(self.tick, points));
+            let out = Found { constraints: &mut self.constraints, points_of_action: &mut self.points_of_action };
+            match &of.shape {
+                Form::Ground => {
+                    let ground = Ground { id, friction: of.friction, state };
+                    ground::lie(&self.body, &self.mesh, &ground, points, out, &mut self.detection);
+                }
+                Form::Parts(shape) => {
+                    let horizon = step_class::longest(&self.body);
+                    let rigid = Rigid { id, shape, friction: of.friction, state, horizon };
+                    detection::detect(&self.body, &self.mesh, rigid, points, out, &mut self.detection);
+                }
+            }
+            lap_points(laps, points.len(), of.is_solid());
+        }
+    }
+
+    /// Those of tools, of which waiting ones engage where they are outside.
+    fn find_tool_contacts(&mut self, laps: &mut dyn Laps) {
         if self.tools.iter().all(|t| t.phase == Phase::Detached) {
             self.points.iter_mut().for_each(Vec::clear);
             return;
@@ -350,20 +401,20 @@ impl Simulation {
             }
             laps.lap(Part::Fixed, 0);
             let out = Found { constraints: &mut self.constraints, points_of_action: &mut self.points_of_action };
-            let held = Held { id: ToolId::at(i), of, state: tool };
-            detection::detect(&self.body, &self.mesh, held, points, out, &mut self.detection);
-            match points.len() as u32 {
-                0 => laps.lap(Part::Search, 1),
-                n if of.shape.parts().iter().any(ShapePart::is_solid) => laps.lap(Part::SolidPoint, n),
-                n => laps.lap(Part::Point, n),
-            }
+            let (shape, friction) = (&of.shape, of.friction);
+            let rigid = Rigid { id: ToolId::at(i), shape, friction, state: tool, horizon: 0.0 };
+            detection::detect(&self.body, &self.mesh, rigid, points, out, &mut self.detection);
+            lap_points(laps, points.len(), of.shape.parts().iter().any(ShapePart::is_solid));
         }
     }
 
     fn step(&mut self, budget: Budget, laps: &mut dyn Laps) {
         let rest = work::of_rest(&self.prices, self.tick.is_multiple_of(TICKS_PER_FRAME));
         let rest = rest.saturating_add(self.prices.of(Part::Look, self.outputs.adapted.looked));
-        let contact = self.mesh.contact_class(&self.body, self.constraints.iter().map(|c| c.point));
+        let of_tools: usize = self.points.iter().map(Vec::len).sum();
+        let (tools, obstacles) = self.constraints.split_at(of_tools);
+        let (tools, obstacles) = (tools.iter().map(|c| c.point), obstacles.iter().map(|c| c.point));
+        let contact = self.mesh.contact_class(&self.body, tools, obstacles);
         let solves = (self.constraints.len() as u32) << contact;
         let motion = work::of_motion(&self.body, &self.mesh, &self.prices, solves);
         let needed = motion.saturating_add(self.contact_time(0).0);
@@ -424,10 +475,26 @@ impl Simulation {
             let solved_at = tool.pose;
             tool.update_proxy(physical.force, physical.torque);
             // What the solver found is where the next tick starts.
-            let solved = Solved { constraints: own, per_part, at: solved_at, moved: !stood_still };
+            let solved = Solved { constraints: own, at: solved_at, moved: !stood_still };
+            detection::measure(own, points, per_part);
             friction::remember(&self.mesh, &solved, tool, points);
             let limited = safety::render(tool, &physical, &self.settings.limits, TICK);
             self.outputs.tools[i] = ToolOutput { state: *tool, contact_points, limited };
+        }
+        for (i, (of, points)) in self.settings.obstacles.iter().zip(&mut self.obstacle_points).enumerate() {
+            let own;
+            (own, constraints) = constraints.split_at(points.len().min(constraints.len()));
+            let (id, state) = (ToolId::at(self.tools.len() + i), of.state_at(self.tick, points));
+            if !stood_still {
+                let middle = wrench::middle_pose(&state);
+                (self.outputs.obstacles[i], _) =
+                    wrench::wrench_on(id, &middle, &self.constraints, &self.points_of_action);
+            }
+            if let Form::Parts(_) = of.shape {
+                detection::measure(own, points, per_part);
+            }
+            let solved = Solved { constraints: own, at: state.pose, moved: !stood_still };
+            friction::remember(&self.mesh, &solved, &state, points);
         }
     }
 
@@ -455,12 +522,23 @@ impl Simulation {
         if self.outputs.plan.taken != self.outputs.plan.needed {
             return;
         }
-        if self.constraints.iter().any(|c| c.multiplier > 0.0) {
+        // What lies on the ground is not on its way out of it.
+        let is_pushed = |c: &Constraint| c.tool.index() < self.tools.len() && c.multiplier > 0.0;
+        if self.constraints.iter().any(is_pushed) {
             self.entangled = 0;
         } else if self.outputs.frame {
             let entangled = self.reference.is_entangled(self.outputs.extremes.det_f, &self.outputs.skin);
             self.entangled = if entangled { self.entangled + 1 } else { 0 };
         }
+    }
+}
+
+/// Tells of a search that found `points` on a tool or obstacle, `solid` when one of its parts is a cylinder or a hull.
+fn lap_points(laps: &mut dyn Laps, points: usize, solid: bool) {
+    match points as u32 {
+        0 => laps.lap(Part::Search, 1),
+        n if solid => laps.lap(Part::SolidPoint, n),
+        n => laps.lap(Part::Point, n),
     }
 }
 

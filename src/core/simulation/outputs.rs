@@ -3,6 +3,7 @@
 use crate::adaptation;
 use crate::contact::safety::Limited;
 use crate::contact::tool::ToolState;
+use crate::contact::wrench::Wrench;
 use crate::math::Vec3;
 use crate::model::element_kernel::Extremes;
 
@@ -47,6 +48,8 @@ pub struct Outputs {
     pub tick: u64,
     /// Each tool, by id.
     pub tools: Vec<ToolOutput>,
+    /// What the body puts on each obstacle, about its reference point.
+    pub obstacles: Vec<Wrench>,
     /// The tick ends a frame: `skin`, `levels` and `hash` are those of this tick.
     pub frame: bool,
     /// Display vertices [m], (n_vertices); as of the last frame.

@@ -24,6 +24,8 @@ pub struct Snapshot {
     pub tools: Vec<ToolState>,
     /// Each tool's contact points of the last tick, ascending, at most [`MOST_POINTS`].
     pub points: Vec<Vec<PointMemory>>,
+    /// Each obstacle's, ascending; empty where the body touches none.
+    pub obstacle_points: Vec<Vec<PointMemory>>,
 }
 
 impl Snapshot {
@@ -42,13 +44,16 @@ impl Snapshot {
             body: state,
             tools: vec![ToolState::default(); tools],
             points: (0..tools).map(|_| Vec::with_capacity(MOST_POINTS)).collect(),
+            obstacle_points: Vec::new(),
         }
     }
 
     /// Room for any snapshot of a session of `body` with `settings`, so that saving into it allocates nothing.
     pub fn with_room(body: &Body, settings: &Settings) -> Self {
         let elements = settings.most_elements.min(body.element_count());
-        Self::with_state(State::with_room(body, elements, body.node_count().min(elements + 64)), settings.tools.len())
+        let state = State::with_room(body, elements, body.node_count().min(elements + 64));
+        let points = settings.obstacles.iter().map(|obstacle| Vec::with_capacity(obstacle.most_points(body)));
+        Self { obstacle_points: points.collect(), ..Self::with_state(state, settings.tools.len()) }
     }
 }
 
@@ -79,10 +84,8 @@ impl Simulation {
         snapshot.prices = self.prices;
         snapshot.entangled = self.entangled;
         snapshot.tools.copy_from_slice(&self.tools);
-        for (to, from) in snapshot.points.iter_mut().zip(&self.points) {
-            to.clear();
-            to.extend_from_slice(from);
-        }
+        copy_points(&mut snapshot.points, &self.points);
+        copy_points(&mut snapshot.obstacle_points, &self.obstacle_points);
     }
 
     /// xxh3-64 of exactly what [`Simulation::snapshot`] saves: the same for the same history, whatever the machine.
@@ -95,9 +98,9 @@ impl Simulation {
         self.mesh.hash_into(&mut hash);
         for (tool, points) in self.tools.iter().zip(&self.points) {
             hash_saved(tool, &mut hash);
-            hash.update(&(points.len() as u32).to_le_bytes());
-            points.iter().for_each(|point| hash_saved(point, &mut hash));
+            hash_points(points, &mut hash);
         }
+        self.obstacle_points.iter().for_each(|points| hash_points(points, &mut hash));
         hash.digest()
     }
 
@@ -108,11 +111,23 @@ impl Simulation {
         self.mesh.restore(&self.body, &snapshot.body);
         self.detection.forget();
         self.tools.copy_from_slice(&snapshot.tools);
-        for (to, from) in self.points.iter_mut().zip(&snapshot.points) {
-            to.clear();
-            to.extend_from_slice(from);
-        }
+        copy_points(&mut self.points, &snapshot.points);
+        self.obstacle_points.iter_mut().for_each(Vec::clear);
+        copy_points(&mut self.obstacle_points, &snapshot.obstacle_points);
     }
+}
+
+/// Without allocating where there is room.
+fn copy_points(to: &mut [Vec<PointMemory>], from: &[Vec<PointMemory>]) {
+    for (to, from) in to.iter_mut().zip(from) {
+        to.clear();
+        to.extend_from_slice(from);
+    }
+}
+
+fn hash_points(points: &[PointMemory], hash: &mut xxhash_rust::xxh3::Xxh3) {
+    hash.update(&(points.len() as u32).to_le_bytes());
+    points.iter().for_each(|point| hash_saved(point, hash));
 }
 
 /// Feeds `hash` the bytes that `value`, of at most 1 KiB, is saved as.

@@ -1,14 +1,15 @@
 //! The contact solve of one sub-step: projected Gauss–Seidel on end-of-step positions, warm-started.
 //!
-//! For each point: `r = n·(Σ b_i (x_i + Δt v_i)) + d − (offset + rate·t)`, `d` the dent of `s = Σ_j G_j λ_j`, which gets
-//! firmer as it grows; `λ ← max(0, λ − r / (Δt² Σ b_i²/m_i + G ∂d/∂s))`, and the change of λ at once acts on the velocities
+//! For each point: `r = n·(Σ b_i (x_i + h v_i)) + d − (offset + rate·t)`, `d` the dent of `s = Σ_j G_j λ_j`, which gets
+//! firmer as it grows; `λ ← max(0, λ − r / (Δt h Σ b_i²/m_i + G ∂d/∂s))`, `h` the sub-step Δt or a longer
+//! [horizon](Constraint::horizon), and the change of λ at once acts on the velocities
 //! and on the other points' dents. The gap is closed as a whole: scaling it (Baumgarte) would make the force too small,
 //! because G turns gap into force. Where there is friction, the tangential multiplier follows the same way, and is then cut
 //! to the disc of radius μ λ [Coulomb]. A tool that hangs on springs gives way to the sum of its points' forces and turns
 //! with the sum of their moments: compliances that all of them share.
 
 use crate::math::{Real, Vec3};
-use crate::model::constraint::{MOST_TOOLS, Pushed};
+use crate::model::constraint::{MOST_OBSTACLES, MOST_TOOLS, Pushed};
 use crate::model::element_kernel::Padded;
 use crate::model::{ActiveMesh, Constraint};
 
@@ -18,13 +19,17 @@ const SWEEPS: usize = 5;
 /// What the sweeps need of each point beside the constraint itself; reused from tick to tick.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Prepared {
-    /// `Δt² Σ b²/m` [m/N].
+    /// Within which the gap is closed [s].
+    horizon: Real,
+    /// `Δt h Σ b²/m` [m/N].
     mobility: Real,
     /// Its own compliance G [m/N].
     compliance: Real,
     /// `n·Σ b_i x_i` at the start of the sub-step [m].
     position: Real,
-    /// Least `n·q` at the end of the sub-step [m].
+    /// When it is to be closed, from the start of the tick [s].
+    due: Real,
+    /// Least `n·q` then [m].
     target: Real,
     /// `Σ_j G_j λ_j` [m].
     dent: Real,
@@ -40,7 +45,7 @@ pub fn solve(mesh: &mut ActiveMesh, constraints: &mut [Constraint], prepared: &m
     let motion = &mut mesh.motion;
     let inverse_mass = &motion.inverse_mass;
     // By tool: the sum of what its points push with.
-    let mut pushed = [Pushed::default(); MOST_TOOLS];
+    let mut pushed = [Pushed::default(); MOST_TOOLS + MOST_OBSTACLES];
     for c in constraints.iter() {
         pushed[c.tool.index()].add(&c.arm, &(c.normal * c.multiplier + c.friction.multiplier));
     }
@@ -50,11 +55,15 @@ pub fn solve(mesh: &mut ActiveMesh, constraints: &mut [Constraint], prepared: &m
         // Those of other tools have a compliance of zero.
         let others = || constraints[c.first as usize..].iter().zip(&c.compliance);
         let place = c.row.interpolate(&motion.position);
+        let horizon = c.horizon.max(step);
+        let due = end + (horizon - step);
         *p = Prepared {
-            mobility: step * step * mobility,
+            horizon,
+            due,
+            mobility: step * horizon * mobility,
             compliance: c.compliance[i - c.first as usize],
             position: c.normal.dot(&place),
-            target: c.offset + c.rate * end,
+            target: c.offset + c.rate * due,
             dent: others().map(|(other, g)| g * other.multiplier).sum(),
             place,
             shear: others().map(|(other, g)| other.friction.multiplier * (g * c.friction.compliance)).sum(),
@@ -69,7 +78,7 @@ pub fn solve(mesh: &mut ActiveMesh, constraints: &mut [Constraint], prepared: &m
             // To and fro: what one end is told by the other must not take a sweep for the way back.
             let i = if sweep % 2 == 0 { k } else { constraints.len() - 1 - k };
             let (c, p) = (&mut constraints[i], &prepared[i]);
-            let moved = step * c.normal.dot(&c.row.interpolate(&motion.velocity));
+            let moved = p.horizon * c.normal.dot(&c.row.interpolate(&motion.velocity));
             let pushed = &mut pushed[c.tool.index()];
             let open = p.position + moved - p.target + c.normal.dot(&pushed.give(&c.allowed_for, &c.coupling, &c.arm));
             let turned = c.coupling.angular_compliance * c.arm.cross(&c.normal).norm_squared();
@@ -87,9 +96,9 @@ pub fn solve(mesh: &mut ActiveMesh, constraints: &mut [Constraint], prepared: &m
             }
             if c.friction.coefficient > 0.0 {
                 let p = prepared[i];
-                let place = p.place + c.row.interpolate(&motion.velocity) * step;
+                let place = p.place + c.row.interpolate(&motion.velocity) * p.horizon;
                 let given_way = pushed.give(&c.allowed_for, &c.coupling, &c.arm);
-                let apart = place + p.shear + given_way - (c.friction.anchor + c.friction.rate * end);
+                let apart = place + p.shear + given_way - (c.friction.anchor + c.friction.rate * p.due);
                 let gap = apart - c.normal * c.normal.dot(&apart);
                 // No direction along the surface turns the tool by more than this.
                 let turned = c.coupling.angular_compliance * c.arm.norm_squared();

@@ -1,6 +1,7 @@
 //! The keys of a scene, each with its range and default, and what follows from them.
 
 use super::body_keys::{BodyKeys, HoldKeys, MaterialKeys, RegionKeys};
+use super::obstacle_keys::ObstacleKeys;
 use super::organ_keys::{OrganKeys, TissueKeys};
 use super::tool_keys::{ToolKeys, centimetre};
 use crate::display::Display;
@@ -8,6 +9,7 @@ use garde::Validate;
 use palpate_body::geometry::textured::TexturedMesh;
 use palpate_body::prepare::inclusions::Inclusion;
 use palpate_core::adaptation::{Adaptivity, finest_steppable};
+use palpate_core::contact::obstacle::{MOST_OBSTACLES, Obstacle};
 use palpate_core::contact::safety::ForceLimits;
 use palpate_core::contact::tool::{Following, MOST_TOOLS};
 use palpate_core::geometry::locate::{Host, Locator};
@@ -48,6 +50,10 @@ pub struct Scene {
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     #[garde(dive, length(max = MOST_ORGANS - 1))]
     pub organ: Vec<OrganKeys>,
+    /// Rigid things that the bodies meet.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    #[garde(dive, length(max = MOST_OBSTACLES))]
+    pub obstacle: Vec<ObstacleKeys>,
     /// Tools that clients may take; one ball when the list is empty.
     #[serde(default = "one_ball")]
     #[garde(dive, length(min = 1, max = MOST_TOOLS))]
@@ -227,6 +233,7 @@ impl Scene {
         Settings {
             gravity: Vec3::from(self.world.gravity),
             tools: self.tool.iter().map(ToolKeys::tool).collect(),
+            obstacles: self.obstacle.iter().map(ObstacleKeys::obstacle).collect(),
             following: Following {
                 speed: self.safety.tool_speed,
                 engage_ticks: (self.safety.engage_time / TICK).ceil() as u32,
@@ -244,6 +251,13 @@ impl Scene {
             }),
             most_elements: self.resolution.most_elements,
         }
+    }
+
+    /// [`Scene::settings`] with obstacles that stay where they begin: what a start settles under, and is judged by.
+    pub(super) fn still_settings(&self) -> Settings {
+        let Settings { obstacles, .. } = self.settings();
+        let still = obstacles.into_iter().map(|obstacle| Obstacle { motion: None, ..obstacle });
+        Settings { obstacles: still.collect(), ..self.settings() }
     }
 
     /// What of `body` this scene cannot use, in words.
@@ -307,7 +321,9 @@ impl Scene {
     pub fn settled(&self, body: &Arc<Body>, progress: &mut dyn FnMut(&str, usize, usize)) -> Snapshot {
         let rest = self.at_rest(body);
         let ticks = (self.world.settle / TICK) as usize;
-        let Ok(mut simulation) = Simulation::new(body.clone(), self.settings(), rest.clone()) else { return rest };
+        let Ok(mut simulation) = Simulation::new(body.clone(), self.still_settings(), rest.clone()) else {
+            return rest;
+        };
         for tick in 0..ticks {
             if tick % 100 == 0 {
                 progress("settling under gravity", tick, ticks);

@@ -6,6 +6,7 @@
 pub mod body_keys;
 mod elastic_keys;
 pub mod keys;
+pub mod obstacle_keys;
 pub mod organ_keys;
 pub mod prepared;
 pub mod tool_keys;
@@ -25,6 +26,7 @@ use palpate_body::prepare::merge::merge;
 use palpate_body::prepare::shape_fault::ShapeFault;
 use palpate_body::prepare::{self, PrepareError, Recipe};
 use palpate_core::adaptation::step_of_level;
+use palpate_core::contact::obstacle::deepest_overlap;
 use palpate_core::contact::tool::Part;
 use palpate_core::geometry::Surface;
 use palpate_core::geometry::primitives::box_mesh;
@@ -167,6 +169,26 @@ pub enum SceneError {
         /// Longest stable step [s].
         step: f64,
     },
+    /// An obstacle in the body.
+    #[error(
+        "{origin}: obstacle[{index}]: \"{name}\" overlaps the body at rest by {:.1} mm at [{:.4}, {:.4}, {:.4}], and may by \
+         {:.1} mm: move it (position)",
+        1e3 * depth, place.x, place.y, place.z, 1e3 * most
+    )]
+    Overlap {
+        /// File or bundled scene.
+        origin: String,
+        /// Which obstacle.
+        index: usize,
+        /// Its name.
+        name: String,
+        /// How deep it is in the body [m].
+        depth: Real,
+        /// Where [m].
+        place: Vec3,
+        /// How deep it may be [m].
+        most: Real,
+    },
     /// Shapes and parameters that make no body.
     #[error("{origin}: {source}")]
     Prepare {
@@ -264,6 +286,7 @@ impl LoadedScene {
             }
             body = merge(all, self.scene.material.damping_ratio).map_err(self.failed())?;
         }
+        self.check_obstacles(&body)?;
         let step = step_of_level(&body, 0);
         if step < step_of(CLASSES - 1) {
             return Err(SceneError::TooStiff { origin: self.origin.clone(), step });
@@ -276,6 +299,21 @@ impl LoadedScene {
             }
         }
         Ok(body)
+    }
+
+    /// Refuses obstacles that are in `body` by more than half a spacing of what is displayed: what overlaps by less is eased
+    /// apart while it settles.
+    fn check_obstacles(&self, body: &Body) -> Result<(), SceneError> {
+        let areas = body.vertex_area();
+        let most = 0.5 * (areas.iter().sum::<Real>() / areas.len() as Real).sqrt();
+        for (index, obstacle) in self.scene.settings().obstacles.iter().enumerate() {
+            let (depth, place) = deepest_overlap(body, obstacle);
+            if depth > most {
+                let (origin, name) = (self.origin.clone(), obstacle.name.clone());
+                return Err(SceneError::Overlap { origin, index, name, depth, place, most });
+            }
+        }
+        Ok(())
     }
 
     /// What `[body]` says, without the further organs.
@@ -400,6 +438,8 @@ pub fn parse(text: &str, origin: &str) -> Result<Scene, SceneError> {
     if faults.is_empty() {
         scene.material.faults("material", &mut faults);
         scene.organ.iter().enumerate().for_each(|(i, organ)| organ.faults(&format!("organ[{i}]"), &mut faults));
+        let obstacles = scene.obstacle.iter().enumerate();
+        obstacles.for_each(|(i, obstacle)| obstacle.faults(&format!("obstacle[{i}]"), &mut faults));
         scene.tool.iter().enumerate().for_each(|(i, tool)| tool.faults(&format!("tool[{i}]"), &mut faults));
     }
     let told = |(path, fault): &(String, String)| match line_of(text, path) {

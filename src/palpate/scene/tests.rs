@@ -22,6 +22,7 @@ fn the_reference_names_every_key_with_its_default() {
     let minimal = parse("name = \"reference\"\n[body]\nsource = \"box\"\n", "minimal").unwrap();
     let optional = Scene {
         hold: vec![],
+        obstacle: vec![],
         organ: vec![],
         probe: vec![],
         material: MaterialKeys { phi: None, psi: None, region: vec![], ..scene.material.clone() },
@@ -60,6 +61,8 @@ fn the_reference_names_every_key_with_its_default() {
         "stiffness",
         "rounding",
         "points",
+        "displacement",
+        "stay",
     ] {
         assert!(full.contains(&format!("{key} = ")), "the reference leaves out {key}");
     }
@@ -210,6 +213,55 @@ fn shapes_that_contradict_themselves_are_named_by_key_and_line() {
     }
     let e = tools("[[tool]]\nname = \"t\"\nshape = \"cone\"\n").unwrap_err().to_string();
     assert!(e.contains("line 6") && e.contains("cylinder"), "{e}");
+}
+
+#[test]
+fn obstacles_that_contradict_themselves_are_named_by_key_and_line() {
+    let obstacle =
+        |keys: &str| tools(&format!("[[obstacle]]\nname = \"o\"\n{keys}")).map(|scene| scene.settings().obstacles);
+    let floor = &obstacle("").unwrap()[0];
+    assert_eq!((floor.friction, floor.motion), (0.5, None));
+    for (keys, fault) in [
+        ("normal = [0.0, 0.0, 0.0]", "obstacle[0].normal: give a direction"),
+        ("length = 0.1", "obstacle[0].length: is for"),
+        ("orientation = [1.0, 0.0, 0.0, 0.0]", "obstacle[0].orientation: a plane has a normal"),
+        ("shape = \"ball\"\nnormal = [1.0, 0.0, 0.0]", "obstacle[0].normal: is for shape = \"plane\""),
+        ("shape = \"compound\"", "obstacle[0].shape: an obstacle is"),
+        (
+            "motion = {displacement = [0.0, 0.0, 0.1], period = 0.2}",
+            "obstacle[0].motion.period: it would move by 2.34 m/s",
+        ),
+        (
+            "motion = {displacement = [0.0, 0.0, 0.1], period = 4.0, stay = 0.3}",
+            "obstacle[0].motion.stay: rise, stay and fall",
+        ),
+    ] {
+        let said = obstacle(keys).unwrap_err().to_string();
+        assert!(said.contains(fault), "{keys}: {said}");
+    }
+    let said = tools("[[tool]]\nname = \"t\"\nshape = \"plane\"").unwrap_err().to_string();
+    assert!(said.contains("tool[0].shape: a plane is for [[obstacle]]"), "{said}");
+}
+
+#[test]
+fn an_obstacle_in_the_body_is_refused_with_where() {
+    let cube = |obstacle: &str| {
+        let obstacle = format!("obstacle=[{{name='bone', {obstacle}}}]");
+        LoadedScene::load(Path::new("cube"), &["body.cells=[[3,3,3]]".into(), obstacle])
+            .unwrap()
+            .build(&mut |_, _, _| {})
+    };
+    let said = |obstacle: &str| cube(obstacle).unwrap_err().to_string();
+    let above = said("position=[0,0,0.02]");
+    assert!(above.contains("\"bone\" overlaps the body at rest by 20.0 mm at ["), "{above}");
+    assert!(said("shape='ball', radius=0.01, position=[0.05,0.05,0.05]").contains("overlaps"), "inside of it");
+    assert!(said("shape='ball', radius=0.03, position=[0.05,0.05,-0.01]").contains("overlaps"), "half of it");
+    let plate = "[[-0.1,-0.1,0.0],[0.2,-0.1,0.0],[-0.1,0.2,0.0],[0.2,0.2,0.0],[0,0,-0.02]]";
+    let hull = |z: f64| format!("shape='convex', points={plate}, rounding=0.001, position=[0,0,{z}]");
+    assert!(said(&hull(0.02)).contains("overlaps"), "a plate through it");
+    for fits in ["position=[0,0,0.0005]", "shape='ball', radius=0.03, position=[0.05,0.05,-0.0299]", &hull(-0.001)] {
+        assert!(cube(fits).is_ok(), "{fits}");
+    }
 }
 
 #[test]

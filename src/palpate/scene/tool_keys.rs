@@ -21,6 +21,8 @@ pub enum ToolKind {
     Convex,
     /// Several of the others.
     Compound,
+    /// All that is below a plane: for obstacles.
+    Plane,
 }
 
 impl ToolKind {
@@ -32,6 +34,7 @@ impl ToolKind {
             ToolKind::Cylinder => "cylinder",
             ToolKind::Convex => "convex",
             ToolKind::Compound => "compound",
+            ToolKind::Plane => "plane",
         }
     }
 }
@@ -152,9 +155,10 @@ impl PartKeys {
         Part::convex(points, self.rounding())
     }
 
-    fn part(&self) -> Part {
+    pub(super) fn part(&self) -> Part {
         let part = match self.kind() {
-            ToolKind::Ball | ToolKind::Compound => Part::capsule(self.radius, 0.0),
+            // Planes are obstacles.
+            ToolKind::Ball | ToolKind::Compound | ToolKind::Plane => Part::capsule(self.radius, 0.0),
             ToolKind::Capsule => Part::capsule(self.radius, self.length),
             ToolKind::Cylinder => Part::cylinder(self.radius, self.length, self.rounding()),
             // Checked scenes have hulls, and load their files.
@@ -167,11 +171,11 @@ impl PartKeys {
     }
 
     /// What is wrong with it beyond single values: key behind `path`, and why.
-    fn faults(&self, path: &str, out: &mut Vec<(String, String)>) {
+    pub(super) fn faults(&self, path: &str, out: &mut Vec<(String, String)>) {
         let kind = self.kind();
         let mut fault = |key: &str, message: &str| out.push((format!("{path}.{key}"), message.to_owned()));
         match kind {
-            ToolKind::Ball | ToolKind::Convex | ToolKind::Compound if self.length > 0.0 => {
+            ToolKind::Ball | ToolKind::Convex | ToolKind::Compound | ToolKind::Plane if self.length > 0.0 => {
                 fault("length", "is for shape = \"capsule\" and \"cylinder\"");
             }
             ToolKind::Cylinder if self.length == 0.0 => fault("length", "a cylinder needs one"),
@@ -257,6 +261,11 @@ impl ToolKeys {
     /// What is wrong with it beyond single values: key behind `path`, and why.
     pub(super) fn faults(&self, path: &str, out: &mut Vec<(String, String)>) {
         self.alone().faults(path, out);
+        let planes = std::iter::once((path.to_owned(), self.shape))
+            .chain(self.part.iter().enumerate().map(|(i, part)| (format!("{path}.part[{i}]"), part.shape)));
+        for (path, _) in planes.filter(|(_, shape)| *shape == Some(ToolKind::Plane)) {
+            out.push((format!("{path}.shape"), "a plane is for [[obstacle]]".into()));
+        }
         let most = palpate_core::contact::shape::MOST_PARTS;
         match self.kind() {
             ToolKind::Compound if !(1..=most).contains(&self.part.len()) => {

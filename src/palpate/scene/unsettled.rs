@@ -87,11 +87,11 @@ impl Scene {
         for Start { organ, width, distance, motion } in starts {
             let refused = |fault, remedy| Err(Unsettled { organ: organ.clone(), fault, remedy });
             if det_f <= 0.0 {
-                let remedy = "a stiffer material (material.youngs_modulus), or more of it held ([[hold]])";
+                let remedy = "a stiffer material (material.youngs_modulus), or more of it held ([[hold]]) or on a floor ([[obstacle]])";
                 return refused(Fault::Inverted { det_f }, remedy);
             }
             if distance > MOST_DISTANCE * width {
-                let remedy = "hold it ([[hold]]), or make it stiffer (material.youngs_modulus)";
+                let remedy = "hold it ([[hold]]), put it on a floor ([[obstacle]]), or make it stiffer (material.youngs_modulus)";
                 return refused(Fault::Far { distance, width }, remedy);
             }
             if motion > MOST_MOTION * width {
@@ -104,7 +104,7 @@ impl Scene {
 
     /// Least det F of the elements of `body` in the first 128 ms after `start`, and how each organ starts.
     pub fn starts(&self, body: &Arc<Body>, start: &Snapshot) -> (Real, Vec<Start>) {
-        let Ok(mut simulation) = Simulation::new(body.clone(), self.settings(), start.clone()) else {
+        let Ok(mut simulation) = Simulation::new(body.clone(), self.still_settings(), start.clone()) else {
             return (Real::INFINITY, Vec::new());
         };
         let rest = &body.surface().vertices;

@@ -77,12 +77,12 @@ fn tool(tool: u32, keys: &ToolKeys) -> proto::ToolDescription {
         name: keys.name.clone(),
         shape: kind.name().into(),
         radius: match kind {
-            ToolKind::Convex | ToolKind::Compound => shape.bounding_radius(),
+            ToolKind::Convex | ToolKind::Compound | ToolKind::Plane => shape.bounding_radius(),
             ToolKind::Ball | ToolKind::Capsule | ToolKind::Cylinder => keys.radius,
         },
         length: match kind {
             ToolKind::Capsule | ToolKind::Cylinder => keys.length,
-            ToolKind::Ball | ToolKind::Convex | ToolKind::Compound => 0.0,
+            ToolKind::Ball | ToolKind::Convex | ToolKind::Compound | ToolKind::Plane => 0.0,
         },
         taken: false,
         parts: parts.collect(),

@@ -13,13 +13,49 @@ impl ActiveMesh {
         (0..CLASSES).rev().find(|class| self.pool.count(*class) > 0).unwrap_or(0)
     }
 
-    /// Class of the steps by which contact at `points`, numbered as [`Constraint::point`], is held: at least as often as
-    /// the elements around the nodes that carry them could swing freely, at rest. Between two solves these nodes are free;
-    /// held less often than they swing, they press with no more than `mass · gap / Δt²`, however stiff the elements are.
-    /// Viscosity, which may shorten the elements' own steps further, slows the swing.
+    /// Class of the steps by which contact at points of tools and of obstacles, numbered as [`Constraint::point`], is held.
+    ///
+    /// Tools: at least as often as the elements around the nodes that carry the points could swing freely, at rest. Between two
+    /// solves these nodes are free; held less often than they swing, they press with no more than `mass · gap / Δt²`, however
+    /// stiff the elements are. Viscosity, which may shorten the elements' own steps further, slows the swing.
+    ///
+    /// Obstacles, which nothing soft is between: as often as the elements are kicked.
     ///
     /// [`Constraint::point`]: crate::model::Constraint::point
-    pub fn contact_class(&mut self, body: &Body, points: impl Iterator<Item = u32>) -> usize {
+    pub fn contact_class(
+        &mut self,
+        body: &Body,
+        tools: impl Iterator<Item = u32>,
+        obstacles: impl Iterator<Item = u32>,
+    ) -> usize {
+        let kicked = self.class_around(body, obstacles);
+        let mut tools = tools.peekable();
+        match kicked {
+            Some(class) if tools.peek().is_none() => class,
+            _ => self.class_under_tools(body, tools).max(kicked.unwrap_or(0)),
+        }
+    }
+
+    /// Class of the shortest steps of the elements around the nodes that carry these points; `None` where there are none.
+    fn class_around(&mut self, body: &Body, points: impl Iterator<Item = u32>) -> Option<usize> {
+        self.work.noted_nodes.clear();
+        let mut most = None;
+        for point in points {
+            let corners = body.corners_of_point(point).map(|v| (v, 1.0));
+            for (vertex, _) in body.patch_of_point(point).unwrap_or(&corners) {
+                for slot in self.embedded[vertex.index()].slots {
+                    let node = self.node[slot.index()];
+                    if self.work.noted_nodes.visit(node.index()) {
+                        let classes = body.elements_around(node).iter().filter_map(|e| self.pool.class_of(*e));
+                        most = most.max(classes.max());
+                    }
+                }
+            }
+        }
+        most
+    }
+
+    fn class_under_tools(&mut self, body: &Body, points: impl Iterator<Item = u32>) -> usize {
         self.work.noted_nodes.clear();
         let mut most = 0.0;
         for vertex in points.flat_map(|point| body.corners_of_point(point)) {

@@ -22,8 +22,17 @@ use crate::model::step_class::Residual;
 pub struct Loads<'a> {
     /// By tool: the points that it holds.
     pub points: &'a [Vec<PointMemory>],
+    /// By obstacle: the points that lie on it.
+    pub obstacle_points: &'a [Vec<PointMemory>],
     /// [m/s²].
     pub gravity: Vec3,
+}
+
+impl<'a> Loads<'a> {
+    /// All points that may push.
+    pub fn all_points(&self) -> impl Iterator<Item = &'a PointMemory> + use<'a> {
+        self.points.iter().chain(self.obstacle_points).flatten()
+    }
 }
 
 /// No residual force.
@@ -57,7 +66,7 @@ impl ActiveMesh {
 
     /// Adds to the residuals `sign` times the force on each active node, as far as the concerned elements and `loads` go: by
     /// class of step, so that it acts when that force does.
-    fn add_balance(&mut self, body: &Body, loads: &Loads, sign: Real) {
+    fn add_balance<'a>(&mut self, body: &Body, loads: &Loads<'a>, sign: Real) {
         self.residuals = true;
         for i in 0..self.work.concerned.len() {
             let e = self.work.concerned[i];
@@ -65,7 +74,8 @@ impl ActiveMesh {
                 (0..4).for_each(|i| self.add_residual(slots[i], class, forces[i] * sign));
             }
         }
-        let class = self.contact_class(body, loads.points.iter().flatten().map(|p| p.point));
+        let numbers = |points: &'a [Vec<PointMemory>]| points.iter().flatten().map(|p| p.point);
+        let class = self.contact_class(body, numbers(loads.points), numbers(loads.obstacle_points));
         self.add_contact_forces(body, loads, class, sign);
         for &slot in &self.active {
             let s = slot.index();
@@ -105,13 +115,14 @@ impl ActiveMesh {
         Some((class, slots, forces))
     }
 
-    /// Adds `sign` times the contact forces of the tools' points.
+    /// Adds `sign` times the contact forces.
     fn add_contact_forces(&mut self, body: &Body, loads: &Loads, class: usize, sign: Real) {
-        for point in loads.points.iter().flatten().filter(|p| p.multiplier > 0.0) {
+        for point in loads.all_points().filter(|p| p.multiplier > 0.0) {
             let on_body = (point.normal * point.multiplier + point.tangential) * sign;
             let corners = body.corners_of_point(point.point);
             let stencil: [(Vertex, Real); 3] = std::array::from_fn(|i| (corners[i], point.weights[i]));
-            let row = skin::row(self, if corners[0] == corners[1] { &stencil[..1] } else { &stencil }).0;
+            let stencil = if corners[0] == corners[1] { &stencil[..1] } else { &stencil };
+            let row = skin::row(self, body.patch_of_point(point.point).unwrap_or(stencil)).0;
             row.entries().iter().for_each(|(slot, b)| self.add_residual(*slot, class, on_body * *b));
         }
     }

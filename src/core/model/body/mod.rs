@@ -5,9 +5,11 @@
 mod check;
 mod node_compliance;
 mod parts;
+pub mod patches;
 
 pub use parts::{BodyParts, LabelParts, MaxwellBranch, Support, material_in, vertices_in};
 
+use super::constraint::MOST_PARTS;
 use super::csr::Csr;
 use super::material::Material;
 use super::organ::{self, Organ, OrganLevel, OrganParts};
@@ -20,6 +22,7 @@ use crate::visited::Visited;
 use check::check;
 use node_compliance::NodeCompliance;
 use parts::finest_whole;
+use patches::Patches;
 
 /// First bytes of a body file: name and format version.
 const MAGIC: &[u8; 12] = b"palpate-bdy\x09";
@@ -51,6 +54,7 @@ pub struct Body {
     mass: Real,
     centre: Vec3,
     vertex_area: Vec<Real>,
+    patches: Patches,
     adjacency: Csr<Triangle>,
     bytes: Vec<u8>,
     checksum: u64,
@@ -152,6 +156,7 @@ impl Body {
         let organ_of_node =
             levels().flat_map(|(r, _)| of_level(r)).flat_map(|(i, n)| std::iter::repeat_n(i, n)).collect();
         let finest = finest_whole(&parts.levels);
+        let vertex_area = parts.surface.vertex_areas();
         let mut body = Body {
             level_of_node: levels().flat_map(|(r, l)| vec![r as u8; l.mesh.nodes.len()]).collect(),
             organs: organ::organs(organs, finest, &parts.levels),
@@ -167,7 +172,8 @@ impl Body {
             compliance: NodeCompliance::default(),
             mass: parts.levels[finest].node_mass.iter().sum(),
             centre: parts.levels[finest].centre_of_mass(),
-            vertex_area: parts.surface.vertex_areas(),
+            patches: Patches::new(&parts.surface, &vertex_area),
+            vertex_area,
             adjacency: Csr::new(
                 parts.surface.vertices.len(),
                 triangles.flat_map(|(t, triangle)| triangle.map(|v| (v as usize, Triangle::at(t)))),
@@ -350,6 +356,21 @@ impl Body {
         let number = point % self.points_of_a_part();
         let triangle = number.checked_sub(self.surface().vertices.len() as u32);
         triangle.map_or([Vertex(number); 3], |t| self.triangle(Triangle(t)))
+    }
+
+    /// Patches of the display surface, each of which meets flat ground as one.
+    pub fn patches(&self) -> &Patches {
+        &self.patches
+    }
+
+    /// Number of patch `i` as a [`Constraint::point`](crate::model::Constraint::point): after those of all parts of a tool.
+    pub fn point_of_patch(&self, i: u32) -> u32 {
+        self.points_of_a_part() * MOST_PARTS as u32 + i
+    }
+
+    /// The patch with this number as a point; `None` for a vertex or a triangle.
+    pub fn patch_of_point(&self, point: u32) -> Option<&[(Vertex, Real)]> {
+        point.checked_sub(self.point_of_patch(0)).map(|i| self.patches.of(i))
     }
 
     /// Nodes of the next finer level that stand for node `n` together; none where that does not reach.

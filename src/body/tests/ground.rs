@@ -1,0 +1,243 @@
+//! A body on an obstacle: it carries the weight, holds and slides by Coulomb's law, and is followed where it moves.
+
+use palpate_body::prepare::{self, Recipe, prepare};
+use palpate_core::contact::obstacle::{Form, Obstacle};
+use palpate_core::contact::safety::ForceLimits;
+use palpate_core::contact::tool::{Coupling, Following, Part, PoseSample, Shape, Tool, ToolEvent, ToolState};
+use palpate_core::feedback::relaxed::Probe;
+use palpate_core::geometry::primitives::box_mesh;
+use palpate_core::ids::Slot;
+use palpate_core::math::{Pose, Real, Vec3};
+use palpate_core::model::{Body, Material, Periodic};
+use palpate_core::simulation::{Inputs, Settings, Simulation, Snapshot, TICK};
+use std::sync::Arc;
+
+fn block(size: Vec3, cells: &[u32], youngs_modulus: Real, poisson_ratio: Real) -> Arc<Body> {
+    let recipe = Recipe {
+        name: "block".into(),
+        shape: prepare::Shape::meshes(cells.iter().map(|n| box_mesh(size, [*n; 3]))),
+        material: Material::from_young(youngs_modulus, poisson_ratio, 1000.0),
+        inclusions: vec![],
+        holds: vec![],
+        damping_ratio: 0.15,
+    };
+    prepare(&recipe, &mut |_, _, _| {}).unwrap().into()
+}
+
+fn floor(friction: Real) -> Obstacle {
+    Obstacle { name: "floor".into(), shape: Form::Ground, friction, pose: Pose::default(), motion: None }
+}
+
+fn on(body: &Arc<Body>, obstacle: Obstacle, gravity: Vec3, level: usize) -> Simulation {
+    let settings = Settings {
+        gravity,
+        tools: vec![],
+        obstacles: vec![obstacle],
+        following: Following { speed: 1.0, engage_ticks: 10 },
+        limits: ForceLimits { force: 100.0, torque: 10.0, slew: 1e6 },
+        adaptivity: None,
+        most_elements: body.element_count(),
+    };
+    Simulation::new(body.clone(), settings, Snapshot::at_rest(body, level, 0)).unwrap()
+}
+
+/// Ticks in which the velocities fade, then as many in which they do not.
+fn settle(simulation: &mut Simulation, ticks: usize) {
+    for _ in 0..ticks {
+        simulation.advance(&Inputs::default());
+        simulation.mesh_mut().change_motion(|_, _, v| *v *= 0.98);
+    }
+    (0..ticks).for_each(|_| _ = simulation.advance(&Inputs::default()));
+}
+
+/// Mass [kg], place [m] and velocity [m/s] of each active node.
+fn nodes(simulation: &Simulation) -> Vec<(Real, Vec3, Vec3)> {
+    let mesh = simulation.mesh();
+    let velocity = |s: usize| Vec3::from_row_slice(&mesh.motion.velocity[s][..3]);
+    let of = |s: &Slot| (mesh.motion.mass[s.index()], mesh.position(*s), velocity(s.index()));
+    mesh.active().iter().map(of).collect()
+}
+
+fn kinetic(simulation: &Simulation) -> Real {
+    nodes(simulation).iter().map(|(m, _, v)| 0.5 * m * v.norm_squared()).sum()
+}
+
+fn momentum(simulation: &Simulation) -> Vec3 {
+    nodes(simulation).iter().map(|(m, _, v)| v * *m).sum()
+}
+
+fn centre(simulation: &Simulation) -> Vec3 {
+    let mass: Real = nodes(simulation).iter().map(|n| n.0).sum();
+    nodes(simulation).iter().map(|(m, x, _)| x * *m).sum::<Vec3>() / mass
+}
+
+fn weight(body: &Body) -> Real {
+    9.81 * body.mass()
+}
+
+/// Gravity on a floor that is tilted by this slope.
+fn on_slope(slope: Real) -> Vec3 {
+    let angle = slope.atan();
+    Vec3::new(angle.sin(), 0.0, -angle.cos()) * 9.81
+}
+
+/// Sizes [m], cells of the levels, Young's moduli [Pa] and Poisson's ratios.
+fn blocks() -> Vec<(Arc<Body>, usize)> {
+    [
+        (Vec3::repeat(0.1), vec![3, 6], 2e4, 0.35),
+        (Vec3::new(0.16, 0.1, 0.05), vec![4, 8], 5e3, 0.45),
+        (Vec3::repeat(0.03), vec![3, 6], 5e4, 0.1),
+    ]
+    .into_iter()
+    .flat_map(|(size, cells, e, nu)| {
+        let body = block(size, &cells, e, nu);
+        (0..cells.len()).map(move |level| (body.clone(), level)).collect::<Vec<_>>()
+    })
+    .collect()
+}
+
+#[test]
+fn a_floor_carries_the_weight_and_the_body_lies_still() {
+    for (body, level) in blocks() {
+        let mut simulation = on(&body, floor(0.5), on_slope(0.0), level);
+        settle(&mut simulation, 1500);
+        for _ in 0..100 {
+            let force = simulation.advance(&Inputs::default()).obstacles[0].force;
+            assert!((force.z / -weight(&body) - 1.0).abs() < 1e-6, "{force} for {} N", weight(&body));
+            assert!(force.xy().norm() < 1e-6 * weight(&body), "{force}");
+        }
+        // As if it had fallen by 0.1 µm.
+        assert!(kinetic(&simulation) < 1e-7 * weight(&body), "{:e} J", kinetic(&simulation));
+    }
+}
+
+#[test]
+fn a_body_slides_down_a_slope_steeper_than_the_friction_as_coulomb_says() {
+    for (body, level) in blocks() {
+        let gravity = on_slope(0.7);
+        let mut simulation = on(&body, floor(0.5), gravity, level);
+        settle(&mut simulation, 500);
+        let mut places = [Vec3::zeros(); 3];
+        for place in &mut places {
+            *place = centre(&simulation);
+            (0..100).for_each(|_| _ = simulation.advance(&Inputs::default()));
+        }
+        let rate = (places[2] - places[1] * 2.0 + places[0]) / (100.0 * TICK).powi(2);
+        let expected = gravity.x + 0.5 * gravity.z;
+        assert!((rate.x / expected - 1.0).abs() < 0.01, "{rate} for {expected} m/s²");
+    }
+}
+
+#[test]
+fn a_block_stands_on_a_slope_up_to_its_width_over_its_height_and_tips_beyond() {
+    // So stiff that it does not lean: a half.
+    let body = block(Vec3::new(0.05, 0.05, 0.1), &[3], 1e6, 0.3);
+    let height = |slope: Real| {
+        let mut simulation = on(&body, floor(1.5), on_slope(slope), 0);
+        settle(&mut simulation, 700);
+        centre(&simulation).z
+    };
+    let (stands, tips) = (height(0.42), height(0.56));
+    assert!(stands > 0.048 && tips < 0.03, "its middle is {stands} m high where it stands, {tips} m where it tips");
+}
+
+#[test]
+fn what_a_falling_body_loses_of_its_momentum_is_what_the_floor_gives() {
+    for (body, level) in blocks() {
+        let below = Pose { position: Vec3::z() * -0.01, ..Pose::default() };
+        let mut simulation = on(&body, Obstacle { pose: below, ..floor(0.3) }, on_slope(0.3), level);
+        let (mut given, mut most) = (Vec3::zeros(), 0.0 as Real);
+        for _ in 0..300 {
+            given += (on_slope(0.3) * body.mass() - simulation.advance(&Inputs::default()).obstacles[0].force) * TICK;
+            most = most.max(momentum(&simulation).norm());
+        }
+        let off = (momentum(&simulation) - given).norm();
+        assert!(most > 0.3 * body.mass() && off < 1e-12 * most, "{off:e} of {most} kg m/s");
+    }
+}
+
+#[test]
+fn a_body_follows_a_floor_that_breathes_and_is_carried_along_by_friction() {
+    let displacement = Vec3::new(0.006, 0.0, 0.01);
+    let motion = Some(Periodic { displacement, period: 2000, parts: [0.4, 0.0, 0.4] });
+    for (body, level) in blocks() {
+        let mut simulation = on(&body, Obstacle { motion, ..floor(0.5) }, on_slope(0.0), level);
+        settle(&mut simulation, 1000);
+        let (start, mut before) = (centre(&simulation), simulation.outputs().obstacles[0].force);
+        for tick in 0..2000 {
+            let force = simulation.advance(&Inputs::default()).obstacles[0].force;
+            // What a mass feels of the motion, 10/√3 of the displacement over the time of the rise squared, and its rate.
+            assert!((force.z / -weight(&body) - 1.0).abs() < 0.03, "{tick}: {force} for {} N", weight(&body));
+            assert!((force - before).norm() < 2e-3 * weight(&body), "{tick}: {force} after {before}");
+            before = force;
+            if tick == 799 {
+                let way = centre(&simulation) - start;
+                assert!((way - displacement).norm() < 2e-4, "{way} for {displacement}");
+            }
+        }
+        assert!((centre(&simulation) - start).norm() < 2e-4, "{}", centre(&simulation) - start);
+    }
+}
+
+#[test]
+fn a_body_lies_on_a_convex_table() {
+    let corner = |x: Real, y: Real, z: Real| Vec3::new(x, y, z);
+    let corners: Vec<Vec3> =
+        (0..8).map(|i| corner([-0.1, 0.2][i & 1], [-0.1, 0.2][i >> 1 & 1], [-0.05, -5e-4][i >> 2])).collect();
+    let table = Form::Parts(Part::convex(&corners, 5e-4).unwrap().into());
+    let body = block(Vec3::repeat(0.1), &[3], 2e4, 0.35);
+    let mut simulation = on(&body, Obstacle { shape: table, ..floor(0.5) }, on_slope(0.1), 0);
+    settle(&mut simulation, 700);
+    let before = centre(&simulation);
+    let mut mean = Vec3::zeros();
+    (0..200).for_each(|_| mean += simulation.advance(&Inputs::default()).obstacles[0].force / 200.0);
+    let expected = on_slope(0.1) * body.mass();
+    assert!((mean - expected).norm() < 1e-3 * weight(&body), "{mean} for {expected}");
+    assert!((centre(&simulation) - before).norm() < 1e-5, "{}", centre(&simulation) - before);
+}
+
+#[test]
+fn the_stiffness_told_of_a_body_on_a_floor_is_that_by_which_its_force_grows() {
+    let body = block(Vec3::repeat(0.1), &[3, 6], 2e4, 0.35);
+    let start = {
+        let mut simulation = on(&body, floor(0.5), on_slope(0.0), 1);
+        settle(&mut simulation, 500);
+        simulation.snapshot()
+    };
+    let tool = Tool { name: "ball".into(), shape: Shape::ball(0.02), friction: 0.0 };
+    let settings = Settings { tools: vec![tool], ..on(&body, floor(0.5), on_slope(0.0), 1).settings().clone() };
+    let with_tool = Snapshot { tools: vec![ToolState::default()], points: vec![vec![]], ..start };
+    let mut simulation = Simulation::new(body.clone(), settings.clone(), with_tool).unwrap();
+    let mut press = |depth: Real, ticks: u32| {
+        for tick in 0..ticks {
+            let position = Vec3::new(0.05, 0.05, 0.12 - depth * Real::from(tick.min(500)) / 500.0);
+            let sample = PoseSample { pose: Pose { position, ..Pose::default() }, ..PoseSample::default() };
+            let attach = ToolEvent::Attach { epoch: 1, period_ticks: 1, coupling: Coupling::RIGID };
+            let mut inputs = Inputs::default();
+            inputs.tools[0] = Some(if tick == 0 { attach } else { ToolEvent::Pose(sample) });
+            simulation.advance(&inputs);
+        }
+        (simulation.outputs().tools[0].state.physical_force.z, simulation.snapshot())
+    };
+    let (first, snapshot) = press(0.006, 2000);
+    let (second, _) = press(0.0063, 2000);
+    let told = Probe::new(body, settings).unwrap().stiffness(&snapshot)[0].unwrap();
+    let grows = (second - first) / 3e-4;
+    assert!(first > 0.3 && (told.matrix[(2, 2)] / grows - 1.0).abs() < 0.15, "{} for {grows} N/m", told.matrix);
+}
+
+#[test]
+fn a_body_on_a_floor_that_moves_goes_on_from_a_snapshot_to_the_same_bits() {
+    let motion = Some(Periodic { displacement: Vec3::z() * 0.01, period: 200, parts: [0.4, 0.0, 0.4] });
+    let body = block(Vec3::repeat(0.05), &[2, 4], 2e4, 0.35);
+    let mut simulation = on(&body, Obstacle { motion, ..floor(0.5) }, on_slope(0.2), 1);
+    (0..150).for_each(|_| _ = simulation.advance(&Inputs::default()));
+    let snapshot = simulation.snapshot();
+    assert!(snapshot.obstacle_points[0].iter().any(|point| point.multiplier > 0.0));
+    let mut again = Simulation::new(body, simulation.settings().clone(), snapshot).unwrap();
+    for _ in 0..100 {
+        let force = simulation.advance(&Inputs::default()).obstacles[0];
+        assert_eq!(again.advance(&Inputs::default()).obstacles[0], force);
+        assert_eq!(again.hash(), simulation.hash());
+    }
+}

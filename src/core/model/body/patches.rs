@@ -1,0 +1,125 @@
+//! Patches: pieces of the display surface, each of which meets flat ground as one.
+//!
+//! A body lies on ground with all of a side, by more vertices than a tick has time for. A patch meets the ground with its mean
+//! place, by area, so that an even pressure loads the surface evenly however much finer than a patch the mesh is. Patches are
+//! those of the rest shape: chosen anew in each tick, they would keep a body that lies still in motion.
+
+use crate::geometry::Surface;
+use crate::ids::Vertex;
+use crate::math::{Real, Vec3};
+use crate::model::csr::Csr;
+
+/// Patches of a smooth body, about: what a body that lies on a sixth of its surface meets the ground with is a sixth.
+const PATCHES: Real = 256.0;
+/// Most patches of any body: what bounds the cost of a tick.
+pub const MOST_PATCHES: usize = 1024;
+/// Most vertices that stand for a patch: the nodes that carry them fit a [`Row`](crate::model::Row), and cost what these do.
+const MOST_VERTICES: usize = 8;
+/// Cosine between normals of a patch, 26°: the vertices of an edge make patches of their own, or a block would tip over a line
+/// inside of it.
+const SAME_SIDE: Real = 0.9;
+/// By how much the distance of patches grows while they are too many.
+const WIDER: Real = 1.4;
+
+/// All patches of a body.
+#[derive(Debug)]
+pub struct Patches {
+    /// By patch: display vertices and their weights, which sum to one.
+    of: Csr<(Vertex, Real)>,
+    count: u32,
+}
+
+impl Patches {
+    /// Those of `surface`, around whose vertices are these `areas` [m²].
+    pub(super) fn new(surface: &Surface, areas: &[Real]) -> Self {
+        let place = &surface.vertices;
+        let mut normals = vec![Vec3::zeros(); place.len()];
+        for (t, triangle) in surface.triangles.iter().enumerate() {
+            let [a, b, c] = surface.corners(t);
+            triangle.iter().for_each(|v| normals[*v as usize] += (b - a).cross(&(c - a)));
+        }
+        normals.iter_mut().for_each(|n| *n = n.try_normalize(0.0).unwrap_or_default());
+        let mut apart = areas.iter().sum::<Real>() / PATCHES;
+        let alike = |v: usize, w: usize| normals[v].dot(&normals[w]) > SAME_SIDE;
+        let nearest = |from: &[usize], v: usize| {
+            let squared = |i: usize| (place[from[i]] - place[v]).norm_squared();
+            (0..from.len()).filter(|i| alike(v, from[*i])).map(|i| (i, squared(i))).min_by(|a, b| a.1.total_cmp(&b.1))
+        };
+        let centres = loop {
+            let mut centres: Vec<usize> = Vec::new();
+            for v in 0..place.len() {
+                if areas[v] > 0.0 && nearest(&centres, v).is_none_or(|(_, squared)| squared >= apart) {
+                    centres.push(v);
+                }
+            }
+            if centres.len() <= MOST_PATCHES || apart > surface.bounds().size().norm_squared() {
+                centres.truncate(MOST_PATCHES);
+                break centres;
+            }
+            apart *= WIDER;
+        };
+        let mut members: Vec<Vec<usize>> = vec![Vec::new(); centres.len()];
+        for v in (0..place.len()).filter(|v| areas[*v] > 0.0) {
+            if let Some((i, _)) = nearest(&centres, v) {
+                members[i].push(v);
+            }
+        }
+        let patches = centres.iter().zip(&members).map(|(centre, all)| weighed(place, areas, *centre, all));
+        let patches: Vec<Vec<(Vertex, Real)>> = patches.collect();
+        let entries = patches.iter().enumerate().flat_map(|(i, patch)| patch.iter().map(move |entry| (i, *entry)));
+        Self { of: Csr::new(patches.len(), entries), count: patches.len() as u32 }
+    }
+
+    /// How many they are.
+    pub fn len(&self) -> u32 {
+        self.count
+    }
+
+    /// Vertices of patch `i` and their weights.
+    pub fn of(&self, i: u32) -> &[(Vertex, Real)] {
+        self.of.of(i as usize)
+    }
+}
+
+/// At most [`MOST_VERTICES`] of `all` vertices of a patch, far from each other, with the parts of its area nearest to them.
+fn weighed(place: &[Vec3], areas: &[Real], centre: usize, all: &[usize]) -> Vec<(Vertex, Real)> {
+    let mut kept = vec![centre];
+    let nearest = |kept: &[usize], v: usize| {
+        let squared = |i: &usize| (place[kept[*i]] - place[v]).norm_squared();
+        (0..kept.len()).map(|i| (i, squared(&i))).min_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or_default()
+    };
+    while kept.len() < MOST_VERTICES.min(all.len()) {
+        let far = |v: &&usize| nearest(&kept, **v).1;
+        match all.iter().max_by(|a, b| far(a).total_cmp(&far(b))) {
+            Some(v) if far(&v) > 0.0 => kept.push(*v),
+            _ => break,
+        }
+    }
+    let mut area = vec![0.0; kept.len()];
+    all.iter().for_each(|v| area[nearest(&kept, *v).0] += areas[*v]);
+    let whole: Real = area.iter().sum();
+    kept.iter().zip(area).map(|(v, a)| (Vertex::at(*v), a / whole)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::primitives::box_surface;
+
+    #[test]
+    fn patches_of_a_block_lie_on_one_side_and_have_the_mean_place_of_their_area() {
+        let surface = box_surface(Vec3::new(0.1, 0.08, 0.05), [25, 20, 12]);
+        let areas = surface.vertex_areas();
+        let patches = Patches::new(&surface, &areas);
+        let all = || (0..patches.len()).map(|i| patches.of(i));
+        assert!((200..=600).contains(&patches.len()), "{}", patches.len());
+        assert!(all().all(|p| (p.iter().map(|(_, w)| w).sum::<Real>() - 1.0).abs() < 1e-12));
+        assert!(all().all(|p| p.len() <= MOST_VERTICES));
+        let place = |p: &[(Vertex, Real)]| p.iter().map(|(v, w)| surface.vertices[v.index()] * *w).sum::<Vec3>();
+        // Those that have a vertex on the lower side's inside lie in it as a whole, and the rim has its own on the very edge.
+        let below = |v: &Vertex| surface.vertices[v.index()].z == 0.0;
+        let lower: Vec<_> = all().filter(|p| p.iter().any(|(v, _)| below(v))).map(place).collect();
+        assert!(lower.iter().filter(|p| p.z == 0.0).count() >= 30);
+        assert!(lower.iter().any(|p| p.x == 0.0 && p.z == 0.0) && lower.iter().any(|p| p.x == 0.1 && p.z == 0.0));
+    }
+}
