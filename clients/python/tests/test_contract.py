@@ -103,7 +103,7 @@ class Renderer:
             self.model, self.newer = newer, None
         F = self.rendered(x, now)
         if not np.any(F):
-            self.E = max(self.E, 0.0)
+            self.E, self.P = max(self.E, 0.0), 0.0
         self.f = F
         b = F_max**2 / (4.0 * self.device["max_stiffness"])
         beta = self.E - b

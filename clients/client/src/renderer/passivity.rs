@@ -12,8 +12,8 @@ use crate::Device;
 ///
 /// Without a force nothing could take a debt back, and a device that tells no velocity is not damped: a hand that was snatched
 /// out would feel nothing for ever. So a hand that moves against the force gets it back: its work pays the debt. When
-/// it turns, it gets back no more than it has paid since, and the force is gone when that is used up: a vibration gains nothing,
-/// however active the environment is.
+/// it turns, it gets back no more than it has paid in this touch, and the force is gone when that is used up: a vibration gains
+/// nothing, however active the environment is.
 ///
 /// Late by one step in either direction, as every controller in discrete time: what a longer step than the ones before gives out
 /// is found when it is over. Above the budget the force of the paying hand is smaller by as much as the debt is greater, or a hand
@@ -36,7 +36,7 @@ pub(super) struct PassivityController {
     mark: Vector3<f64>,
     /// True where the hand moved against the force, over the last way that tells.
     resisted: bool,
-    /// Energy that the hand has put in since it turned against the force [J], less what it got back since; not below 0.
+    /// Energy that the hand has put in since the touch began [J], less what it got back; not below 0.
     paid: f64,
     /// Share of the environment's force that is given for this, whatever the account says.
     least_share: f64,
@@ -101,7 +101,7 @@ impl PassivityController {
 
     /// The force has ended: what the touch has taken in pays for nothing new.
     pub(super) fn end_touch(&mut self) {
-        self.energy = self.energy.max(0.0);
+        (self.energy, self.paid) = (self.energy.max(0.0), 0.0);
     }
 
     /// The environment's force `F` [N] with what takes energy back where too much has been given out; `v` [m/s] is the hand's
