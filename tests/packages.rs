@@ -4,6 +4,8 @@
 
 #[path = "../clients/sdk/tests/c_program/mod.rs"]
 mod c_program;
+#[path = "common/random.rs"]
+mod random;
 #[path = "common/served.rs"]
 mod served;
 
@@ -93,7 +95,7 @@ fn debian(package: &Path, root: &Path) -> PathBuf {
 fn c(archive: &Path, folder: &Path, program: &Path) {
     unpack(archive, folder);
     let inside = fs::read_dir(folder).unwrap().next().unwrap().unwrap().path();
-    // Of what the tests are built with, which checks itself; some 9 MB of the static one are QUIC.
+    // Of what the tests are built with, which checks itself.
     for (name, most) in [("libpalpate_sdk.so", 15_000_000), ("libpalpate_sdk.a", 25_000_000)] {
         let size = inside.join("lib").join(name).metadata().unwrap().len();
         println!("{name}: {:.1} MB", size as f64 / 1e6);
@@ -121,6 +123,30 @@ fn c(archive: &Path, folder: &Path, program: &Path) {
         touch.args(&server.endpoints).args(["main", "0.05", "0.05", "0.2"]).env("LD_LIBRARY_PATH", inside.join("lib"));
         let said = run(&mut touch);
         assert!(said.contains("session main: cube, 1 tools") && said.contains(&format!("library {VERSION}")), "{said}");
+    }
+}
+
+/// As the guide says to build it, which takes minutes.
+#[test]
+fn without_certificates_the_libraries_take_less() {
+    if !random::whole() || !is_there("dpkg-deb", "the package for Debian") {
+        return;
+    }
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let folder = tempfile::tempdir().unwrap();
+    let (built, out) = (folder.path().join("library"), folder.path().join("out"));
+    let mut build = Command::new(env!("CARGO"));
+    build.args(["build", "--profile", "library", "--locked", "-p", "palpate-sdk", "--no-default-features"]);
+    run(build.current_dir(root).arg("--target-dir").arg(folder.path()));
+    std::os::unix::fs::symlink(env!("CARGO_BIN_EXE_palpate"), built.join("palpate")).unwrap();
+    run(Command::new(root.join("clients/package")).arg(&out).arg(&built));
+    let inside = folder.path().join("c");
+    unpack(&package(&out, ".tar.gz"), &inside);
+    let inside = fs::read_dir(inside).unwrap().next().unwrap().unwrap().path();
+    for (name, most) in [("libpalpate_sdk.so", 12_000_000), ("libpalpate_sdk.a", 18_000_000)] {
+        let size = inside.join("lib").join(name).metadata().unwrap().len();
+        println!("{name}: {:.1} MB", size as f64 / 1e6);
+        assert!(size < most, "{size}");
     }
 }
 

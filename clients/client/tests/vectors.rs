@@ -226,13 +226,34 @@ fn energy() -> Vec<(u64, Step)> {
     steps
 }
 
+/// Times [ns] and steps: a floor is pressed, the hand is snatched out of it between two forces, by a device that tells no velocity,
+/// presses again, turns twice on the way, and comes out.
+fn debt() -> Vec<(u64, Step)> {
+    let ways = [
+        (0..20).collect::<Vec<_>>(),
+        (-5..16).collect(),
+        (10..15).rev().collect(),
+        (11..18).collect(),
+        (-1..17).rev().collect(),
+    ];
+    let step = |(i, depth): (u64, i32)| {
+        let (at_ns, z) = ((1000 + 4 * i) * MS, -4e-4 * f64::from(depth));
+        [
+            (at_ns, Step::Wrench(floor(i + 1, 300.0, z as f32, 0.005))),
+            (at_ns + MS, Step::Force([0.0, 0.0, z], [0.0; 3])),
+        ]
+    };
+    (0..).zip(ways.into_iter().flatten()).flat_map(step).collect()
+}
+
 /// A name, times [ns] and steps, and the modes that they are for.
 type Sequence = (&'static str, Vec<(u64, Step)>, [RenderMode; 2]);
 
-fn sequences() -> [Sequence; 2] {
+fn sequences() -> [Sequence; 3] {
     [
         ("models", models(), [RenderMode::Raw, RenderMode::LocalModel]),
         ("energy", energy(), [RenderMode::Passive, RenderMode::LocalModelPassive]),
+        ("debt", debt(), [RenderMode::Passive, RenderMode::LocalModelPassive]),
     ]
 }
 
@@ -264,7 +285,7 @@ fn wrench_vectors() -> Value {
     json!({
         "about": "Each sequence is for a fresh renderer: a palpate.v1.ToolWrench in hexadecimal comes, or the force [N] (by mode) \
                   and torque [N·m] are asked for, at_ns [ns] on the client's clock, with the handle at position [m] and velocity [m/s].",
-        "device": { "max_force": 3.3, "max_torque": 0.188, "max_stiffness": 700.0, "max_damping": 5.0 },
+        "device": { "max_force": 3.3, "max_torque": 0.188, "max_stiffness": 700.0, "max_damping": 5.0, "resolution": 55e-6 },
         "sequences": sequences().map(sequence),
     })
 }
@@ -304,7 +325,7 @@ fn the_renderer_gives_the_forces_of_the_vectors() {
             }
         }
     }
-    let [models, energy] = [0, 1].map(|i| given[i]["steps"].as_array().unwrap());
+    let [models, energy, debt] = [0, 1, 2].map(|i| given[i]["steps"].as_array().unwrap());
     // What the vectors are to show is in them.
     let (raw, model) = (upward(models, RenderMode::Raw), upward(models, RenderMode::LocalModel));
     assert!(raw[0] == 0.0 && model[1] == 0.0, "nothing before the first wrench, and from there it rises");
@@ -318,5 +339,9 @@ fn the_renderer_gives_the_forces_of_the_vectors() {
         let forces = upward(energy, mode);
         let (first, last): (f64, f64) = (forces[11..20].iter().sum(), forces[71..80].iter().sum());
         assert!(first > 5.0 && last < 0.8 * first, "{mode:?}: the hand is given no more: {first}, {last}");
+        let forces = upward(debt, mode);
+        // Held at 2.3 N and snatched; back inside; turned at 0.006 m, and there again.
+        assert!(forces[19] > 2.2 && forces[25] < 0.05 && forces[40] > 1.0, "it feels again: {forces:?}");
+        assert!(forces[44] < 0.1 && forces[52] > 0.9, "it is given little, and feels again: {forces:?}");
     }
 }

@@ -43,6 +43,7 @@ class Renderer:
         self.model = dict(F0=np.zeros(3), x0=np.zeros(3), K=np.zeros((3, 3)), n=np.zeros(3), range=0.0, came=-(10**9))
         self.newer, self.sequence, self.torque = None, 0, np.zeros(3)
         self.e, self.E, self.last = np.zeros(3), 0.0, None
+        self.s, self.P, self.against, self.m, self.f = 0.0, 0.0, False, np.zeros(3), np.zeros(3)
 
     def receive(self, wrench, now):
         numbers = [list(getattr(wrench, f)) for f in ("force", "torque", "model_position", "model_force", "model_normal", "model_stiffness")]
@@ -68,13 +69,31 @@ class Renderer:
         G = G - n * min(0.0, n @ G)
         return faded(now - self.model["came"]) * cap(G, F_max)
 
+    def pay(self, w, step, x, dt):
+        left = max(0.0, self.P - w)
+        if w > 0.0:
+            self.s *= left / self.P if left > 0.0 else 0.0
+        self.P = left
+        if not np.any(self.f) or (w > 0.0 and left == 0.0):
+            self.against, self.m = False, x
+        elif np.linalg.norm(x - self.m) > 2.0 * self.device["resolution"]:
+            self.against, self.m = self.f @ (x - self.m) < 0.0, x
+        if self.against:
+            way = max(0.0, -self.f @ step / np.linalg.norm(self.f)) * 2.0 * self.device["max_stiffness"] / self.device["max_force"]
+            self.s = 1.0 - (1.0 - self.s) * np.exp(-min(dt / 0.008, way))
+        else:
+            self.s *= np.exp(-dt / 0.008)
+
     def force(self, x, v, now):
         F_max, dt = self.device["max_force"], 0.0
         if self.last:
             F, x_last, then = self.last
             dt = (now - then) * 1e-9
             self.E += F @ (x - x_last)
+            self.pay(F @ (x - x_last), x - x_last, x, dt)
             self.e = self.e * np.exp(-dt / 0.008)
+        else:
+            self.m = x
         if self.newer:
             B, newer = self.rendered(x, now), self.newer
             held = self.model["range"] == newer["range"] == 0.0
@@ -84,11 +103,12 @@ class Renderer:
             self.model, self.newer = newer, None
         F = self.rendered(x, now)
         if not np.any(F):
-            self.E = max(self.E, 0.0)
+            self.E, self.P = max(self.E, 0.0), 0.0
+        self.f = F
         b = F_max**2 / (4.0 * self.device["max_stiffness"])
         beta = self.E - b
         if "passive" in self.mode and beta > 0.0 and dt > 0.0:
-            F = F * max(0.0, 1.0 - beta / b) - v * min(beta / (v @ v * dt), self.device["max_damping"])
+            F = F * max(0.0, 1.0 - beta / b, self.s * min(1.0, 2.0 * b / self.E)) - v * min(beta / max(v @ v * dt, 1e-30), self.device["max_damping"])
         F = cap(F, F_max)
         self.last = (F, x, now)
         return F, self.torque * faded(now - self.model["came"])

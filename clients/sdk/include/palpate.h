@@ -3,6 +3,7 @@
  * `cargo build --profile library -p palpate-sdk` leaves it in target/library: shared (libpalpate_sdk.so, palpate_sdk.dll,
  * libpalpate_sdk.dylib) and static (libpalpate_sdk.a; palpate_sdk.lib with MSVC). On Linux clients/package makes an archive
  * of both, in which the static one is a quarter as long. That needs of the system beside: -lpthread -ldl -lm on Linux.
+ * `--no-default-features` leaves out certificates, where no server asks for them, and makes both smaller.
  * examples/touch.c and examples/watch.c are whole clients.
  *
  * Every pose and force here is in the frame of the device that palpate_attachment.frame names; forces are in newtons and

@@ -307,6 +307,10 @@ pub fn sessions(endpoint: &str, folder: Option<&Path>) -> Result<Vec<String>, Sd
 }
 
 fn open_session(endpoint: &str, folder: Option<&Path>) -> Result<zenoh::Session, SdkError> {
+    if is_secured(endpoint) && !cfg!(feature = "certificates") {
+        let fault = "asks for a certificate, and this library was built without the feature `certificates`";
+        return Err(SdkError::Identity(format!("{endpoint} {fault}")));
+    }
     let certificates = match folder {
         Some(folder) => identity::settings(folder).map_err(SdkError::Identity)?,
         None if is_secured(endpoint) => {
@@ -369,6 +373,14 @@ mod tests {
         let endpoints = Endpoints { session: "a/b".to_owned(), ..Endpoints::default() };
         let error = Connection::open(&endpoints).err().unwrap();
         assert_eq!(error.to_string(), "'a/b' cannot be a session name: use letters, digits, '-' and '_'");
+    }
+
+    #[test]
+    #[cfg(not(feature = "certificates"))]
+    fn an_endpoint_that_asks_for_a_certificate_is_refused_in_words_where_the_library_has_none() {
+        let endpoints = Endpoints { surface: "quic/127.0.0.1:7447".to_owned(), ..Endpoints::default() };
+        let error = Connection::open_surface(&endpoints).err().unwrap();
+        assert!(error.to_string().contains("without the feature `certificates`"), "{error}");
     }
 
     #[test]

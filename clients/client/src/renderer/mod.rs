@@ -30,8 +30,10 @@ const BLEND_TIME: f64 = 8e-3;
 /// # Passivity
 /// The guarded modes keep account of the energy that the force has given out to the hand [Hannaford & Ryu 2002]. Beyond
 /// half of the budget, [`Device::passivity_budget`], damping takes it back, up to the device's greatest, and the force
-/// of the environment fades, to nothing at the whole budget. A touch that gives back no more than it took is not
-/// altered. What a touch has taken in counts until the force ends: old friction pays for nothing new.
+/// of the environment fades, to nothing at the whole budget. A hand that moves against the force then gets it back over a few
+/// millimetres, and its work pays: what was too much, as after a hand was snatched out under a force that a slow client holds, does
+/// not silence the device for good. A touch that gives back no more than it took is not altered. What a touch has taken
+/// in counts until the force ends: old friction pays for nothing new.
 #[derive(Clone, Debug)]
 pub struct Renderer {
     mode: RenderMode,
@@ -98,8 +100,10 @@ impl Renderer {
         let mut dt = 0.0;
         if let Some((F, x_last, last_ns)) = self.last {
             dt = now_ns.saturating_sub(last_ns) as f64 * 1e-9;
-            self.passivity.add_work(F, x - x_last);
+            self.passivity.add_step(F, x_last, x, dt);
             self.excess *= (-dt / BLEND_TIME).exp();
+        } else {
+            self.passivity.begin(x);
         }
         if let Some(newer) = self.newer.take() {
             self.change_model(newer, x, now_ns);
