@@ -10,6 +10,7 @@ use crate::companion::Companion;
 use crate::{SceneArgs, ServerArgs, build, describe, ending, log_to_stderr, metrics_page, runtime};
 use anyhow::{Context, anyhow, bail};
 use clap::Args;
+use palpate::realtime::scheduling;
 use palpate::scene::Scene;
 use palpate::server::Server;
 use palpate::{say, tell};
@@ -102,6 +103,7 @@ pub fn run(args: DemoArgs) -> anyhow::Result<ExitCode> {
     if companion.is_some() || !live {
         log_to_stderr(args.server.log);
     }
+    scheduling::share_arenas();
     args.server.check_writable(&args.scene)?;
     let options = args.server.options(args.server.trust());
     let where_it_listens = describe(&options)?;

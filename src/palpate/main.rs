@@ -17,6 +17,7 @@ use anyhow::{Context, bail};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand};
 use palpate::offline::{self, SampleWriter, Trajectory};
+use palpate::realtime::scheduling;
 use palpate::recording::{Recording, RecordingWriter, replay};
 use palpate::scene::LoadedScene;
 use palpate::server::{self, Reach, Roles, Server, Trust};
@@ -367,6 +368,7 @@ fn runtime() -> anyhow::Result<tokio::runtime::Runtime> {
 
 fn serve(args: &ServeArgs) -> anyhow::Result<ExitCode> {
     log_to_stderr(args.server.log);
+    scheduling::share_arenas();
     args.server.check_writable(&args.scene)?;
     let options = args.server.options(args.trust()?);
     let where_it_listens = describe(&options)?;

@@ -1,6 +1,6 @@
 //! Strangers who reach the ports: what they send, ask and do not read.
 
-use super::hand::{Hand, INSIDE, length};
+use super::hand::{Hand, INSIDE, TOOLS, length};
 use super::served::Served;
 use super::stranger::{SESSION, asker, asks, forged, stranger};
 use palpate_proto::{self as proto, Message, control_request::Request, keys};
@@ -146,6 +146,51 @@ fn a_hand_whose_pose_numbers_jumped_is_followed_again() {
     send(wrong);
     let back = until(last + 1, &|answered| answered > u64::from(last) && answered < u64::from(wrong));
     println!("followed again after {} poses", back - last);
+}
+
+#[test]
+fn a_client_that_floods_the_server_with_poses_loses_its_tool_and_the_hand_beside_it_feels_on() {
+    let served = Served::start_with(Command::new(env!("CARGO_BIN_EXE_palpate")), &["--set", TOOLS]);
+    let mut hand = Hand::with("left", [0.03, 0.05], &served.endpoints);
+    hand.press();
+    let connection = connected(&served);
+    let attach = proto::Attach { client: "broken".into(), tool: "right".into(), rate_hz: 1000.0, ..Default::default() };
+    let proto::Attached { tool, epoch, secret } =
+        connection.control(Request::Attach(attach)).unwrap().attached.unwrap();
+    let is_taken = || connection.session().unwrap().tools[tool as usize].taken;
+    assert!(is_taken());
+    let stop = Arc::new(AtomicU64::new(0));
+    let (stopped, session) = (stop.clone(), stranger(&served.endpoints[0]));
+    let flood = std::thread::spawn(move || {
+        let mut poses = (1..u32::MAX).take_while(|_| stopped.load(Ordering::Relaxed) == 0);
+        let sent = poses.by_ref().map(|sequence| {
+            let (position, orientation) = (vec![0.07, 0.05, 0.2], vec![0.0, 0.0, 0.0, 1.0]);
+            let pose = proto::ToolPose { epoch, secret, sequence, position, orientation, ..Default::default() };
+            session.put(keys::tool_pose(SESSION, tool), pose.encode_to_vec()).wait().unwrap();
+        });
+        sent.count()
+    });
+    // A look at the session now and then: a query in each step would be what holds the hand up.
+    let (began, first, mut lost) = (Instant::now(), hand.tick(), 0);
+    let mut looked = began;
+    hand.hold_until(INSIDE, "the tool of the flood to be free", |wrench, _| {
+        lost += u64::from(wrench.phase != ToolPhase::Engaged);
+        looked.elapsed() > Duration::from_millis(500) && {
+            looked = Instant::now();
+            !is_taken()
+        }
+    });
+    stop.store(1, Ordering::Relaxed);
+    let (sent, time) = (flood.join().unwrap(), began.elapsed().as_secs_f64());
+    let ticks = hand.tick() - first;
+    let had = hand.wrenches_after(first).len();
+    println!(
+        "free after {time:.1} s of {:.0} poses a second; the hand had {had} wrenches in {ticks} ticks",
+        sent as f64 / time
+    );
+    hand.press();
+    assert_eq!(hand.attached, 1);
+    Hand::with("right", [0.07, 0.05], &served.endpoints).press();
 }
 
 /// Threads of the process, and its memory [MB].

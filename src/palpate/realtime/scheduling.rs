@@ -26,6 +26,17 @@ pub fn fifo(priority: u8) -> Result<(), String> {
     .map_err(|e| format!("{e:?}"))
 }
 
+/// Has all threads of this process, also those to come, allocate from two arenas. glibc makes up to eight for each processor: what
+/// a thread gives back to one, threads of the others do not take, and all of them stay locked. With two the server takes 20 MB less,
+/// and does not grow from fault to fault (`tests/matrix`); with one, threads that allocate at once wait for each other.
+pub fn share_arenas() {
+    #[cfg(target_env = "gnu")]
+    // SAFETY: it changes how memory is found from now on, and nothing about what was found before.
+    unsafe {
+        libc::mallopt(libc::M_ARENA_MAX, 2);
+    }
+}
+
 /// The machine in words: processor, how many of them, and kernel.
 pub fn machine() -> String {
     let read = |path: &str| std::fs::read_to_string(path).unwrap_or_default();

@@ -122,6 +122,17 @@ impl Holders {
             }
         }
     }
+
+    /// Frees tools whose holders flood the server with poses: it takes one a tick, and the others cost it time.
+    pub(super) fn free_flooded(&self, shared: &Shared) {
+        let held = lock(&self.held).tools.clone();
+        for (tool, holder) in held.into_iter().enumerate() {
+            let Some(holder) = holder.filter(|_| shared.input.is_flooded(tool)) else { continue };
+            if free(shared, tool, holder.epoch, None).is_ok() {
+                tracing::warn!(tool, client = holder.client, "freed: its client sends more poses than any device has");
+            }
+        }
+    }
 }
 
 /// Answers the session description, what clients may do and their requests until `session` closes.

@@ -146,6 +146,7 @@ pub(super) async fn publish(
                 sources.others.store(second.others(), Ordering::Relaxed);
                 second.warn(&sums, &mut warned);
                 shared.holders.free_silent(&shared);
+                shared.holders.free_flooded(&shared);
                 shared.holders.tell_jumps(&shared);
             }
             let status = compose(&shared, &sums, &second, &sources.dropped);

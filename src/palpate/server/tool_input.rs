@@ -11,6 +11,11 @@ use std::time::Instant;
 use zenoh::Wait;
 use zenoh::qos::{CongestionControl, Priority};
 
+/// Poses a second from the holder of a tool that are no mistake: four times as many as can be declared.
+const MOST_POSES: f64 = 8000.0;
+/// Of as many at once: what a network held up for some seconds arrives together.
+const MOST_AT_ONCE: f64 = 2.0 * MOST_POSES;
+
 /// The receiving side of every tool.
 pub(super) struct ToolInput {
     doors: Vec<Mutex<Door>>,
@@ -21,11 +26,25 @@ struct Door {
     gate: Gate,
     slot: triple_buffer::Input<Option<PoseSlot>>,
     last_pose: Instant,
+    /// Poses that the holder may send before they are too many, and when this was reckoned.
+    room: (f64, Instant),
+}
+
+impl Door {
+    /// The holder has sent one.
+    fn count(&mut self, now: Instant) {
+        let (room, before) = self.room;
+        let room = (room + MOST_POSES * (now - before).as_secs_f64()).min(MOST_AT_ONCE);
+        self.room = ((room - 1.0).max(-1.0), now);
+    }
 }
 
 impl ToolInput {
     pub(super) fn new(slots: Vec<triple_buffer::Input<Option<PoseSlot>>>, workspace: Bounds) -> Self {
-        let door = |slot| Mutex::new(Door { gate: Gate::new(0, 0, workspace), slot, last_pose: Instant::now() });
+        let now = Instant::now();
+        let door = |slot| {
+            Mutex::new(Door { gate: Gate::new(0, 0, workspace), slot, last_pose: now, room: (MOST_AT_ONCE, now) })
+        };
         Self { doors: slots.into_iter().map(door).collect(), refused: Default::default() }
     }
 
@@ -34,6 +53,7 @@ impl ToolInput {
         let mut door = lock(&self.doors[tool]);
         door.gate = Gate::new(epoch, secret, door.gate.workspace);
         door.last_pose = Instant::now();
+        door.room = (MOST_AT_ONCE, door.last_pose);
     }
 
     /// How long tool `tool` has been silent, and whether its holder has sent a pose at all.
@@ -47,15 +67,25 @@ impl ToolInput {
         lock(&self.doors[tool]).gate.jumps
     }
 
+    /// Whether the holder of tool `tool` sends more poses than any device has.
+    pub(super) fn is_flooded(&self, tool: usize) -> bool {
+        lock(&self.doors[tool]).room.0 < 0.0
+    }
+
     fn receive(&self, key: &str, bytes: &[u8]) {
         let door = keys::tool_of_pose_key(key).and_then(|tool| self.doors.get(tool as usize));
         let outcome = match door {
             None => Err(Refusal::UnknownTool),
             Some(door) => {
                 let mut door = lock(door);
-                door.gate.pass(bytes).map(|sample| {
+                let (outcome, now) = (door.gate.pass(bytes), Instant::now());
+                // What strangers send is not the holder's.
+                if !matches!(outcome, Err(Refusal::Malformed | Refusal::WrongEpoch)) {
+                    door.count(now);
+                }
+                outcome.map(|sample| {
                     let epoch = door.gate.epoch;
-                    door.last_pose = Instant::now();
+                    door.last_pose = now;
                     door.slot.write(Some(PoseSlot { epoch, sample }));
                 })
             }
