@@ -42,7 +42,7 @@ pub fn lie(
     let (start, end) = (normal.dot(&state.previous.position), normal.dot(&state.pose.position));
     let moved = end - start;
     let margin = MARGIN.max(moved.abs() + FASTEST_SURFACE * TICK);
-    for i in 0..body.patches().len() {
+    for i in 0..body.patches().count() {
         let patch = body.patches().of(i);
         let place: Vec3 = patch.iter().map(|(v, w)| mesh.vertex(*v) * *w).sum();
         let overlap = start - normal.dot(&place);

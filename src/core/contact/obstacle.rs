@@ -61,7 +61,7 @@ impl Obstacle {
     /// Most points at which it can touch `body` at once.
     pub fn most_points(&self, body: &Body) -> usize {
         match self.shape {
-            Form::Ground => (body.patches().len() as usize).min(MOST_PATCHES),
+            Form::Ground => (body.patches().count() as usize).min(MOST_PATCHES),
             Form::Parts(_) => MOST_POINTS,
         }
     }

@@ -166,7 +166,13 @@ impl ObstacleKeys {
             _ if self.normal != up() => fault("normal", "is for shape = \"plane\""),
             _ => {}
         }
-        self.part().faults(path, out);
+        // Parts of tools may come from files.
+        match self.shape {
+            ToolKind::Convex if self.points.is_empty() => {
+                out.push((format!("{path}.points"), "a convex obstacle needs points = [[x, y, z], …]".into()));
+            }
+            _ => self.part().faults(path, out),
+        }
         if let Some(motion) = &self.motion {
             motion.faults(&format!("{path}.motion"), out);
         }

@@ -47,8 +47,8 @@ impl Patches {
         };
         let centres = loop {
             let mut centres: Vec<usize> = Vec::new();
-            for v in 0..place.len() {
-                if areas[v] > 0.0 && nearest(&centres, v).is_none_or(|(_, squared)| squared >= apart) {
+            for (v, area) in areas.iter().enumerate() {
+                if *area > 0.0 && nearest(&centres, v).is_none_or(|(_, squared)| squared >= apart) {
                     centres.push(v);
                 }
             }
@@ -71,7 +71,7 @@ impl Patches {
     }
 
     /// How many they are.
-    pub fn len(&self) -> u32 {
+    pub fn count(&self) -> u32 {
         self.count
     }
 
@@ -111,8 +111,8 @@ mod tests {
         let surface = box_surface(Vec3::new(0.1, 0.08, 0.05), [25, 20, 12]);
         let areas = surface.vertex_areas();
         let patches = Patches::new(&surface, &areas);
-        let all = || (0..patches.len()).map(|i| patches.of(i));
-        assert!((200..=600).contains(&patches.len()), "{}", patches.len());
+        let all = || (0..patches.count()).map(|i| patches.of(i));
+        assert!((200..=600).contains(&patches.count()), "{}", patches.count());
         assert!(all().all(|p| (p.iter().map(|(_, w)| w).sum::<Real>() - 1.0).abs() < 1e-12));
         assert!(all().all(|p| p.len() <= MOST_VERTICES));
         let place = |p: &[(Vertex, Real)]| p.iter().map(|(v, w)| surface.vertices[v.index()] * *w).sum::<Vec3>();
