@@ -51,7 +51,7 @@ pub fn python() -> Option<(PathBuf, PathBuf)> {
         return None;
     }
     let whole = std::env::var_os("PALPATE_WHOLE").is_some();
-    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(if whole { "wheel" } else { "python" });
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(if whole { "wheel" } else { "package" });
     std::fs::create_dir_all(&folder).unwrap();
     let environment = folder.join("environment");
     if !environment.exists() {
@@ -80,7 +80,7 @@ fn link(folder: &Path, python: &Path) {
     let needed: Vec<&str> =
         needed.iter().flat_map(|list| list.as_array().unwrap()).filter_map(|x| x.as_str()).collect();
     pip(python, &needed);
-    let package = folder.join("package/palpate");
+    let package = folder.join("built/palpate");
     let _ = std::fs::remove_dir_all(&package);
     std::fs::create_dir_all(&package).unwrap();
     for file in std::fs::read_dir(root.join("python/palpate")).unwrap().map(|entry| entry.unwrap().path()) {
