@@ -433,7 +433,7 @@ fn give_way_as(disc: Real, radius: Real, before: &[PointMemory], mesh_softens: R
     }
 }
 
-/// Leaves in `points`, one for each of a tool's `constraints`, what [`Dents::share_discs`] asks for in the next tick.
+/// Leaves in `points`, one for each of a tool's `constraints`, what the sharing of discs asks for in the next tick.
 pub fn measure(constraints: &[Constraint], points: &mut [PointMemory], per_part: u32) {
     let part = |c: &Constraint| c.point / per_part;
     for first in 0..constraints.len() {
