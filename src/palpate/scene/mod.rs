@@ -26,7 +26,6 @@ use palpate_body::prepare::merge::merge;
 use palpate_body::prepare::shape_fault::ShapeFault;
 use palpate_body::prepare::{self, PrepareError, Recipe};
 use palpate_core::adaptation::step_of_level;
-use palpate_core::contact::obstacle::deepest_overlap;
 use palpate_core::contact::tool::Part;
 use palpate_core::geometry::Surface;
 use palpate_core::geometry::primitives::box_mesh;
@@ -299,21 +298,6 @@ impl LoadedScene {
             }
         }
         Ok(body)
-    }
-
-    /// Refuses obstacles that are in `body` by more than half a spacing of what is displayed: what overlaps by less is eased
-    /// apart while it settles.
-    fn check_obstacles(&self, body: &Body) -> Result<(), SceneError> {
-        let areas = body.vertex_area();
-        let most = 0.5 * (areas.iter().sum::<Real>() / areas.len() as Real).sqrt();
-        for (index, obstacle) in self.scene.settings().obstacles.iter().enumerate() {
-            let (depth, place) = deepest_overlap(body, obstacle);
-            if depth > most {
-                let (origin, name) = (self.origin.clone(), obstacle.name.clone());
-                return Err(SceneError::Overlap { origin, index, name, depth, place, most });
-            }
-        }
-        Ok(())
     }
 
     /// What `[body]` says, without the further organs.

@@ -1,10 +1,11 @@
 //! The keys of an obstacle: what the body lies on or is met by, where it is, and how it moves.
 
 use super::tool_keys::{PartKeys, ToolKind, centimetre, unit_quaternion, upright};
+use super::{LoadedScene, SceneError};
 use garde::Validate;
-use palpate_core::contact::obstacle::{Form, Obstacle};
+use palpate_core::contact::obstacle::{Form, Obstacle, deepest_overlap};
 use palpate_core::math::{Pose, Real, Vec3, normalized_quaternion};
-use palpate_core::model::Periodic;
+use palpate_core::model::{Body, Periodic};
 use palpate_core::simulation::TICK;
 use serde::{Deserialize, Serialize};
 
@@ -176,6 +177,23 @@ impl ObstacleKeys {
         if let Some(motion) = &self.motion {
             motion.faults(&format!("{path}.motion"), out);
         }
+    }
+}
+
+impl LoadedScene {
+    /// Refuses obstacles that are in `body` by more than half a spacing of what is displayed: what overlaps by less is eased
+    /// apart while it settles.
+    pub(super) fn check_obstacles(&self, body: &Body) -> Result<(), SceneError> {
+        let areas = body.vertex_area();
+        let most = 0.5 * (areas.iter().sum::<Real>() / areas.len() as Real).sqrt();
+        for (index, obstacle) in self.scene.settings().obstacles.iter().enumerate() {
+            let (depth, place) = deepest_overlap(body, obstacle);
+            if depth > most {
+                let (origin, name) = (self.origin.clone(), obstacle.name.clone());
+                return Err(SceneError::Overlap { origin, index, name, depth, place, most });
+            }
+        }
+        Ok(())
     }
 }
 
