@@ -411,7 +411,7 @@ impl Simulation {
     fn step(&mut self, budget: Budget, laps: &mut dyn Laps) {
         let rest = work::of_rest(&self.prices, self.tick.is_multiple_of(TICKS_PER_FRAME));
         let rest = rest.saturating_add(self.prices.of(Part::Look, self.outputs.adapted.looked));
-        let of_tools: usize = self.points.iter().map(Vec::len).sum();
+        let of_tools = self.points.iter().map(Vec::len).sum::<usize>().min(self.constraints.len());
         let (tools, obstacles) = self.constraints.split_at(of_tools);
         let (tools, obstacles) = (tools.iter().map(|c| c.point), obstacles.iter().map(|c| c.point));
         let contact = self.mesh.contact_class(&self.body, tools, obstacles);

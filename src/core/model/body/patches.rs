@@ -9,16 +9,19 @@ use crate::ids::Vertex;
 use crate::math::{Real, Vec3};
 use crate::model::csr::Csr;
 
-/// Patches of a smooth body, about: what a body that lies on a sixth of its surface meets the ground with is a sixth.
+/// Patches of a smooth body, about: chosen for cost, which is in proportion to those that touch. What lies still weighs the same
+/// on any number; fewer resolve the moment of their pressure less. Others than this were not tried.
 const PATCHES: Real = 256.0;
 /// Most patches of any body: what bounds the cost of a tick.
 pub const MOST_PATCHES: usize = 1024;
 /// Most vertices that stand for a patch: the nodes that carry them fit a [`Row`](crate::model::Row), and cost what these do.
 const MOST_VERTICES: usize = 8;
-/// Cosine between normals of a patch, 26°: the vertices of an edge make patches of their own, or a block would tip over a line
-/// inside of it.
+/// Cosine between normals of a patch, 26°, less than half of a block's edge (45° from either side to the normal on it): the
+/// vertices of an edge make patches of their own. Where it is below 0.7 they join those of a side, and a block tips over a line
+/// inside of it; near 1 each vertex of a curved surface is a patch.
 const SAME_SIDE: Real = 0.9;
-/// By how much the distance of patches grows while they are too many.
+/// Factor on the squared distance of patches while they are too many: nearer to 1 takes more rounds at start-up, and a larger one
+/// leaves fewer patches than there may be.
 const WIDER: Real = 1.4;
 
 /// All patches of a body.
