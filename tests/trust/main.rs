@@ -16,3 +16,11 @@ mod stopped;
 #[path = "../common/stranger.rs"]
 mod stranger;
 mod strangers;
+
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// Held by each test that takes the machine or that asks how a hand is served meanwhile: one at a time.
+fn alone() -> MutexGuard<'static, ()> {
+    static ALONE: Mutex<()> = Mutex::new(());
+    ALONE.lock().unwrap_or_else(PoisonError::into_inner)
+}

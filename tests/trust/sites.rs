@@ -167,6 +167,7 @@ fn a_crowd_at_two_sites_costs_a_server_two_streams() {
             presses(&mut hand, SECOND);
         }
     }
+    let _alone = super::alone();
     if apart("sites::a_crowd_at_two_sites_costs_a_server_two_streams") != Apart::Here {
         return;
     }
