@@ -5,6 +5,16 @@ use serde::{Deserialize, Serialize};
 /// Stands for "no node", "no element" and the like in lists where an `Option` would take twice the room.
 pub const NONE: u32 = u32::MAX;
 
+/// An id, of whatever kind.
+pub trait Id: Copy + Eq {
+    /// Stands for none.
+    const NONE: Self;
+    /// The number as one of a place in a list.
+    fn index(self) -> usize;
+    /// Of the thing in this place of a list.
+    fn at(index: usize) -> Self;
+}
+
 macro_rules! id {
     ($(#[$meta:meta])* $name:ident) => {
         $(#[$meta])*
@@ -27,6 +37,20 @@ macro_rules! id {
             #[inline(always)]
             pub const fn at(index: usize) -> Self {
                 Self(index as u32)
+            }
+        }
+
+        impl Id for $name {
+            const NONE: Self = Self::NONE;
+
+            #[inline(always)]
+            fn index(self) -> usize {
+                self.index()
+            }
+
+            #[inline(always)]
+            fn at(index: usize) -> Self {
+                Self::at(index)
             }
         }
 

@@ -256,6 +256,7 @@ pub fn prepare(recipe: &Recipe, progress: &mut dyn FnMut(&str, usize, usize)) ->
         labels,
         supports: Vec::new(),
         maxwell: Vec::new(),
+        stabilisation: std::env::var("PALPATE_ALPHA").map_or(1.0, |a| a.parse().unwrap()), // TODO
         slowest_mode: 0.0,
         organs: Vec::new(),
     };
@@ -331,6 +332,13 @@ fn calibrated(
         Some(factors) if level + 1 == whole => calibration::scaled(material(level, element), factors[element]),
         _ => material(level, element),
     };
+    if parts.stabilisation < 1.0 {
+        let finest = |_, element| material(whole - 1, element);
+        let calibration = calibrate(&parts.levels[whole - 1..whole], finest, &springs)?;
+        parts.maxwell = maxwell_branches(damping_ratio, calibration.slowest_mode, calibration.slowest_mode);
+        parts.slowest_mode = calibration.slowest_mode;
+        return Ok(Body::new(parts)?);
+    }
     let mut calibration = calibrate(&parts.levels[..whole], material_of, &springs)?;
     if let Some(agreed) = agreed {
         calibration.factors[whole - 1] = agreed;

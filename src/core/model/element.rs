@@ -7,11 +7,12 @@ use serde::{Deserialize, Serialize};
 /// Most Maxwell branches of an element.
 pub const MAX_BRANCHES: usize = 2;
 
-/// What an element is made of.
+/// What an element is made of: a tetrahedron, or a star, whose nodes are a node and its neighbours.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ElementConstants {
-    /// ∇L_1, ∇L_2, ∇L_3 at rest [1/m]; ∇L_0 is minus their sum.
-    pub gradient: [[Real; 3]; 3],
+pub struct ElementConstants<G = [[Real; 3]; 3]> {
+    /// Gradients at rest [1/m] of the weights of its nodes but for the first, whose gradient is minus their sum: ∇L_1, ∇L_2,
+    /// ∇L_3 of a tetrahedron, `b` of a star's neighbours.
+    pub gradient: G,
     /// λ·w·vol [N·m].
     pub lambda: Real,
     /// μ·w·vol [N·m].
@@ -22,11 +23,10 @@ pub struct ElementConstants {
 
 /// The law of the kernel for one element, on matrices: what the kernel is tested against, and what weighs an element that is
 /// not due.
-impl ElementConstants {
-    /// Deformation gradient `F = Σ (x_i − x_0) ⊗ ∇L_i` with its nodes at `x` [m].
-    pub fn deformation(&self, x: &[Vec3; 4]) -> Mat3 {
-        let g = self.gradient.map(Vec3::from);
-        (0..3).map(|i| (x[i + 1] - x[0]) * g[i].transpose()).sum()
+impl<G: AsRef<[[Real; 3]]>> ElementConstants<G> {
+    /// Deformation gradient `F = Σ (x_i − x_0) ⊗ ∇L_i` with its first node at `origin` and the others at `ends` [m].
+    pub fn deformation(&self, origin: Vec3, ends: impl Iterator<Item = Vec3>) -> Mat3 {
+        ends.zip(self.gradient.as_ref()).map(|(x, g)| (x - origin) * Vec3::from(*g).transpose()).sum()
     }
 
     /// Second Piola–Kirchhoff stress at `f` times its part of the volume [N·m]: elastic, and that of Maxwell branches of these
@@ -42,8 +42,9 @@ impl ElementConstants {
         s
     }
 
-    /// Forces on its nodes [N] at the deformation gradient `f` and the stress `s`, with the term against collapse.
-    pub fn forces(&self, f: &Mat3, s: &Mat3) -> [Vec3; 4] {
+    /// Forces on its nodes but for the first [N], on which minus their sum acts, at the deformation gradient `f` and the stress
+    /// `s`, with the term against collapse.
+    pub fn forces(&self, f: &Mat3, s: &Mat3) -> impl Iterator<Item = Vec3> {
         let mut p = f * s;
         let det = f.determinant();
         if det < COLLAPSE_ONSET {
@@ -52,8 +53,7 @@ impl ElementConstants {
             let squeeze = COLLAPSE_STIFFNESS * (self.lambda + 2.0 * self.mu) * (det - COLLAPSE_ONSET);
             p += Mat3::from_rows(&cofactor.map(|c| c.transpose())) * squeeze;
         }
-        let q = self.gradient.map(|g| p * Vec3::from(g));
-        [q[0] + q[1] + q[2], -q[0], -q[1], -q[2]]
+        self.gradient.as_ref().iter().map(move |g| -(p * Vec3::from(*g)))
     }
 }
 

@@ -5,15 +5,17 @@ use super::lanes::{LANES, Row};
 use crate::ids::Slot;
 use crate::math::Real;
 
-/// What the kernel reads and writes of [`LANES`] elements. Constants carry fraction·volume, so that forces come out in
-/// newtons.
+/// Slots of one node of each element of a block.
+pub(super) type Nodes = [u32; LANES];
+
+/// Gradient of the weight of one node of each element of a block [1/m]: its components.
+pub(super) type Gradients = [Row; 3];
+
+/// What the kernel reads and writes of [`LANES`] elements, wherever their nodes are. Constants carry fraction·volume, so that
+/// forces come out in newtons.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
 pub(super) struct Block {
-    /// Slots of the nodes: vertex, then element.
-    pub node: [[u32; LANES]; 4],
-    /// ∇L_1, ∇L_2, ∇L_3 at rest [1/m]: vertex, then component; ∇L_0 is minus their sum.
-    pub gradient: [[Row; 3]; 3],
     /// λ·w·vol [N·m].
     pub lambda: Row,
     /// μ·w·vol [N·m].
@@ -37,8 +39,6 @@ pub(super) struct Memory(pub [Row; 6]);
 
 /// A block without elements.
 const UNUSED: Block = Block {
-    node: [[0; LANES]; 4],
-    gradient: [[[0.0; LANES]; 3]; 3],
     lambda: [0.0; LANES],
     mu: [0.0; LANES],
     branch: [0.0; LANES],
@@ -62,22 +62,42 @@ pub(super) struct Lane {
 pub(super) struct Blocks {
     /// The blocks.
     pub all: Vec<Block>,
+    /// Nodes of each block's elements, `1 + spokes` rows side by side: the node that the others are seen from, then those. An
+    /// element with fewer has its first node in their places, without a gradient.
+    pub nodes: Vec<Nodes>,
+    /// Gradients of the weights of all nodes but the first, `spokes` of them side by side.
+    pub gradients: Vec<Gradients>,
     /// Those of a block side by side; empty without branches.
     pub memories: Vec<Memory>,
+    /// How many nodes each element has beside the first.
+    pub counts: Vec<[u16; LANES]>,
+    /// Most nodes of an element beside the first: 3 of tetrahedra.
+    pub spokes: usize,
     /// Maxwell branches of each element, at most [`MAX_BRANCHES`].
     pub branches: usize,
 }
 
 impl Blocks {
     /// So many, without elements.
-    pub(super) fn new(blocks: usize, branches: usize) -> Self {
-        Self { all: vec![UNUSED; blocks], memories: vec![NO_MEMORY; blocks * branches], branches }
+    pub(super) fn new(blocks: usize, spokes: usize, branches: usize) -> Self {
+        Self {
+            all: vec![UNUSED; blocks],
+            nodes: vec![[0; LANES]; blocks * (spokes + 1)],
+            gradients: vec![[[0.0; LANES]; 3]; blocks * spokes],
+            memories: vec![NO_MEMORY; blocks * branches],
+            counts: vec![[0; LANES]; blocks],
+            spokes,
+            branches,
+        }
     }
 
     /// Takes all elements out.
     pub(super) fn clear(&mut self) {
         self.all.fill(UNUSED);
+        self.nodes.fill([0; LANES]);
+        self.gradients.fill([[0.0; LANES]; 3]);
         self.memories.fill(NO_MEMORY);
+        self.counts.fill([0; LANES]);
     }
 
     /// What the branches of the elements of `block` remember.
@@ -85,15 +105,34 @@ impl Blocks {
         &self.memories[block * self.branches..(block + 1) * self.branches]
     }
 
+    fn nodes_of(&mut self, block: usize) -> &mut [Nodes] {
+        &mut self.nodes[block * (self.spokes + 1)..(block + 1) * (self.spokes + 1)]
+    }
+
+    fn gradients_of(&mut self, block: usize) -> &mut [Gradients] {
+        &mut self.gradients[block * self.spokes..(block + 1) * self.spokes]
+    }
+
     /// Puts an element between `nodes` into a lane.
-    pub(super) fn write(&mut self, at: Lane, nodes: [Slot; 4], constants: &ElementConstants, history: &History) {
-        let (b, lane) = (&mut self.all[at.block], at.lane);
-        for (row, node) in b.node.iter_mut().zip(nodes) {
-            row[lane] = node.0;
+    pub(super) fn write<G: AsRef<[[Real; 3]]>>(
+        &mut self,
+        at: Lane,
+        nodes: &[Slot],
+        constants: &ElementConstants<G>,
+        history: &History,
+    ) {
+        let lane = at.lane;
+        let first = nodes.first().map_or(0, |slot| slot.0);
+        for (i, row) in self.nodes_of(at.block).iter_mut().enumerate() {
+            row[lane] = nodes.get(i).map_or(first, |slot| slot.0);
         }
-        for (row, x) in b.gradient.as_flattened_mut().iter_mut().zip(constants.gradient.as_flattened()) {
-            row[lane] = *x;
+        let gradients = constants.gradient.as_ref();
+        for (i, rows) in self.gradients_of(at.block).iter_mut().enumerate() {
+            let gradient = gradients.get(i).copied().unwrap_or_default();
+            rows.iter_mut().zip(gradient).for_each(|(row, x)| row[lane] = x);
         }
+        self.counts[at.block][lane] = gradients.len().min(self.spokes) as u16;
+        let b = &mut self.all[at.block];
         b.lambda[lane] = constants.lambda;
         b.mu[lane] = constants.mu;
         b.branch[lane] = constants.branch;
@@ -102,23 +141,25 @@ impl Blocks {
 
     /// Leaves a lane without weight, and on nodes that are there.
     pub(super) fn vacate(&mut self, at: Lane) {
-        const NOTHING: ElementConstants =
-            ElementConstants { gradient: [[0.0; 3]; 3], lambda: 0.0, mu: 0.0, branch: 0.0 };
-        self.write(at, [Slot(0); 4], &NOTHING, &History::REST);
+        let nothing = ElementConstants { gradient: [], lambda: 0.0, mu: 0.0, branch: 0.0 };
+        self.write(at, &[], &nothing, &History::REST);
         self.set_limit(at, StrainLimit::NONE);
     }
 
     /// Copies an element to another lane.
     pub(super) fn copy(&mut self, from: Lane, to: Lane) {
-        let source = self.all[from.block];
         let (i, j) = (from.lane, to.lane);
+        for k in 0..=self.spokes {
+            let node = self.nodes_of(from.block)[k][i];
+            self.nodes_of(to.block)[k][j] = node;
+        }
+        for k in 0..self.spokes {
+            let gradient = self.gradients_of(from.block)[k].map(|row| row[i]);
+            self.gradients_of(to.block)[k].iter_mut().zip(gradient).for_each(|(row, x)| row[j] = x);
+        }
+        self.counts[to.block][j] = self.counts[from.block][i];
+        let source = self.all[from.block];
         let b = &mut self.all[to.block];
-        for (row, n) in b.node.iter_mut().zip(&source.node) {
-            row[j] = n[i];
-        }
-        for (row, x) in b.gradient.as_flattened_mut().iter_mut().zip(source.gradient.as_flattened()) {
-            row[j] = x[i];
-        }
         b.lambda[j] = source.lambda[i];
         b.mu[j] = source.mu[i];
         b.branch[j] = source.branch[i];
@@ -129,8 +170,10 @@ impl Blocks {
     }
 
     /// Nodes of the element in a lane.
-    pub(super) fn nodes(&self, at: Lane) -> [Slot; 4] {
-        self.all[at.block].node.map(|row| Slot(row[at.lane]))
+    pub(super) fn nodes(&self, at: Lane) -> impl Iterator<Item = Slot> + '_ {
+        let first = at.block * (self.spokes + 1);
+        let count = usize::from(self.counts[at.block][at.lane]);
+        self.nodes[first..=first + count].iter().map(move |row| Slot(row[at.lane]))
     }
 
     /// `E` of the element in a lane at its last evaluation.

@@ -1,4 +1,5 @@
-//! Elastic, viscous and relaxing forces of a group of elements at a time.
+//! Elastic, viscous and relaxing forces of a group of elements at a time: of tetrahedra, and of stars, of which all nodes
+//! around one move its deformation gradient.
 //!
 //! One source over a group of lanes, in three forms: plain arrays for any CPU, AVX2 and AVX-512 registers, picked once
 //! at run time. All do the same additions and multiplications on each element in the same order, and none fuses them:
@@ -12,9 +13,9 @@
 //! `P = F S`, plus `k (J − 0.6) cof F` where `J = det F < 0.6`. Viscosity acts on `ΔE`, so no velocity is read.
 
 pub use super::element::{MAX_BRANCHES, StrainLimit};
-use super::element_block::{Block, Memory};
+use super::element_block::{Block, Gradients, Memory, Nodes};
 pub use super::lanes::Padded;
-use super::lanes::{LANES, Lanes, Plain, Row};
+use super::lanes::{LANES, Lanes, Plain, Quads, Row};
 use super::material::{COLLAPSE_ONSET, COLLAPSE_STIFFNESS};
 pub use super::simd::Simd;
 use crate::math::Real;
@@ -66,6 +67,14 @@ impl Extremes {
 pub(super) struct Batch<'a> {
     /// All blocks of the pool.
     pub blocks: &'a mut [Block],
+    /// All nodes of the pool, `1 + spokes` rows for each block.
+    pub nodes: &'a [Nodes],
+    /// All gradients of the pool, `spokes` for each block.
+    pub gradients: &'a [Gradients],
+    /// How many of its spokes each element has.
+    pub counts: &'a [[u16; LANES]],
+    /// Most nodes of an element beside the first; 3 of tetrahedra.
+    pub spokes: usize,
     /// All memories of the pool, those of a block side by side.
     pub memories: &'a mut [Memory],
     /// Blocks to evaluate, in order.
@@ -78,7 +87,7 @@ pub(super) struct Batch<'a> {
     pub over_limit: &'a mut Vec<u32>,
 }
 
-/// Adds the forces of the elements of `batch` to `force` [N] and stores what they remember. `position` [m].
+/// Adds the forces of the tetrahedra of `batch` to `force` [N] and stores what they remember. `position` [m].
 ///
 /// # Safety
 /// `path` must be available; every node number of `batch` must lie within `position` and `force`.
@@ -133,6 +142,50 @@ unsafe fn add_forces_with<L: Lanes>(batch: Batch<'_>, rates: &Rates, x: &[Padded
     }
 }
 
+/// As [`add_forces`], of stars.
+///
+/// # Safety
+/// As of [`add_forces`].
+pub(super) unsafe fn add_star_forces(
+    path: Simd,
+    batch: Batch<'_>,
+    rates: &Rates,
+    position: &[Padded],
+    force: &mut [Padded],
+) -> Extremes {
+    // SAFETY: the caller's promise; whoever has AVX-512 has AVX2.
+    unsafe {
+        match path {
+            #[cfg(target_arch = "x86_64")]
+            Simd::Avx512 | Simd::Avx2 => add_star_forces_avx2(batch, rates, position, force),
+            _ => add_star_forces_with::<Plain>(batch, rates, position, force),
+        }
+    }
+}
+
+/// # Safety
+/// The CPU must have AVX2; node numbers must lie within the fields.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+unsafe fn add_star_forces_avx2(batch: Batch<'_>, rates: &Rates, x: &[Padded], f: &mut [Padded]) -> Extremes {
+    // SAFETY: passed on.
+    unsafe { add_star_forces_with::<super::lanes::Avx2>(batch, rates, x, f) }
+}
+
+/// # Safety
+/// `L` must run on this CPU; node numbers must lie within the fields.
+#[inline(always)]
+unsafe fn add_star_forces_with<L: Quads>(batch: Batch<'_>, rates: &Rates, x: &[Padded], f: &mut [Padded]) -> Extremes {
+    // SAFETY: passed on.
+    unsafe {
+        match batch.branches {
+            0 => add_star_forces_here::<L, 0>(batch, rates, x, f),
+            1 => add_star_forces_here::<L, 1>(batch, rates, x, f),
+            _ => add_star_forces_here::<L, 2>(batch, rates, x, f),
+        }
+    }
+}
+
 /// # Safety
 /// `L` must run on this CPU; node numbers must lie within the fields.
 #[inline(always)]
@@ -142,116 +195,27 @@ unsafe fn add_forces_here<L: Lanes, const B: usize>(
     position: &[Padded],
     force: &mut [Padded],
 ) -> Extremes {
-    let zero = L::splat(0.0);
-    let half = L::splat(0.5);
-    let third = L::splat(1.0 / 3.0);
-    let one = L::splat(1.0);
-    let fade = L::splat(FADE);
-    let onset = L::splat(COLLAPSE_ONSET);
-    let stiffness = L::splat(COLLAPSE_STIFFNESS);
-    let (volume, shear) = (L::splat(rates.volume), L::splat(rates.shear));
-    let mut decay = [zero; B];
-    let mut share = [zero; B];
-    for b in 0..B {
-        decay[b] = L::splat(rates.decay[b]);
-        share[b] = L::splat(rates.share[b]);
-    }
-    let mut strain_squared = zero;
-    let mut least_det = one;
+    let law = Law::<L, B>::new(rates);
+    let mut seen = Seen::new();
+    let (nodes, gradients) = (batch.nodes.as_chunks::<4>().0, batch.gradients.as_chunks::<3>().0);
     for (i, index) in batch.order.iter().enumerate() {
         let index = *index as usize;
-        let block = &mut batch.blocks[index];
+        let (node, gradient) = (&nodes[index], &gradients[index]);
         let memory = &mut batch.memories[index * B..(index + 1) * B];
         let used = batch.count - i * LANES;
         let mut at = 0;
-        let mut alarm = false;
+        seen.alarm = false;
         while at < LANES && at < used {
             // SAFETY: the caller's promise, and `at` is a multiple of the width below the number of lanes.
             unsafe {
                 // F = Σ (x_i − x_0) ⊗ ∇L_i, i = 1..3.
-                let f = deformation(&L::edges(position, &block.node, at), &block.gradient, at);
-
-                // 2E = FᵀF − I, its components xx, yy, zz, yz, xz, xy.
-                let e = [
-                    column_dot(&f, 0, 0).sub(one),
-                    column_dot(&f, 1, 1).sub(one),
-                    column_dot(&f, 2, 2).sub(one),
-                    column_dot(&f, 1, 2),
-                    column_dot(&f, 0, 2),
-                    column_dot(&f, 0, 1),
-                ];
-                let mut change = e;
-                // S over μ without what is a multiple of I.
-                let mut s = e;
-                for c in 0..6 {
-                    change[c] = e[c].sub(L::load(&block.strain[c], at));
-                    e[c].store(&mut block.strain[c], at);
-                    s[c] = e[c].add(shear.mul(change[c]));
-                }
-                let trace = e[0].add(e[1]).add(e[2]);
-                let trace_change = change[0].add(change[1]).add(change[2]);
-                let lambda = L::load(&block.lambda, at);
-                let mu = L::load(&block.mu, at);
-                let mut pressure = half.mul(lambda).mul(trace.add(volume.mul(trace_change)));
-                let branch = if B > 0 { L::load(&block.branch, at) } else { one };
-                for b in 0..B {
-                    let share = branch.mul(share[b]);
-                    let mut d = e;
-                    for c in 0..6 {
-                        let row = &mut memory[b].0[c];
-                        d[c] = L::load(row, at).add(change[c]).mul(decay[b]).add(fade).sub(fade);
-                        d[c].store(row, at);
-                        s[c] = s[c].add(share.mul(d[c]));
-                    }
-                    pressure = pressure.sub(mu.mul(share.mul(third.mul(d[0].add(d[1]).add(d[2])))));
-                }
-                for s in &mut s {
-                    *s = mu.mul(*s);
-                }
-                for s in &mut s[..3] {
-                    *s = s.add(pressure);
-                }
-
-                // Rows of cof F are cross products of rows of F.
-                let cofactor_0 = cross(&f[1], &f[2]);
-                let mut det = dot(&f[0], &cofactor_0);
-                let diagonal = e[0].mul(e[0]).add(e[1].mul(e[1])).add(e[2].mul(e[2]));
-                let shears = e[3].mul(e[3]).add(e[4].mul(e[4])).add(e[5].mul(e[5]));
-                let mut squares = diagonal.add(shears).add(shears);
-                if used - at < L::WIDTH {
-                    // Lanes without an element are at rest.
-                    let lane = L::load(&LANE, 0);
-                    let used = L::splat((used - at) as Real);
-                    squares = squares.where_less(lane, used);
-                    det = det.where_less(lane, used).add(one.sub(one.where_less(lane, used)));
-                }
-                det.store(&mut block.det, at);
-                // |dev 2E|² against the square of its limit; where that is below zero every deviator is beyond it.
-                let limit = L::load(&block.limit, at).sub(L::load(&block.slope, at).mul(trace)).max(zero);
-                alarm |= limit.mul(limit).any_less(squares.sub(third.mul(trace.mul(trace))));
-                strain_squared = squares.max(strain_squared);
-                least_det = det.min(least_det);
-
-                // P = F S.
-                let mut p = [row_times(&f[0], &s), row_times(&f[1], &s), row_times(&f[2], &s)];
-                if det.any_less(onset) {
-                    alarm = true;
-                    // P += k (J − 0.6) cof F where J < 0.6.
-                    let k = stiffness.mul(lambda.add(mu.add(mu)));
-                    let squeeze = k.mul(det.sub(onset).min(zero));
-                    let cofactor = [cofactor_0, cross(&f[2], &f[0]), cross(&f[0], &f[1])];
-                    for r in 0..3 {
-                        for c in 0..3 {
-                            p[r][c] = p[r][c].add(squeeze.mul(cofactor[r][c]));
-                        }
-                    }
-                }
+                let f = deformation(&L::edges(position, node, at), gradient, at);
+                let p = law.stress(&f, &mut batch.blocks[index], memory, at, used, &mut seen);
 
                 // f_i = −P ∇L_i; the fourth is minus their sum, so that no force is left over.
-                let mut q = [[zero; 3]; 3];
-                for (q, gradient) in q.iter_mut().zip(&block.gradient) {
-                    let g = load3(gradient, at);
-                    *q = [dot(&p[0], &g), dot(&p[1], &g), dot(&p[2], &g)];
+                let mut q = [[L::splat(0.0); 3]; 3];
+                for (q, gradient) in q.iter_mut().zip(gradient) {
+                    *q = times(&p, &load3(gradient, at));
                 }
                 if used - at < L::WIDTH {
                     let mut rows = [[[0.0; LANES]; 3]; 3];
@@ -260,28 +224,235 @@ unsafe fn add_forces_here<L: Lanes, const B: usize>(
                             q[i][c].store(&mut rows[i][c], at);
                         }
                     }
-                    scatter_some(force, &block.node, at..used, &rows);
+                    scatter_some(force, node, at..used, &rows);
                 } else {
-                    L::scatter(force, &block.node, at, &q);
+                    L::scatter(force, node, at, &q);
                 }
             }
             at += L::WIDTH;
         }
-        if alarm {
+        if seen.alarm {
             batch.over_limit.push(index as u32);
         }
     }
-    Extremes {
-        // The strains above are doubled.
-        strain_squared: 0.25 * lanes(strain_squared).into_iter().fold(0.0, Real::max),
-        det_f: lanes(least_det).into_iter().fold(1.0, Real::min),
+    seen.extremes()
+}
+
+/// Places of a star without a neighbour have the star's own node and no gradient: nothing is added there but zeros. (To a
+/// force that is not negative zero; sums that begin with zero are not.)
+///
+/// # Safety
+/// `L` must run on this CPU; node numbers must lie within the fields.
+#[inline(always)]
+unsafe fn add_star_forces_here<L: Quads, const B: usize>(
+    batch: Batch<'_>,
+    rates: &Rates,
+    position: &[Padded],
+    force: &mut [Padded],
+) -> Extremes {
+    let zero = L::splat(0.0);
+    let law = Law::<L, B>::new(rates);
+    let mut seen = Seen::new();
+    for (i, index) in batch.order.iter().enumerate() {
+        let index = *index as usize;
+        let spokes = batch.counts[index].iter().fold(0, |most, count| most.max(usize::from(*count)));
+        let node = &batch.nodes[index * (batch.spokes + 1)..][..=spokes];
+        let gradient = &batch.gradients[index * batch.spokes..][..spokes];
+        let memory = &mut batch.memories[index * B..(index + 1) * B];
+        let used = batch.count - i * LANES;
+        let mut at = 0;
+        seen.alarm = false;
+        while at < LANES && at < used {
+            // SAFETY: the caller's promise, and `at` is a multiple of the width below the number of lanes.
+            unsafe {
+                let end = used.min(at + L::WIDTH);
+                // F = Σ (x_j − x_0) ⊗ b_j.
+                let origin = L::gather(position, &node[0], at);
+                let mut f = [[zero; 3]; 3];
+                for (node, gradient) in node[1..].iter().zip(gradient) {
+                    let (x, g) = (L::gather(position, node, at), load3(gradient, at));
+                    for r in 0..3 {
+                        let d = x[r].sub(origin[r]);
+                        for c in 0..3 {
+                            f[r][c] = f[r][c].add(d.mul(g[c]));
+                        }
+                    }
+                }
+                let p = law.stress(&f, &mut batch.blocks[index], memory, at, used, &mut seen);
+
+                // f_j = −P b_j; the first is minus their sum, so that no force is left over.
+                let mut sum = [zero; 3];
+                for (node, gradient) in node[1..].iter().zip(gradient) {
+                    let q = times(&p, &load3(gradient, at));
+                    for c in 0..3 {
+                        sum[c] = sum[c].sub(q[c]);
+                    }
+                    L::subtract(force, node, at..end, &q);
+                }
+                L::subtract(force, &node[0], at..end, &sum);
+            }
+            at += L::WIDTH;
+        }
+        if seen.alarm {
+            batch.over_limit.push(index as u32);
+        }
+    }
+    seen.extremes()
+}
+
+/// How far from rest the elements are that have been evaluated.
+struct Seen<L> {
+    /// Largest `|2E|²`.
+    strain_squared: L,
+    least_det: L,
+    /// Whether an element of the block is over its limit, or crushed.
+    alarm: bool,
+}
+
+impl<L: Lanes> Seen<L> {
+    #[inline(always)]
+    fn new() -> Self {
+        Self { strain_squared: L::splat(0.0), least_det: L::splat(1.0), alarm: false }
+    }
+
+    #[inline(always)]
+    fn extremes(&self) -> Extremes {
+        Extremes {
+            // The strains are doubled.
+            strain_squared: 0.25 * lanes(self.strain_squared).into_iter().fold(0.0, Real::max),
+            det_f: lanes(self.least_det).into_iter().fold(1.0, Real::min),
+        }
+    }
+}
+
+/// The law with `B` branches, over one step.
+struct Law<L, const B: usize> {
+    volume: L,
+    shear: L,
+    decay: [L; B],
+    share: [L; B],
+}
+
+impl<L: Lanes, const B: usize> Law<L, B> {
+    #[inline(always)]
+    fn new(rates: &Rates) -> Self {
+        let mut decay = [L::splat(0.0); B];
+        let mut share = [L::splat(0.0); B];
+        for b in 0..B {
+            decay[b] = L::splat(rates.decay[b]);
+            share[b] = L::splat(rates.share[b]);
+        }
+        Self { volume: L::splat(rates.volume), shear: L::splat(rates.shear), decay, share }
+    }
+
+    /// First Piola–Kirchhoff stress, times its part of the volume, of the elements from lane `at` on at the deformation
+    /// gradient `f`, of which the first `used` lanes of the block hold one.
+    ///
+    /// # Safety
+    /// `L` must run on this CPU; see [`Lanes::load`].
+    #[inline(always)]
+    unsafe fn stress(
+        &self,
+        f: &[[L; 3]; 3],
+        block: &mut Block,
+        memory: &mut [Memory],
+        at: usize,
+        used: usize,
+        seen: &mut Seen<L>,
+    ) -> [[L; 3]; 3] {
+        let zero = L::splat(0.0);
+        let half = L::splat(0.5);
+        let third = L::splat(1.0 / 3.0);
+        let one = L::splat(1.0);
+        let fade = L::splat(FADE);
+        let onset = L::splat(COLLAPSE_ONSET);
+        let stiffness = L::splat(COLLAPSE_STIFFNESS);
+        // SAFETY: the caller's promise.
+        unsafe {
+            // 2E = FᵀF − I, its components xx, yy, zz, yz, xz, xy.
+            let e = [
+                column_dot(f, 0, 0).sub(one),
+                column_dot(f, 1, 1).sub(one),
+                column_dot(f, 2, 2).sub(one),
+                column_dot(f, 1, 2),
+                column_dot(f, 0, 2),
+                column_dot(f, 0, 1),
+            ];
+            let mut change = e;
+            // S over μ without what is a multiple of I.
+            let mut s = e;
+            for c in 0..6 {
+                change[c] = e[c].sub(L::load(&block.strain[c], at));
+                e[c].store(&mut block.strain[c], at);
+                s[c] = e[c].add(self.shear.mul(change[c]));
+            }
+            let trace = e[0].add(e[1]).add(e[2]);
+            let trace_change = change[0].add(change[1]).add(change[2]);
+            let lambda = L::load(&block.lambda, at);
+            let mu = L::load(&block.mu, at);
+            let mut pressure = half.mul(lambda).mul(trace.add(self.volume.mul(trace_change)));
+            let branch = if B > 0 { L::load(&block.branch, at) } else { one };
+            for b in 0..B {
+                let share = branch.mul(self.share[b]);
+                let mut d = e;
+                for c in 0..6 {
+                    let row = &mut memory[b].0[c];
+                    d[c] = L::load(row, at).add(change[c]).mul(self.decay[b]).add(fade).sub(fade);
+                    d[c].store(row, at);
+                    s[c] = s[c].add(share.mul(d[c]));
+                }
+                pressure = pressure.sub(mu.mul(share.mul(third.mul(d[0].add(d[1]).add(d[2])))));
+            }
+            for s in &mut s {
+                *s = mu.mul(*s);
+            }
+            for s in &mut s[..3] {
+                *s = s.add(pressure);
+            }
+
+            // Rows of cof F are cross products of rows of F.
+            let cofactor_0 = cross(&f[1], &f[2]);
+            let mut det = dot(&f[0], &cofactor_0);
+            let diagonal = e[0].mul(e[0]).add(e[1].mul(e[1])).add(e[2].mul(e[2]));
+            let shears = e[3].mul(e[3]).add(e[4].mul(e[4])).add(e[5].mul(e[5]));
+            let mut squares = diagonal.add(shears).add(shears);
+            if used - at < L::WIDTH {
+                // Lanes without an element are at rest.
+                let lane = L::load(&LANE, 0);
+                let used = L::splat((used - at) as Real);
+                squares = squares.where_less(lane, used);
+                det = det.where_less(lane, used).add(one.sub(one.where_less(lane, used)));
+            }
+            det.store(&mut block.det, at);
+            // |dev 2E|² against the square of its limit; where that is below zero every deviator is beyond it.
+            let limit = L::load(&block.limit, at).sub(L::load(&block.slope, at).mul(trace)).max(zero);
+            seen.alarm |= limit.mul(limit).any_less(squares.sub(third.mul(trace.mul(trace))));
+            seen.strain_squared = squares.max(seen.strain_squared);
+            seen.least_det = det.min(seen.least_det);
+
+            // P = F S.
+            let mut p = [row_times(&f[0], &s), row_times(&f[1], &s), row_times(&f[2], &s)];
+            if det.any_less(onset) {
+                seen.alarm = true;
+                // P += k (J − 0.6) cof F where J < 0.6.
+                let k = stiffness.mul(lambda.add(mu.add(mu)));
+                let squeeze = k.mul(det.sub(onset).min(zero));
+                let cofactor = [cofactor_0, cross(&f[2], &f[0]), cross(&f[0], &f[1])];
+                for r in 0..3 {
+                    for c in 0..3 {
+                        p[r][c] = p[r][c].add(squeeze.mul(cofactor[r][c]));
+                    }
+                }
+            }
+            p
+        }
     }
 }
 
 /// What [`Lanes::scatter`] does, for some elements of a block: lanes without an element must leave even the sign of a
 /// zero alone, since there are more of them in a wider group.
 #[inline(never)]
-fn scatter_some(force: &mut [Padded], node: &[[u32; LANES]; 4], elements: Range<usize>, q: &[[Row; 3]; 3]) {
+fn scatter_some(force: &mut [Padded], node: &[Nodes; 4], elements: Range<usize>, q: &[[Row; 3]; 3]) {
     for e in elements {
         for c in 0..3 {
             force[node[0][e] as usize][c] += (q[0][c][e] + q[1][c][e]) + q[2][c][e];
@@ -324,7 +495,7 @@ unsafe fn load3<L: Lanes>(x: &[Row; 3], at: usize) -> [L; 3] {
 /// # Safety
 /// See [`Lanes::load`].
 #[inline(always)]
-unsafe fn deformation<L: Lanes>(x: &[[L; 3]; 3], gradient: &[[Row; 3]; 3], at: usize) -> [[L; 3]; 3] {
+unsafe fn deformation<L: Lanes>(x: &[[L; 3]; 3], gradient: &[Gradients; 3], at: usize) -> [[L; 3]; 3] {
     // SAFETY: passed on.
     let g: [[L; 3]; 3] = unsafe { [load3(&gradient[0], at), load3(&gradient[1], at), load3(&gradient[2], at)] };
     let mut sum = *x;
@@ -334,6 +505,12 @@ unsafe fn deformation<L: Lanes>(x: &[[L; 3]; 3], gradient: &[[Row; 3]; 3], at: u
         }
     }
     sum
+}
+
+/// `A x`, by rows.
+#[inline(always)]
+fn times<L: Lanes>(a: &[[L; 3]; 3], x: &[L; 3]) -> [L; 3] {
+    [dot(&a[0], x), dot(&a[1], x), dot(&a[2], x)]
 }
 
 #[inline(always)]

@@ -9,7 +9,7 @@ use super::element::{MAX_BRANCHES, StrainLimit};
 use super::element_block::{Blocks, Lane};
 use super::element_kernel::{self, Batch, Extremes, Rates, Simd};
 use super::lanes::{LANES, Padded};
-use crate::ids::{Element, Slot};
+use crate::ids::{self, Element, Node, Slot};
 use crate::math::Real;
 
 /// Step classes.
@@ -37,12 +37,17 @@ struct Class {
     count: usize,
 }
 
-/// All elements that are in use. Nothing allocates after [`ElementPool::new`].
+/// The tetrahedra in use.
+pub type ElementPool = Pool<Element>;
+/// The stars in use, by the node that each is around.
+pub type StarPool = Pool<Node>;
+
+/// All elements of a kind that are in use. Nothing allocates after it is made.
 #[derive(Clone, Debug)]
-pub struct ElementPool {
+pub struct Pool<Id> {
     blocks: Blocks,
-    /// Ids of the elements of each block, or [`Element::NONE`].
-    owners: Vec<[Element; LANES]>,
+    /// Ids of the elements of each block, or none.
+    owners: Vec<[Id; LANES]>,
     /// Blocks that belong to no class, the next to be used last.
     free: Vec<u32>,
     classes: [Class; CLASSES],
@@ -54,6 +59,20 @@ pub struct ElementPool {
     nodes: usize,
 }
 
+/// What is an element by itself, or has a star around it.
+pub trait Kind: ids::Id {
+    /// Whether it has a star.
+    const HAS_STAR: bool;
+}
+
+impl Kind for Element {
+    const HAS_STAR: bool = false;
+}
+
+impl Kind for Node {
+    const HAS_STAR: bool = true;
+}
+
 impl ElementPool {
     /// An empty pool for elements `0..total_elements`, of which `capacity` may be in use at once, between `nodes`
     /// nodes, with that many Maxwell `branches` each.
@@ -61,19 +80,35 @@ impl ElementPool {
     /// # Panics
     /// When there are more than [`MAX_BRANCHES`] branches, or more elements than a `u32` counts.
     pub fn new(total_elements: usize, capacity: usize, nodes: usize, branches: usize) -> Self {
+        Self::with_spokes(total_elements, capacity, nodes, 3, branches)
+    }
+}
+
+impl StarPool {
+    /// An empty pool for the stars of nodes `0..total_nodes`, as [`ElementPool::new`], with at most `spokes` neighbours each.
+    ///
+    /// # Panics
+    /// As [`ElementPool::new`].
+    pub fn of_stars(total_nodes: usize, capacity: usize, nodes: usize, spokes: usize, branches: usize) -> Self {
+        Self::with_spokes(total_nodes, capacity, nodes, spokes, branches)
+    }
+}
+
+impl<Id: Kind> Pool<Id> {
+    pub(super) fn with_spokes(total: usize, capacity: usize, nodes: usize, spokes: usize, branches: usize) -> Self {
         assert!(branches <= MAX_BRANCHES, "at most {MAX_BRANCHES} branches");
-        assert!(total_elements < Element::NONE.index(), "too many elements");
-        let capacity = capacity.min(total_elements);
+        assert!(total < Id::NONE.index(), "too many elements");
+        let capacity = capacity.min(total);
         let full = capacity.div_ceil(LANES);
         // Every class may have one block that is not full.
         let blocks = full + CLASSES;
         let mut pool = Self {
-            blocks: Blocks::new(blocks, branches),
-            owners: vec![[Element::NONE; LANES]; blocks],
+            blocks: Blocks::new(blocks, spokes, branches),
+            owners: vec![[Id::NONE; LANES]; blocks],
             free: Vec::with_capacity(blocks),
             classes: std::array::from_fn(|_| Class { blocks: Vec::with_capacity(full + 1), count: 0 }),
             over_limit: std::array::from_fn(|_| Vec::with_capacity(full + 1)),
-            places: vec![Place::OUT; total_elements],
+            places: vec![Place::OUT; total],
             len: 0,
             capacity,
             nodes,
@@ -85,7 +120,7 @@ impl ElementPool {
     /// Takes all elements out.
     pub fn clear(&mut self) {
         self.blocks.clear();
-        self.owners.fill([Element::NONE; LANES]);
+        self.owners.fill([Id::NONE; LANES]);
         self.places.fill(Place::OUT);
         for class in &mut self.classes {
             class.blocks.clear();
@@ -102,10 +137,10 @@ impl ElementPool {
     /// When the id, the class or a node is beyond what the pool was made for.
     pub fn insert(
         &mut self,
-        id: Element,
+        id: Id,
         class: usize,
-        nodes: [Slot; 4],
-        constants: &ElementConstants,
+        nodes: &[Slot],
+        constants: &ElementConstants<impl AsRef<[[Real; 3]]>>,
         history: &History,
     ) -> bool {
         self.check_nodes(nodes);
@@ -120,7 +155,7 @@ impl ElementPool {
     }
 
     /// Takes element `id` out; the last of its class takes its place. `None` when the pool does not have it.
-    pub fn remove(&mut self, id: Element) -> Option<History> {
+    pub fn remove(&mut self, id: Id) -> Option<History> {
         let place = self.place(id)?;
         let history = self.blocks.history(self.lane(place));
         self.vacate(place);
@@ -134,7 +169,7 @@ impl ElementPool {
     ///
     /// # Panics
     /// When there is no such class.
-    pub fn set_class(&mut self, id: Element, class: usize) -> bool {
+    pub fn set_class(&mut self, id: Id, class: usize) -> bool {
         assert!(class < CLASSES, "no such class");
         let Some(place) = self.place(id) else { return false };
         if place.class as usize != class {
@@ -147,7 +182,7 @@ impl ElementPool {
     }
 
     /// Gives element `id` another stiffness: `λ·w·vol` and `μ·w·vol` [N·m]. False when the pool does not have it.
-    pub fn set_stiffness(&mut self, id: Element, lambda: Real, mu: Real) -> bool {
+    pub fn set_stiffness(&mut self, id: Id, lambda: Real, mu: Real) -> bool {
         let Some(Lane { block, lane }) = self.find(id) else { return false };
         self.blocks.all[block].lambda[lane] = lambda;
         self.blocks.all[block].mu[lane] = mu;
@@ -155,50 +190,50 @@ impl ElementPool {
     }
 
     /// What element `id` remembers.
-    pub fn history(&self, id: Element) -> Option<History> {
+    pub fn history(&self, id: Id) -> Option<History> {
         self.find(id).map(|lane| self.blocks.history(lane))
     }
 
     /// Has element `id` remember `history`. False when the pool does not have it.
-    pub fn set_history(&mut self, id: Element, history: &History) -> bool {
+    pub fn set_history(&mut self, id: Id, history: &History) -> bool {
         let Some(lane) = self.find(id) else { return false };
         self.blocks.write_history(lane, history);
         true
     }
 
     /// Strain of element `id` at its last evaluation: xx, yy, zz, yz, xz, xy.
-    pub fn strain(&self, id: Element) -> Option<[Real; 6]> {
+    pub fn strain(&self, id: Id) -> Option<[Real; 6]> {
         // Not by way of the whole history: the branches lie elsewhere, and this is asked for often.
         self.find(id).map(|lane| self.blocks.strain(lane))
     }
 
     /// [`ElementPool::strain`], and the determinant of the deformation gradient then.
-    pub fn strain_and_det(&self, id: Element) -> Option<([Real; 6], Real)> {
+    pub fn strain_and_det(&self, id: Id) -> Option<([Real; 6], Real)> {
         let det = self.find(id).map(|at| self.blocks.all[at.block].det[at.lane]);
         self.strain(id).zip(det)
     }
 
     /// Element at `place` in the sequence of `class`.
-    pub fn id_at(&self, class: usize, place: usize) -> Option<Element> {
+    pub fn id_at(&self, class: usize, place: usize) -> Option<Id> {
         (place < self.classes[class].count)
             .then(|| self.owners[self.classes[class].blocks[place / LANES] as usize][place % LANES])
     }
 
     /// Beyond `limit`, and when crushed, element `id` is among those [over their limit](ElementPool::over_limit).
-    pub fn set_strain_limit(&mut self, id: Element, limit: StrainLimit) {
+    pub fn set_strain_limit(&mut self, id: Id, limit: StrainLimit) {
         if let Some(lane) = self.find(id) {
             self.blocks.set_limit(lane, limit);
         }
     }
 
     /// What [`ElementPool::set_strain_limit`] has set.
-    pub fn strain_limit(&self, id: Element) -> Option<StrainLimit> {
+    pub fn strain_limit(&self, id: Id) -> Option<StrainLimit> {
         self.find(id).map(|lane| self.blocks.limit(lane))
     }
 
     /// Elements of the blocks of `class` in which the last evaluation found one over its limit.
-    pub fn over_limit(&self, class: usize) -> impl Iterator<Item = Element> + '_ {
-        self.over_limit[class].iter().flat_map(|b| self.owners[*b as usize]).filter(|e| *e != Element::NONE)
+    pub fn over_limit(&self, class: usize) -> impl Iterator<Item = Id> + '_ {
+        self.over_limit[class].iter().flat_map(|b| self.owners[*b as usize]).filter(|e| *e != Id::NONE)
     }
 
     /// Forgets who is over its limit: what was found in one tick says nothing in the next.
@@ -212,17 +247,17 @@ impl ElementPool {
     }
 
     /// The class of element `id`.
-    pub fn class_of(&self, id: Element) -> Option<usize> {
+    pub fn class_of(&self, id: Id) -> Option<usize> {
         self.place(id).map(|place| place.class as usize)
     }
 
     /// The nodes of element `id`.
-    pub fn nodes_of(&self, id: Element) -> Option<[Slot; 4]> {
+    pub fn nodes_of(&self, id: Id) -> Option<impl Iterator<Item = Slot> + '_> {
         self.find(id).map(|lane| self.blocks.nodes(lane))
     }
 
     /// True when element `id` is in use.
-    pub fn contains(&self, id: Element) -> bool {
+    pub fn contains(&self, id: Id) -> bool {
         self.place(id).is_some()
     }
 
@@ -242,7 +277,7 @@ impl ElementPool {
     }
 
     /// The elements of a class in the order of its sequence: inserted in this order, they make up the same sequence.
-    pub fn ids(&self, class: usize) -> impl Iterator<Item = Element> + '_ {
+    pub fn ids(&self, class: usize) -> impl Iterator<Item = Id> + '_ {
         let of = &self.classes[class];
         (0..of.count).map(|s| self.owners[of.blocks[s / LANES] as usize][s % LANES])
     }
@@ -256,7 +291,7 @@ impl ElementPool {
             let block = block as usize;
             // Lanes that are not in use hold what the kernel has left there.
             let used = (of.count - i * LANES).min(LANES);
-            hash.update(bytemuck::cast_slice(&self.owners[block].map(|e| e.0)[..used]));
+            hash.update(bytemuck::cast_slice(&self.owners[block].map(|id| id.index() as u32)[..used]));
             let (b, memories) = (&self.blocks.all[block], self.blocks.memories_of(block));
             let parts = [&b.strain[..], &[b.det, b.limit, b.slope]];
             for rows in parts.into_iter().chain(memories.iter().map(|memory| &memory.0[..])) {
@@ -289,27 +324,39 @@ impl ElementPool {
         if *count == 0 {
             return Extremes::REST;
         }
+        let Blocks { all, nodes, gradients, memories, counts, spokes, branches } = &mut self.blocks;
         let batch = Batch {
-            blocks: &mut self.blocks.all,
-            memories: &mut self.blocks.memories,
+            blocks: all,
+            nodes,
+            gradients,
+            memories,
+            counts,
+            spokes: *spokes,
             order,
             count: *count,
-            branches: self.blocks.branches,
+            branches: *branches,
             over_limit: &mut self.over_limit[class],
         };
         let path = if path.is_available() { path } else { Simd::Portable };
         // SAFETY: the path is available; both fields have `nodes` entries, and
         // no element names a node beyond them (`check_nodes`). Unused lanes name node 0, which is there because the
         // class has an element.
-        unsafe { element_kernel::add_forces(path, batch, rates, position, force) }
+        unsafe {
+            if Id::HAS_STAR {
+                element_kernel::add_star_forces(path, batch, rates, position, force)
+            } else {
+                element_kernel::add_forces(path, batch, rates, position, force)
+            }
+        }
     }
 
     /// What lets the kernel go without bounds checks.
-    fn check_nodes(&self, nodes: [Slot; 4]) {
+    fn check_nodes(&self, nodes: &[Slot]) {
         assert!(nodes.iter().all(|n| n.index() < self.nodes), "an element names a lost node");
+        assert!(Id::HAS_STAR || nodes.len() == 4, "a tetrahedron has four nodes");
     }
 
-    fn place(&self, id: Element) -> Option<Place> {
+    fn place(&self, id: Id) -> Option<Place> {
         self.places.get(id.index()).copied().filter(|place| *place != Place::OUT)
     }
 
@@ -318,12 +365,12 @@ impl ElementPool {
         Lane { block: self.classes[place.class as usize].blocks[s / LANES] as usize, lane: s % LANES }
     }
 
-    fn find(&self, id: Element) -> Option<Lane> {
+    fn find(&self, id: Id) -> Option<Lane> {
         self.place(id).map(|place| self.lane(place))
     }
 
     /// A lane at the end of `class` for element `id`. There is a free block for it: see `new`.
-    fn append(&mut self, id: Element, class: usize) -> Lane {
+    fn append(&mut self, id: Id, class: usize) -> Lane {
         let to = &mut self.classes[class];
         if to.count.is_multiple_of(LANES) {
             debug_assert!(!self.free.is_empty());
@@ -349,7 +396,7 @@ impl ElementPool {
             self.owners[hole.block][hole.lane] = moved;
             self.places[moved.index()] = place;
         }
-        self.owners[last.block][last.lane] = Element::NONE;
+        self.owners[last.block][last.lane] = Id::NONE;
         let from = &mut self.classes[class];
         from.count = sequence;
         if last.lane == 0 {
@@ -439,7 +486,7 @@ mod tests {
                     Op::Insert(id, class, nodes) => {
                         let len: usize = classes.iter().map(Vec::len).sum();
                         let fits = known[id.index()].is_none() && len < CAPACITY;
-                        prop_assert_eq!(pool.insert(id, class, nodes, &constants(id), &history(0.01 * id.0 as Real)), fits);
+                        prop_assert_eq!(pool.insert(id, class, &nodes, &constants(id), &history(0.01 * id.0 as Real)), fits);
                         if fits {
                             classes[class].push(id);
                             known[id.index()] = Some(Known { nodes, constants: constants(id) });
@@ -485,7 +532,8 @@ mod tests {
                 }
                 for id in (0..TOTAL).map(Element::at) {
                     prop_assert_eq!(pool.contains(id), known[id.index()].is_some());
-                    prop_assert_eq!(pool.nodes_of(id), known[id.index()].as_ref().map(|k| k.nodes));
+                    let nodes = pool.nodes_of(id).map(Iterator::collect::<Vec<_>>);
+                    prop_assert_eq!(nodes, known[id.index()].as_ref().map(|k| k.nodes.to_vec()));
                 }
             }
             prop_assert_eq!(spare(&pool), allocated);
@@ -496,7 +544,7 @@ mod tests {
                 for id in pool.ids(class) {
                     let Known { nodes, constants } = known[id.index()].clone().expect("known");
                     let history = pool.history(id).expect("there");
-                    prop_assert!(again.insert(id, class, nodes, &constants, &history));
+                    prop_assert!(again.insert(id, class, &nodes, &constants, &history));
                 }
             }
             for class in 0..CLASSES {
@@ -518,10 +566,11 @@ mod tests {
         for capacity in [1, 7, 8, 9, 45, 60] {
             let mut pool = ElementPool::new(TOTAL, capacity, NODES, 1);
             for id in (0..capacity).map(Element::at) {
-                assert!(pool.insert(id, id.index() % CLASSES, [0, 1, 2, 3].map(Slot), &constants(id), &History::REST));
+                assert!(pool.insert(id, id.index() % CLASSES, &[0, 1, 2, 3].map(Slot), &constants(id), &History::REST));
             }
             assert!(
-                capacity == TOTAL || !pool.insert(Element(59), 0, [Slot(0); 4], &constants(Element(0)), &History::REST)
+                capacity == TOTAL
+                    || !pool.insert(Element(59), 0, &[Slot(0); 4], &constants(Element(0)), &History::REST)
             );
             for class in 0..CLASSES {
                 (0..capacity).map(Element::at).for_each(|id| assert!(pool.set_class(id, class)));
@@ -536,7 +585,7 @@ mod tests {
         ElementPool::new(TOTAL, CAPACITY, NODES, 0).insert(
             Element(0),
             0,
-            [0, 1, 2, NODES as u32].map(Slot),
+            &[0, 1, 2, NODES as u32].map(Slot),
             &constants(Element(0)),
             &History::REST,
         );

@@ -2,7 +2,7 @@
 
 use super::active_mesh::ActiveMesh;
 use super::body::Body;
-use crate::ids::Element;
+use crate::ids::{Element, Node};
 use crate::math::{Mat3, Real, Vec3};
 
 /// Energies [J] and momenta of the body about the origin.
@@ -54,8 +54,14 @@ pub fn energy(body: &Body, mesh: &ActiveMesh, gravity: Vec3) -> Energy {
             let f = deformation_gradient(body, mesh, e);
             let factor = body.stiffness_factor(e);
             let weight = factor * body.volume(e) * Real::from(active) / 4.0;
-            sum.elastic += weight * body.material_of(e).energy_density(&f);
+            sum.elastic += weight * body.jumps_material(e).energy_density(&f);
         }
+    }
+    for n in mesh.active().iter().map(|slot| mesh.node(*slot)).filter(|_| !body.stars().is_empty()) {
+        let place = |n: &Node| mesh.position_of(*n).unwrap_or_else(|| body.rest(*n));
+        let f = body.stars().constants(n).deformation(place(&n), body.stars().neighbours(n).iter().map(place));
+        let star = body.stars().of(n);
+        sum.elastic += star.volume * star.material.energy_density(&f);
     }
     for hold in body.supports() {
         let stretch = mesh.vertex(hold.vertex) - body.surface().vertices[hold.vertex.index()];

@@ -4,6 +4,7 @@
 //! all forms give the same bits.
 
 use crate::math::Real;
+use std::ops::Range;
 
 /// A position [m] or a force [N] of a node, padded to a whole register: the fourth number is always zero.
 pub type Padded = [Real; 4];
@@ -57,6 +58,21 @@ pub trait Lanes: Copy {
     /// # Safety
     /// Every node must lie within `force`, and `at + WIDTH` must not exceed [`LANES`].
     unsafe fn scatter(force: &mut [Padded], node: &[[u32; LANES]; 4], at: usize, q: &[[Self; 3]; 3]);
+}
+
+/// Groups of four, of which each gathers the positions of one node and is scattered to it: stars have many. The order in which
+/// forces are added up depends on the width, so there is one.
+pub trait Quads: Lanes {
+    /// Positions [m] of one node of the elements from `at` on, by component.
+    ///
+    /// # Safety
+    /// Every node must lie within `position`, and `at + WIDTH` must not exceed [`LANES`].
+    unsafe fn gather(position: &[Padded], node: &[u32; LANES], at: usize) -> [Self; 3];
+    /// Takes `q` from the force on one node of the elements `elements`, one after the other: as many as there are lanes at most.
+    ///
+    /// # Safety
+    /// Every node must lie within `force`, and `elements` within [`LANES`].
+    unsafe fn subtract(force: &mut [Padded], node: &[u32; LANES], elements: Range<usize>, q: &[Self; 3]);
 }
 
 /// Plain arrays, four lanes.
@@ -149,6 +165,31 @@ impl Lanes for Plain {
     }
 }
 
+impl Quads for Plain {
+    #[inline(always)]
+    unsafe fn gather(position: &[Padded], node: &[u32; LANES], at: usize) -> [Self; 3] {
+        let mut x = [Self([0.0; 4]); 3];
+        for l in 0..4 {
+            // SAFETY: the caller's promise.
+            let place = unsafe { position.get_unchecked(node[at + l] as usize) };
+            for c in 0..3 {
+                x[c].0[l] = place[c];
+            }
+        }
+        x
+    }
+    #[inline(always)]
+    unsafe fn subtract(force: &mut [Padded], node: &[u32; LANES], elements: Range<usize>, q: &[Self; 3]) {
+        for (l, e) in elements.enumerate() {
+            // SAFETY: the caller's promise.
+            let force = unsafe { force.get_unchecked_mut(node[e] as usize) };
+            for c in 0..3 {
+                force[c] -= q[c].0[l];
+            }
+        }
+    }
+}
+
 /// AVX2 registers, four lanes.
 #[cfg(target_arch = "x86_64")]
 #[derive(Clone, Copy, Debug)]
@@ -161,7 +202,7 @@ pub struct Avx512(std::arch::x86_64::__m512d);
 
 #[cfg(target_arch = "x86_64")]
 mod x86 {
-    use super::{Avx2, Avx512, LANES, Lanes, Padded, Real, Row};
+    use super::{Avx2, Avx512, LANES, Lanes, Padded, Quads, Range, Real, Row};
     use std::arch::x86_64::*;
 
     /// # Safety
@@ -186,6 +227,44 @@ mod x86 {
             _mm256_storeu_pd(f, _mm256_sub_pd(_mm256_loadu_pd(f), q[1]));
             let f: *mut Real = force.add(node[3] as usize).cast();
             _mm256_storeu_pd(f, _mm256_sub_pd(_mm256_loadu_pd(f), q[2]));
+        }
+    }
+
+    /// Components of the vectors of four elements.
+    ///
+    /// # Safety
+    /// The CPU must have AVX2.
+    #[inline(always)]
+    unsafe fn by_component(a: __m256d, b: __m256d, c: __m256d, d: __m256d) -> [Avx2; 3] {
+        // SAFETY: the caller's promise.
+        unsafe {
+            let (xz_ab, y_ab) = (_mm256_unpacklo_pd(a, b), _mm256_unpackhi_pd(a, b));
+            let (xz_cd, y_cd) = (_mm256_unpacklo_pd(c, d), _mm256_unpackhi_pd(c, d));
+            [
+                Avx2(_mm256_permute2f128_pd::<0x20>(xz_ab, xz_cd)),
+                Avx2(_mm256_permute2f128_pd::<0x20>(y_ab, y_cd)),
+                Avx2(_mm256_permute2f128_pd::<0x31>(xz_ab, xz_cd)),
+            ]
+        }
+    }
+
+    /// Vectors of four elements, each with a zero in the fourth place, of their components.
+    ///
+    /// # Safety
+    /// The CPU must have AVX2.
+    #[inline(always)]
+    unsafe fn by_element(x: __m256d, y: __m256d, z: __m256d) -> [__m256d; 4] {
+        // SAFETY: the caller's promise.
+        unsafe {
+            let zero = _mm256_setzero_pd();
+            let (xy_02, xy_13) = (_mm256_unpacklo_pd(x, y), _mm256_unpackhi_pd(x, y));
+            let (z_02, z_13) = (_mm256_unpacklo_pd(z, zero), _mm256_unpackhi_pd(z, zero));
+            [
+                _mm256_permute2f128_pd::<0x20>(xy_02, z_02),
+                _mm256_permute2f128_pd::<0x20>(xy_13, z_13),
+                _mm256_permute2f128_pd::<0x31>(xy_02, z_02),
+                _mm256_permute2f128_pd::<0x31>(xy_13, z_13),
+            ]
         }
     }
 
@@ -261,13 +340,7 @@ mod x86 {
                     let b = _mm256_sub_pd(at(position, n[first + 1]), origin[1]);
                     let c = _mm256_sub_pd(at(position, n[first + 2]), origin[2]);
                     let d = _mm256_sub_pd(at(position, n[first + 3]), origin[3]);
-                    let (xz_ab, y_ab) = (_mm256_unpacklo_pd(a, b), _mm256_unpackhi_pd(a, b));
-                    let (xz_cd, y_cd) = (_mm256_unpacklo_pd(c, d), _mm256_unpackhi_pd(c, d));
-                    edges[i] = [
-                        Self(_mm256_permute2f128_pd::<0x20>(xz_ab, xz_cd)),
-                        Self(_mm256_permute2f128_pd::<0x20>(y_ab, y_cd)),
-                        Self(_mm256_permute2f128_pd::<0x31>(xz_ab, xz_cd)),
-                    ];
+                    edges[i] = by_component(a, b, c, d);
                     i += 1;
                 }
             }
@@ -282,15 +355,7 @@ mod x86 {
                 let mut by_node = [[zero; 4]; 3];
                 let mut i = 0;
                 while i < 3 {
-                    let (x, y, z) = (q[i][0].0, q[i][1].0, q[i][2].0);
-                    let (xy_02, xy_13) = (_mm256_unpacklo_pd(x, y), _mm256_unpackhi_pd(x, y));
-                    let (z_02, z_13) = (_mm256_unpacklo_pd(z, zero), _mm256_unpackhi_pd(z, zero));
-                    by_node[i] = [
-                        _mm256_permute2f128_pd::<0x20>(xy_02, z_02),
-                        _mm256_permute2f128_pd::<0x20>(xy_13, z_13),
-                        _mm256_permute2f128_pd::<0x31>(xy_02, z_02),
-                        _mm256_permute2f128_pd::<0x31>(xy_13, z_13),
-                    ];
+                    by_node[i] = by_element(q[i][0].0, q[i][1].0, q[i][2].0);
                     i += 1;
                 }
                 let force = force.as_mut_ptr();
@@ -308,6 +373,32 @@ mod x86 {
 
     /// The nodes of elements `a` and `b`, one in each half.
     ///
+    impl Quads for Avx2 {
+        #[inline(always)]
+        unsafe fn gather(position: &[Padded], node: &[u32; LANES], first: usize) -> [Self; 3] {
+            // SAFETY: see `splat`; the caller's promise.
+            unsafe {
+                let (a, b) = (at(position, node[first]), at(position, node[first + 1]));
+                let (c, d) = (at(position, node[first + 2]), at(position, node[first + 3]));
+                by_component(a, b, c, d)
+            }
+        }
+        #[inline(always)]
+        unsafe fn subtract(force: &mut [Padded], node: &[u32; LANES], elements: Range<usize>, q: &[Self; 3]) {
+            // SAFETY: see `splat`; the caller's promise.
+            unsafe {
+                let by_element = by_element(q[0].0, q[1].0, q[2].0);
+                let force = force.as_mut_ptr();
+                let (mut l, first) = (0, elements.start);
+                while l < 4 && first + l < elements.end {
+                    let f: *mut Real = force.add(node[first + l] as usize).cast();
+                    _mm256_storeu_pd(f, _mm256_sub_pd(_mm256_loadu_pd(f), by_element[l]));
+                    l += 1;
+                }
+            }
+        }
+    }
+
     /// # Safety
     /// The CPU must have AVX-512; the nodes must lie within `field`.
     #[inline(always)]

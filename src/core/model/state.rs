@@ -29,6 +29,12 @@ pub struct State {
     pub history: Vec<History>,
     /// Up to which strain each of them may keep its step; empty to have it found.
     pub strain_limit: Vec<StrainLimit>,
+    /// Active nodes by step class of their stars; none where the body has no stars.
+    pub stars: Vec<Vec<Node>>,
+    /// As `history`, of the stars.
+    pub star_history: Vec<History>,
+    /// As `strain_limit`, of the stars.
+    pub star_strain_limit: Vec<StrainLimit>,
     /// By display vertex: what changes of resolution have left to fade, see
     /// [`super::active_mesh::ActiveMesh::geomorph`].
     pub geomorph: Vec<[Real; 4]>,
@@ -68,7 +74,16 @@ impl State {
                 }
             }
         }
+        let mut stars = vec![Vec::new(); CLASSES];
+        if !body.stars().is_empty() {
+            nodes
+                .iter()
+                .for_each(|n| stars[step_class::class_of_rest(body, body.stars().of(*n).omega_squared)].push(*n));
+        }
         Self {
+            star_history: vec![History::REST; stars.iter().map(Vec::len).sum()],
+            star_strain_limit: Vec::new(),
+            stars,
             velocity: vec![Vec3::zeros(); position.len()],
             residual: vec![Residual::default(); position.len()],
             strain_limit: Vec::new(),
@@ -84,6 +99,7 @@ impl State {
     /// An empty state with room for any state of a mesh of `elements` elements and `slots` nodes, so that saving into
     /// it allocates nothing.
     pub fn with_room(body: &Body, elements: usize, slots: usize) -> Self {
+        let of_stars = if body.stars().is_empty() { 0 } else { slots };
         Self {
             nodes: Vec::with_capacity(slots),
             position: Vec::with_capacity(slots),
@@ -93,6 +109,9 @@ impl State {
             classes: (0..CLASSES).map(|_| Vec::with_capacity(elements)).collect(),
             history: Vec::with_capacity(elements),
             strain_limit: Vec::with_capacity(elements),
+            stars: (0..CLASSES).map(|_| Vec::with_capacity(of_stars)).collect(),
+            star_history: Vec::with_capacity(of_stars),
+            star_strain_limit: Vec::with_capacity(of_stars),
             geomorph: Vec::with_capacity(body.surface().vertices.len()),
         }
     }
@@ -102,7 +121,7 @@ impl State {
         self.position.iter().all(is_finite)
             && self.velocity.iter().all(is_finite)
             && self.residual.iter().flatten().all(is_finite)
-            && self.history.iter().all(History::is_finite)
+            && self.history.iter().chain(&self.star_history).all(History::is_finite)
             && self.geomorph.iter().flatten().all(|x| x.is_finite())
     }
 }

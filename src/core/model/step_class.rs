@@ -4,7 +4,7 @@
 //! steps would be stable on coarse levels, but what they save is little (coarse elements are few) and what they cost is
 //! accuracy: energy errors grow with the square of the step, and a hand would feel elements that answer late.
 
-use super::body::Body;
+use super::body::{Body, MaxwellBranch};
 use super::element_kernel::StrainLimit;
 use super::element_pool::CLASSES;
 use super::material::{COLLAPSE_ONSET, COLLAPSE_STIFFNESS, Material};
@@ -115,14 +115,27 @@ pub fn class_in(body: &Body, stable: Real) -> usize {
 /// `ω²` [1/s²] of element `e` at rest, its Maxwell branches at their stiffest: `2/ω` is its longest stable step, with the
 /// safety factor.
 pub fn omega_squared(body: &Body, e: Element) -> Real {
+    // Where there are stars, branches act on their strain.
+    let branch = if body.stars().is_empty() { body.branch_factor(e) } else { 0.0 };
+    altitude_omega_squared(body, e) * instantaneous(&body.jumps_material(e), branch, body.maxwell())
+}
+
+/// The same without Maxwell branches: that a pressure wave crosses the element's smallest altitude. Where stars have a part of
+/// the stiffness they have the same part of the masses, so it does not depend on that.
+pub(super) fn altitude_omega_squared(body: &Body, e: Element) -> Real {
     let altitude = smallest_altitude(body, e);
     let wave_speed_squared = body.stiffness_factor(e) * body.material_of(e).pressure_modulus() / body.density(e);
-    4.0 * wave_speed_squared / (SAFETY * SAFETY * altitude * altitude) * instantaneous(body, e)
+    4.0 * wave_speed_squared / (SAFETY * SAFETY * altitude * altitude)
+}
+
+/// Class of the longest stable step at rest of what has this `omega_squared` [1/s²].
+pub fn class_of_rest(body: &Body, omega_squared: Real) -> usize {
+    class_in(body, stable_step(omega_squared, Strained::REST, body.damping_time(), 0.0))
 }
 
 /// Class of the longest stable step of element `e` at rest.
 pub fn class_at_rest(body: &Body, e: Element) -> usize {
-    class_in(body, stable_step(omega_squared(body, e), Strained::REST, body.damping_time(), 0.0))
+    class_of_rest(body, omega_squared(body, e))
 }
 
 fn smallest_altitude(body: &Body, e: Element) -> Real {
@@ -130,13 +143,13 @@ fn smallest_altitude(body: &Body, e: Element) -> Real {
     body.level(r).mesh.smallest_altitude(place)
 }
 
-/// Stiffness at once over that after relaxation, with the strain-difference term.
-fn instantaneous(body: &Body, e: Element) -> Real {
-    if body.maxwell().is_empty() {
+/// Stiffness at once over that after relaxation, with the strain-difference term, of `material` with the branches `maxwell`,
+/// whose moduli over μ have the factor `branch`.
+pub(super) fn instantaneous(material: &Material, branch: Real, maxwell: &[MaxwellBranch]) -> Real {
+    if maxwell.is_empty() {
         return 1.0;
     }
-    let material = body.material_of(e);
-    let branches = body.branch_factor(e) * body.maxwell().iter().map(|b| b.modulus).sum::<Real>();
+    let branches = branch * maxwell.iter().map(|b| b.modulus).sum::<Real>();
     (1.0 + 4.0 / 3.0 * material.mu * branches / material.pressure_modulus()) * (1.0 + 2.0 * STEP_VISCOSITY)
 }
 

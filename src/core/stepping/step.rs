@@ -115,7 +115,7 @@ pub fn tick(
         let class = deepest - i.trailing_zeros() as usize;
         let held = class == holds && !body.supports().is_empty();
         let touched = class == contact && !constraints.is_empty();
-        if mesh.pool().count(class) > 0 || held || !&work.residual[class].is_empty() {
+        if mesh.is_used(class) || held || !&work.residual[class].is_empty() {
             let elements = event(world, mesh, Due { now, class, held }, work, laps);
             extremes = extremes.join(&elements);
         }
@@ -152,7 +152,9 @@ fn event(world: &World, mesh: &mut ActiveMesh, due: Due, work: &mut Workspace, l
     // Residuals of a body that can move as a whole are balanced where all its nodes are now.
     let balanced = mesh.has_free_organs() && !residual.is_empty();
     // Where most elements are due most nodes are concerned: finding out which costs more than moving the others.
-    if balanced || 4 * mesh.pool().count(class) > mesh.pool().len() {
+    let due = |all: usize, of_class: usize| 4 * of_class > all;
+    let (pool, stars) = (mesh.pool(), mesh.stars());
+    if balanced || due(pool.len() + stars.len(), pool.count(class) + stars.count(class)) {
         let (nodes, entries) = (mesh.active().len() as u32, mesh.row_entries());
         drift_all(&mut work.time, mesh, gravity, now);
         laps.lap(Part::Node, nodes);
@@ -197,7 +199,7 @@ fn add_forces(
     laps: &mut dyn Laps,
 ) -> Extremes {
     let extremes = mesh.add_forces(path, class, rates);
-    laps.lap(Part::Element(class as u8), mesh.pool().count(class) as u32);
+    laps.lap(Part::Element(class as u8), mesh.evaluations(class));
     if held {
         mesh.add_supports();
         laps.lap(Part::Support, mesh.support_count() as u32);
@@ -251,7 +253,12 @@ fn find_concerned(mesh: &ActiveMesh, class: usize, held: bool, work: &mut Worksp
     };
     for e in mesh.pool().ids(class) {
         if let Some(slots) = mesh.pool().nodes_of(e) {
-            slots.into_iter().for_each(&mut note);
+            slots.for_each(&mut note);
+        }
+    }
+    for n in mesh.stars().ids(class) {
+        if let Some(slots) = mesh.stars().nodes_of(n) {
+            slots.for_each(&mut note);
         }
     }
     if held {

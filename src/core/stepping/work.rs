@@ -313,11 +313,12 @@ const ELEMENT_COST: u32 = 40;
 const RESIDUAL_COST: u32 = 10;
 /// Change units per interface row made.
 const ROW_COST: u32 = 40;
-/// Visits of nodes and of row entries by an event in which `elements` of a class are due; all may be concerned. Each is
-/// visited twice: moved and kicked, placed and handed back.
-fn visits(mesh: &ActiveMesh, elements: u32) -> (u32, u32) {
-    // A class concerns at most four nodes per element.
-    let part = |all: u32| 2 * all.min(4 * elements);
+/// Visits of nodes and of row entries by an event of `class`; all may be concerned. Each is visited twice: moved and kicked,
+/// placed and handed back.
+fn visits(body: &Body, mesh: &ActiveMesh, class: usize) -> (u32, u32) {
+    let in_stars = mesh.stars().count(class) * (1 + body.stars().most_neighbours());
+    let most = (4 * mesh.pool().count(class) + in_stars) as u32;
+    let part = |all: u32| 2 * all.min(most);
     (part(mesh.active().len() as u32), part(mesh.row_entries()))
 }
 
@@ -327,8 +328,8 @@ pub fn of_motion(body: &Body, mesh: &ActiveMesh, prices: &Prices, solves: u32) -
     let (mut nodes, mut rows) = (mesh.active().len() as u32, mesh.row_entries());
     let mut time = 0u32;
     for class in 0..CLASSES {
-        let elements = mesh.pool().count(class) as u32;
-        let (of_nodes, of_rows) = visits(mesh, elements);
+        let elements = mesh.evaluations(class);
+        let (of_nodes, of_rows) = visits(body, mesh, class);
         (nodes, rows) = (nodes + (of_nodes << class), rows + (of_rows << class));
         time = time.saturating_add(prices.of(Part::Element(class as u8), elements << class));
     }
@@ -357,7 +358,7 @@ pub fn of_contact(prices: &Prices, points: u32, solid: bool) -> u32 {
 
 /// Element evaluations of a tick.
 pub fn evaluations(mesh: &ActiveMesh) -> u32 {
-    (0..CLASSES).map(|c| (mesh.pool().count(c) as u32) << c).sum()
+    (0..CLASSES).map(|c| mesh.evaluations(c) << c).sum()
 }
 
 /// Change units of a batch of changes of resolution of a body with `nodes` nodes in use, whatever is in it: momenta,

@@ -1,7 +1,8 @@
 //! The step classes of the elements in use: each steps as long as its strain and the springs at its nodes allow.
 
 use super::ActiveMesh;
-use crate::ids::{Element, Slot};
+use super::residual::Kind;
+use crate::ids::{Element, Node};
 use crate::math::Real;
 use crate::model::body::Body;
 use crate::model::element_pool::CLASSES;
@@ -10,7 +11,12 @@ use crate::model::step_class::{self, LONGEST_CONTACT_CLASS, SOFT_CONTACT_CLASS, 
 impl ActiveMesh {
     /// Class of the shortest steps that elements in use take.
     pub fn finest_class(&self) -> usize {
-        (0..CLASSES).rev().find(|class| self.pool.count(*class) > 0).unwrap_or(0)
+        (0..CLASSES).rev().find(|class| self.is_used(*class)).unwrap_or(0)
+    }
+
+    /// True when a tetrahedron or a star steps in `class`.
+    pub fn is_used(&self, class: usize) -> bool {
+        self.pool.count(class) + self.stars.count(class) > 0
     }
 
     /// Class of the steps by which contact at points of tools and of obstacles, numbered as [`Constraint::point`], is held.
@@ -47,7 +53,8 @@ impl ActiveMesh {
                     let node = self.node[slot.index()];
                     if self.work.noted_nodes.visit(node.index()) {
                         let classes = body.elements_around(node).iter().filter_map(|e| self.pool.class_of(*e));
-                        most = most.max(classes.max());
+                        let stars = self.stars_around(body, node).filter_map(|n| self.stars.class_of(n));
+                        most = most.max(classes.max()).max(stars.max());
                     }
                 }
             }
@@ -64,6 +71,8 @@ impl ActiveMesh {
                 if self.work.noted_nodes.visit(node.index()) {
                     let used = body.elements_around(node).iter().filter(|e| self.pool.class_of(**e).is_some());
                     most = used.map(|e| self.omega_squared[e.index()]).fold(most, Real::max);
+                    let stars = self.stars_around(body, node).filter(|n| self.stars.contains(*n));
+                    most = stars.map(|n| body.stars().of(n).omega_squared).fold(most, Real::max);
                 }
             }
         }
@@ -71,65 +80,140 @@ impl ActiveMesh {
         swing.max(self.finest_class().clamp(LONGEST_CONTACT_CLASS, SOFT_CONTACT_CLASS))
     }
 
-    /// Springs' share of `ω²` [1/s²] at the nodes in `slots`, at most.
-    pub(super) fn springs_at(&self, slots: [Slot; 4]) -> Real {
-        slots.iter().map(|s| self.springs[s.index()]).fold(0.0, Real::max)
+    /// Nodes whose stars node `n` is in, where there are any.
+    fn stars_around<'a>(&self, body: &'a Body, n: Node) -> impl Iterator<Item = Node> + use<'a> {
+        if body.stars().is_empty() { &[][..] } else { body.neighbours(n) }.iter().copied()
+    }
+
+    /// Springs' share of `ω²` [1/s²] at the nodes of element `e`, at most.
+    fn springs_at(&self, body: &Body, e: Element) -> Real {
+        body.element(e).iter().map(|n| self.spring_at(*n)).fold(0.0, Real::max)
+    }
+
+    /// The same at the nodes of the star of node `n`.
+    fn springs_in_star(&self, body: &Body, n: Node) -> Real {
+        body.neighbours(n).iter().map(|n| self.spring_at(*n)).fold(0.0, Real::max)
+    }
+
+    fn spring_at(&self, n: Node) -> Real {
+        self.springs[self.slot[n.index()].index()]
+    }
+
+    /// Class of the longest stable step of element `e`, whose nodes have slots, strained as given.
+    pub(super) fn class_strained(&self, body: &Body, e: Element, strain: &[Real; 6], det: Real) -> usize {
+        step_class::class_in(body, self.step_of(body, e, strain, det))
+    }
+
+    /// The same of the star of node `n`.
+    pub(super) fn class_of_star_strained(&self, body: &Body, n: Node, strain: &[Real; 6], det: Real) -> usize {
+        step_class::class_in(body, self.step_of_star(body, n, strain, det))
+    }
+
+    fn step_of(&self, body: &Body, e: Element, strain: &[Real; 6], det: Real) -> Real {
+        let strained = Strained::of(&body.jumps_material(e), strain, det);
+        let springs = self.springs_at(body, e);
+        step_class::stable_step(self.omega_squared[e.index()], strained, body.damping_time(), springs)
+    }
+
+    fn step_of_star(&self, body: &Body, n: Node, strain: &[Real; 6], det: Real) -> Real {
+        let star = body.stars().of(n);
+        let strained = Strained::of(&star.material, strain, det);
+        let springs = self.springs_in_star(body, n);
+        step_class::stable_step(star.omega_squared, strained, body.damping_time(), springs)
     }
 
     /// Moves element `e` to the class of its longest stable step; lengthening asks for some margin, so that elements do
     /// not flutter.
     pub fn reclass(&mut self, body: &Body, e: Element) {
         let (Some(class), Some((strain, det))) = (self.pool.class_of(e), self.pool.strain_and_det(e)) else { return };
-        let springs = self.springs_at(body.element(e).map(|n| self.slot[n.index()]));
-        let strained = Strained::of(body.material_of(e), &strain, det);
-        let step = step_class::stable_step(self.omega_squared[e.index()], strained, body.damping_time(), springs);
-        let mut wanted = step_class::class_in(body, step);
-        if wanted < class {
-            wanted = step_class::class_in(body, step / LENGTHENING_MARGIN).min(class);
-        }
+        let wanted = class_wanted(body, class, self.step_of(body, e, &strain, det));
         if wanted != class {
-            self.move_residual(body, e, wanted);
+            self.move_residual(body, Kind::Element(e), wanted);
             self.pool.set_class(e, wanted);
-            self.revision[class] = self.revision[class].wrapping_add(1);
-            self.revision[wanted] = self.revision[wanted].wrapping_add(1);
+            self.change_classes(class, wanted);
             self.limit_strain(body, e, wanted);
+        }
+    }
+
+    /// The same for the star of node `n`.
+    fn reclass_star(&mut self, body: &Body, n: Node) {
+        let (Some(class), Some((strain, det))) = (self.stars.class_of(n), self.stars.strain_and_det(n)) else { return };
+        let wanted = class_wanted(body, class, self.step_of_star(body, n, &strain, det));
+        if wanted != class {
+            self.move_residual(body, Kind::Star(n), wanted);
+            self.stars.set_class(n, wanted);
+            self.change_classes(class, wanted);
+            self.limit_strain_of_star(body, n, wanted);
+        }
+    }
+
+    fn change_classes(&mut self, from: usize, to: usize) {
+        for class in [from, to] {
+            self.revision[class] = self.revision[class].wrapping_add(1);
         }
     }
 
     /// Tells the kernel up to which strain element `e` may stay in `class`.
     pub(super) fn limit_strain(&mut self, body: &Body, e: Element, class: usize) {
-        let springs = self.springs_at(body.element(e).map(|n| self.slot[n.index()]));
+        let springs = self.springs_at(body, e);
         let omega_squared = self.omega_squared[e.index()];
-        let material = body.material_of(e);
-        let limit = step_class::strain_limit(class, material, omega_squared, body.damping_time(), springs);
+        let material = body.jumps_material(e);
+        let limit = step_class::strain_limit(class, &material, omega_squared, body.damping_time(), springs);
         self.pool.set_strain_limit(e, limit);
     }
 
-    /// [`ActiveMesh::reclass`] for the elements that their last evaluation found strained beyond what their step
+    /// The same for the star of node `n`.
+    pub(super) fn limit_strain_of_star(&mut self, body: &Body, n: Node, class: usize) {
+        let (star, springs) = (body.stars().of(n), self.springs_in_star(body, n));
+        let limit = step_class::strain_limit(class, &star.material, star.omega_squared, body.damping_time(), springs);
+        self.stars.set_strain_limit(n, limit);
+    }
+
+    /// [`ActiveMesh::reclass`] for the elements and stars that their last evaluation found strained beyond what their step
     /// allows.
     pub fn reclass_over_limit(&mut self, body: &Body) {
         self.work.elements.clear();
+        self.work.nodes.clear();
         for class in 0..CLASSES {
             self.work.elements.extend(self.pool.over_limit(class));
+            self.work.nodes.extend(self.stars.over_limit(class));
         }
         self.pool.forget_over_limit();
+        self.stars.forget_over_limit();
         for i in 0..self.work.elements.len() {
             self.reclass(body, self.work.elements[i]);
         }
+        for i in 0..self.work.nodes.len() {
+            self.reclass_star(body, self.work.nodes[i]);
+        }
     }
 
-    /// [`ActiveMesh::reclass`] for part `part` of `parts` of the elements in use.
+    /// [`ActiveMesh::reclass`] for part `part` of `parts` of the elements and stars in use.
     pub fn reclass_part(&mut self, body: &Body, part: u64, parts: u64) {
-        for class in 0..CLASSES {
-            let at = |k: u64| (self.pool.count(class) as u64 * k / parts) as usize;
+        let places = |count: usize| {
+            let at = |k: u64| (count as u64 * k / parts) as usize;
             // From the end, because leaving fills the gap with the last.
-            for place in (at(part)..at(part + 1)).rev() {
+            (at(part)..at(part + 1)).rev()
+        };
+        for class in 0..CLASSES {
+            for place in places(self.pool.count(class)) {
                 if let Some(e) = self.pool.id_at(class, place) {
                     self.reclass(body, e);
                 }
             }
+            for place in places(self.stars.count(class)) {
+                if let Some(n) = self.stars.id_at(class, place) {
+                    self.reclass_star(body, n);
+                }
+            }
         }
     }
+}
+
+/// Class for what may step by `step` [s], and steps in `class` now.
+fn class_wanted(body: &Body, class: usize, step: Real) -> usize {
+    let wanted = step_class::class_in(body, step);
+    if wanted < class { step_class::class_in(body, step / LENGTHENING_MARGIN).min(class) } else { wanted }
 }
 
 /// An element takes a longer step only when it could take one this much longer still.

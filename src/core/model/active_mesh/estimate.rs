@@ -1,6 +1,6 @@
 //! What changes of resolution will take, counted before they are made.
 
-use super::{ActiveMesh, ChangeCost};
+use super::{ActiveMesh, ChangeCost, STAR_EVALUATIONS};
 use crate::ids::{Element, Node, Slot};
 use crate::math::Bounds;
 use crate::model::active_set::Change;
@@ -57,9 +57,23 @@ impl ActiveMesh {
         cost.elements = coming + going;
         if residual {
             let used = self.work.concerned.iter().filter(|e| self.active_vertices[e.index()] > 0).count() as u32;
-            cost.residual = used + (used + coming - going);
+            cost.residual = used + (used + coming - going) + 2 * STAR_EVALUATIONS as u32 * self.note_stars(body);
         }
         cost
+    }
+
+    /// Lists the nodes of the concerned elements, whose stars are concerned: every two nodes of a star share an element. How many.
+    fn note_stars(&mut self, body: &Body) -> u32 {
+        self.work.concerned_stars.clear();
+        if !body.stars().is_empty() {
+            self.work.noted_stars.clear();
+            for n in self.work.concerned.iter().flat_map(|e| body.element(*e)) {
+                if self.work.noted_stars.visit(n.index()) {
+                    self.work.concerned_stars.push(n);
+                }
+            }
+        }
+        self.work.concerned_stars.len() as u32
     }
 
     /// Puts `e` on the list of those concerned unless it is there.

@@ -9,7 +9,7 @@ use crate::model::body::Body;
 use crate::model::element_pool::{ElementConstants, History};
 use crate::model::interface::InterfaceRow;
 use crate::model::organ::MOST_ORGANS;
-use crate::model::step_class::{self, Strained};
+use crate::model::step_class;
 
 /// What a change cost, for the governor: counts of the same things that the budget is made of.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -80,6 +80,7 @@ impl ActiveMesh {
         self.correct_momenta(changed, &momenta);
         self.reattach(body);
         self.swap_elements(body);
+        self.swap_stars(body);
         self.release_unused(body);
         self.revision.iter_mut().for_each(|r| *r = r.wrapping_add(1));
         ChangeCost {
@@ -280,18 +281,11 @@ impl ActiveMesh {
             let e = self.work.entering[i];
             let slots = body.element(e).map(|n| self.slot[n.index()]);
             let constants = constants(body, e, self.active_vertices[e.index()]);
-            let (strain, det) = self.strain(&constants, slots);
+            let (strain, det) = self.strain(&constants, &slots);
             let history = History { strain, det, branch: self.inherited_branches(body, e) };
             self.omega_squared[e.index()] = step_class::omega_squared(body, e);
-            let strained = Strained::of(body.material_of(e), &strain, det);
-            let step = step_class::stable_step(
-                self.omega_squared[e.index()],
-                strained,
-                body.damping_time(),
-                self.springs_at(slots),
-            );
-            let class = step_class::class_in(body, step);
-            let taken = self.pool.insert(e, class, slots, &constants, &history);
+            let class = self.class_strained(body, e, &strain, det);
+            let taken = self.pool.insert(e, class, &slots, &constants, &history);
             debug_assert!(taken, "whoever plans a change asks for room first");
             self.limit_strain(body, e, class);
         }
@@ -300,11 +294,49 @@ impl ActiveMesh {
         }
     }
 
+    /// Puts in the stars of the nodes that have become active, strained as they lie there, and takes out the others.
+    fn swap_stars(&mut self, body: &Body) {
+        if body.stars().is_empty() {
+            return;
+        }
+        for i in 0..self.work.on.len() {
+            let n = self.work.on[i].0;
+            let constants = body.stars().constants(n);
+            self.note_star(body, n);
+            let (strain, det) = self.strain(&constants, &self.work.star);
+            let history = History { strain, det, branch: self.inherited_branches_of_star(body, n) };
+            let class = self.class_of_star_strained(body, n, &strain, det);
+            let taken = self.stars.insert(n, class, &self.work.star, &constants, &history);
+            debug_assert!(taken, "each is around a node with a slot");
+            self.limit_strain_of_star(body, n, class);
+        }
+        for i in 0..self.work.off.len() {
+            self.stars.remove(self.work.off[i]);
+        }
+    }
+
+    /// Lists the slots of the star of node `n`: its own, and those of its neighbours, which are nodes of elements in use.
+    pub(super) fn note_star(&mut self, body: &Body, n: Node) {
+        self.work.star.clear();
+        let nodes = std::iter::once(&n).chain(body.stars().neighbours(n));
+        self.work.star.extend(nodes.map(|n| self.slot[n.index()]));
+    }
+
     /// Green strain and determinant of an element where its nodes lie now.
-    pub(super) fn strain(&self, constants: &ElementConstants, slots: [Slot; 4]) -> ([Real; 6], Real) {
-        let x = slots.map(|s| vec3(&self.motion.position[s.index()]));
-        let f = constants.deformation(&x);
+    pub(super) fn strain(
+        &self,
+        constants: &ElementConstants<impl AsRef<[[Real; 3]]>>,
+        slots: &[Slot],
+    ) -> ([Real; 6], Real) {
+        let f = self.deformation(constants, slots);
         (components(&((f.transpose() * f - Mat3::identity()) * 0.5)), f.determinant())
+    }
+
+    /// Deformation gradient of an element where its nodes lie now.
+    pub(super) fn deformation(&self, constants: &ElementConstants<impl AsRef<[[Real; 3]]>>, slots: &[Slot]) -> Mat3 {
+        let mut x = slots.iter().map(|slot| self.position(*slot));
+        let origin = x.next().unwrap_or_default();
+        constants.deformation(origin, x)
     }
 
     /// What the Maxwell branches of element `e` hold: the mean over the elements that contain its vertices on the
@@ -326,6 +358,27 @@ impl ActiveMesh {
             }
         }
         sum.map(|b| b.map(|x| if count > 0.0 { x / count } else { 0.0 }))
+    }
+
+    /// What the Maxwell branches of the star of node `n` hold: as [`ActiveMesh::inherited_branches`], of the stars of the nodes
+    /// of the elements that contain it, as much as they weigh there.
+    fn inherited_branches_of_star(&self, body: &Body, n: Node) -> [[Real; 6]; 2] {
+        let (mut sum, mut weight) = ([[0.0; 6]; 2], 0.0);
+        if body.maxwell().is_empty() {
+            return sum;
+        }
+        for host in [body.coarser_host(n), body.finer_host(n)].into_iter().flatten() {
+            for (node, w) in body.element(host.element).into_iter().zip(host.weights) {
+                // Outside of an element weights may be negative: a mean has none.
+                if let Some(history) = self.stars.history(node).filter(|_| w > 0.0) {
+                    weight += w;
+                    for (to, from) in sum.iter_mut().flatten().zip(history.branch.iter().flatten()) {
+                        *to += w * from;
+                    }
+                }
+            }
+        }
+        sum.map(|b| b.map(|x| if weight > 0.0 { x / weight } else { 0.0 }))
     }
 
     /// Frees the slots of nodes that no element in use has any more.

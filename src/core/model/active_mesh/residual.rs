@@ -14,7 +14,7 @@ use crate::model::active_set::Change;
 use crate::model::body::Body;
 use crate::model::constraint::PointMemory;
 use crate::model::element_kernel::Padded;
-use crate::model::element_pool::CLASSES;
+use crate::model::element_pool::{CLASSES, ElementConstants, History};
 use crate::model::step_class::Residual;
 
 /// What acts on a body from outside.
@@ -33,6 +33,14 @@ impl<'a> Loads<'a> {
     pub fn all_points(&self) -> impl Iterator<Item = &'a PointMemory> + use<'a> {
         self.points.iter().chain(self.obstacle_points).flatten()
     }
+}
+
+/// What has forces of its own on nodes.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Kind {
+    Element(Element),
+    /// Of this node.
+    Star(Node),
 }
 
 /// No residual force.
@@ -69,10 +77,10 @@ impl ActiveMesh {
     fn add_balance<'a>(&mut self, body: &Body, loads: &Loads<'a>, sign: Real) {
         self.residuals = true;
         for i in 0..self.work.concerned.len() {
-            let e = self.work.concerned[i];
-            if let Some((class, slots, forces)) = self.weigh_element(body, e) {
-                (0..4).for_each(|i| self.add_residual(slots[i], class, forces[i] * sign));
-            }
+            self.add_forces_of(body, Kind::Element(self.work.concerned[i]), sign);
+        }
+        for i in 0..self.work.concerned_stars.len() {
+            self.add_forces_of(body, Kind::Star(self.work.concerned_stars[i]), sign);
         }
         let numbers = |points: &'a [Vec<PointMemory>]| points.iter().flatten().map(|p| p.point);
         let class = self.contact_class(body, numbers(loads.points), numbers(loads.obstacle_points));
@@ -103,16 +111,58 @@ impl ActiveMesh {
         }
     }
 
-    /// Step class of element `e`, its nodes' slots and the forces on them [N]; `None` unless it is in use.
-    fn weigh_element(&self, body: &Body, e: Element) -> Option<(usize, [Slot; 4], [Vec3; 4])> {
-        let class = self.pool.class_of(e)?;
-        let history = self.pool.history(e)?;
-        let slots = body.element(e).map(|n| self.slot[n.index()]);
-        let x = slots.map(|slot| vec3(&self.motion.position[slot.index()]));
-        let constants = constants(body, e, self.active_vertices[e.index()]);
-        let f = constants.deformation(&x);
-        let forces = constants.forces(&f, &constants.stress(&f, body.maxwell().iter().map(|b| b.modulus), &history));
-        Some((class, slots, forces))
+    /// Adds `sign` times its forces to the residuals of the nodes of an element, if it is in use.
+    fn add_forces_of(&mut self, body: &Body, kind: Kind, sign: Real) {
+        if let Some(class) = self.weigh_element(body, kind) {
+            for i in 0..self.work.weighed.len() {
+                let (slot, force) = self.work.weighed[i];
+                self.add_residual(slot, class, force * sign);
+            }
+        }
+    }
+
+    /// Lists the forces on the nodes of an element [N]; its step class. `None` unless it is in use.
+    fn weigh_element(&mut self, body: &Body, kind: Kind) -> Option<usize> {
+        match kind {
+            Kind::Element(e) => {
+                let (class, history) = (self.pool.class_of(e)?, self.pool.history(e)?);
+                let slots = body.element(e).map(|n| self.slot[n.index()]);
+                let constants = constants(body, e, self.active_vertices[e.index()]);
+                let branches = body.stars().is_empty();
+                self.list_forces(body, &slots, &constants, &history, branches);
+                Some(class)
+            }
+            Kind::Star(n) => {
+                let (class, history) = (self.stars.class_of(n)?, self.stars.history(n)?);
+                self.note_star(body, n);
+                let slots = std::mem::take(&mut self.work.star);
+                self.list_forces(body, &slots, &body.stars().constants(n), &history, true);
+                self.work.star = slots;
+                Some(class)
+            }
+        }
+    }
+
+    fn list_forces(
+        &mut self,
+        body: &Body,
+        slots: &[Slot],
+        constants: &ElementConstants<impl AsRef<[[Real; 3]]>>,
+        history: &History,
+        branches: bool,
+    ) {
+        let f = self.deformation(constants, slots);
+        let moduli = body.maxwell().iter().filter(|_| branches).map(|b| b.modulus);
+        let stress = constants.stress(&f, moduli, history);
+        let forces = constants.forces(&f, &stress);
+        let weighed = &mut self.work.weighed;
+        weighed.clear();
+        weighed.extend(slots.first().map(|slot| (*slot, Vec3::zeros())));
+        weighed.extend(slots.iter().copied().skip(1).zip(forces));
+        let sum: Vec3 = weighed.iter().map(|(_, force)| force).sum();
+        if let Some((_, first)) = weighed.first_mut() {
+            *first = -sum;
+        }
     }
 
     /// Adds `sign` times the contact forces.
@@ -148,26 +198,30 @@ impl ActiveMesh {
         }
     }
 
-    /// Element `e` is to go over to steps of `class`: its share of the residuals goes along, so that it acts with its forces.
-    pub(super) fn move_residual(&mut self, body: &Body, e: Element, class: usize) {
-        let residual = |mesh: &Self, n: Node, class: usize| mesh.motion.residual[mesh.slot[n.index()].index()][class];
-        let has_residual = |n: &Node| (0..CLASSES).any(|class| residual(self, *n, class) != [0.0; 4]);
-        if !body.element(e).iter().any(has_residual) {
+    /// An element is to go over to steps of `class`: its share of the residuals goes along, so that it acts with its forces.
+    pub(super) fn move_residual(&mut self, body: &Body, kind: Kind, class: usize) {
+        let held = |n: &Node| self.motion.residual[self.slot[n.index()].index()] != NO_RESIDUAL;
+        let is_concerned = match kind {
+            Kind::Element(e) => body.element(e).iter().any(held),
+            Kind::Star(n) => body.neighbours(n).iter().any(held),
+        };
+        if !is_concerned {
             return;
         }
-        let Some((from, slots, forces)) = self.weigh_element(body, e) else { return };
+        let Some(from) = self.weigh_element(body, kind) else { return };
         // Of the residuals there, the part along this element's forces.
-        let nodes = body.element(e);
-        let held: Real = nodes.iter().zip(&forces).map(|(n, f)| -vec3(&residual(self, *n, from)).dot(f)).sum();
-        let whole: Real = forces.iter().map(Vec3::norm_squared).sum();
-        if from == class || held <= 0.0 {
-            return;
+        let weighed = std::mem::take(&mut self.work.weighed);
+        let residual = |slot: Slot| vec3(&self.motion.residual[slot.index()][from]);
+        let held: Real = weighed.iter().map(|(slot, force)| -residual(*slot).dot(force)).sum();
+        let whole: Real = weighed.iter().map(|(_, force)| force.norm_squared()).sum();
+        if from != class && held > 0.0 {
+            let part = (held / whole).min(1.0);
+            for &(slot, force) in &weighed {
+                self.add_residual(slot, from, force * part);
+                self.add_residual(slot, class, force * -part);
+            }
         }
-        let part = (held / whole).min(1.0);
-        for (slot, force) in slots.into_iter().zip(forces) {
-            self.add_residual(slot, from, force * part);
-            self.add_residual(slot, class, force * -part);
-        }
+        self.work.weighed = weighed;
     }
 
     /// Decays the residuals by one tick in which the body moved.

@@ -19,6 +19,7 @@ impl ActiveMesh {
         let covers = self.set.assign(body, &state.nodes);
         debug_assert!(covers, "a state is checked when a mesh is first made from it");
         self.pool.clear();
+        self.stars.clear();
         self.slot.fill(Slot::NONE);
         self.active_vertices.fill(0);
         self.node.fill(Node::NONE);
@@ -55,10 +56,18 @@ impl ActiveMesh {
                 self.active_vertices[e.index()] = k;
                 let constants = constants(body, e, k);
                 let history = state.history.get(next).unwrap_or(&History::REST);
-                self.pool.insert(e, class, nodes.map(|n| self.slot[n.index()]), &constants, history);
+                self.pool.insert(e, class, &nodes.map(|n| self.slot[n.index()]), &constants, history);
                 self.weigh(body, e, i64::from(k));
                 self.omega_squared[e.index()] = step_class::omega_squared(body, e);
                 next += 1;
+            }
+        }
+        let mut histories = state.star_history.iter();
+        for (class, nodes) in state.stars.iter().enumerate() {
+            for &n in nodes {
+                self.note_star(body, n);
+                let history = histories.next().unwrap_or(&History::REST);
+                self.stars.insert(n, class, &self.work.star, &body.stars().constants(n), history);
             }
         }
         for i in 0..self.interface.len() {
@@ -70,8 +79,13 @@ impl ActiveMesh {
         if state.history.is_empty() {
             for &e in state.classes.iter().flatten() {
                 let constants = constants(body, e, self.active_vertices[e.index()]);
-                let (strain, det) = self.strain(&constants, body.element(e).map(|n| self.slot[n.index()]));
+                let (strain, det) = self.strain(&constants, &body.element(e).map(|n| self.slot[n.index()]));
                 self.pool.set_history(e, &History { strain, det, ..History::REST });
+            }
+            for &n in state.stars.iter().flatten() {
+                self.note_star(body, n);
+                let (strain, det) = self.strain(&body.stars().constants(n), &self.work.star);
+                self.stars.set_history(n, &History { strain, det, ..History::REST });
             }
         }
         self.geomorph.copy_from_slice(&state.geomorph);
@@ -94,6 +108,15 @@ impl ActiveMesh {
                 }
             }
         }
+        let mut limits = state.star_strain_limit.iter();
+        for (class, nodes) in state.stars.iter().enumerate() {
+            for &n in nodes {
+                match limits.next() {
+                    Some(limit) => self.stars.set_strain_limit(n, *limit),
+                    None => self.limit_strain_of_star(body, n, class),
+                }
+            }
+        }
         self.revision.iter_mut().for_each(|r| *r = r.wrapping_add(1));
     }
 
@@ -108,6 +131,18 @@ impl ActiveMesh {
         let fits = |len: usize| len == 0 || len == elements;
         if state.classes.len() != CLASSES || !fits(state.strain_limit.len()) || !fits(state.history.len()) {
             return Err("the state's elements do not fit its step classes".into());
+        }
+        let mut stars: Vec<Node> = state.stars.iter().flatten().copied().collect();
+        let fits = |len: usize| len == 0 || len == stars.len();
+        let classes = state.stars.len() == CLASSES;
+        if !(classes && fits(state.star_strain_limit.len()) && fits(state.star_history.len())) {
+            return Err("the state's stars do not fit their step classes".into());
+        }
+        let mut around = if body.stars().is_empty() { Vec::new() } else { state.nodes.clone() };
+        stars.sort_unstable();
+        around.sort_unstable();
+        if stars != around {
+            return Err("the state's stars are not those of its active nodes".into());
         }
         if elements > self.pool.capacity() || nodes + state.interface.len() > self.node.len() {
             return Err(format!("{elements} elements: this session has room for {}", self.pool.capacity()));
@@ -144,6 +179,10 @@ impl ActiveMesh {
             state.history.push(self.pool.history(*e).unwrap_or(History::REST));
             state.strain_limit.push(self.pool.strain_limit(*e).unwrap_or(StrainLimit::NONE));
         }
+        for n in state.stars.iter().flatten() {
+            state.star_history.push(self.stars.history(*n).unwrap_or(History::REST));
+            state.star_strain_limit.push(self.stars.strain_limit(*n).unwrap_or(StrainLimit::NONE));
+        }
     }
 
     /// As [`ActiveMesh::save_into`], without what the elements remember, which is most of it.
@@ -165,6 +204,12 @@ impl ActiveMesh {
         for (class, ids) in state.classes.iter_mut().enumerate() {
             ids.clear();
             ids.extend(self.pool.ids(class));
+        }
+        state.star_history.clear();
+        state.star_strain_limit.clear();
+        for (class, nodes) in state.stars.iter_mut().enumerate() {
+            nodes.clear();
+            nodes.extend(self.stars.ids(class));
         }
         state.geomorph.clear();
         state.geomorph.extend_from_slice(&self.geomorph);
@@ -188,6 +233,9 @@ impl ActiveMesh {
         hash.update(&(self.interface.len() as u32).to_le_bytes());
         self.interface.iter().for_each(|s| hash.update(&self.node[s.index()].0.to_le_bytes()));
         (0..CLASSES).for_each(|class| self.pool.hash_into(class, hash));
+        if !self.stars.is_empty() {
+            (0..CLASSES).for_each(|class| self.stars.hash_into(class, hash));
+        }
         for (v, geomorph) in self.geomorph.iter().enumerate().filter(|(_, geomorph)| **geomorph != [0.0; 4]) {
             hash.update(&(v as u32).to_le_bytes());
             hash.update(bytemuck::cast_slice(geomorph));

@@ -36,6 +36,9 @@ pub(super) fn check(parts: &BodyParts) -> Result<(), String> {
             return Err(format!("material {m:?} is not a stable solid"));
         }
     }
+    if !(parts.stabilisation > 0.0 && parts.stabilisation <= 1.0) {
+        return Err(format!("a stabilisation of {} is not above 0 and at most 1", parts.stabilisation));
+    }
     if parts.surface.triangles.is_empty() || parts.surface.triangles.iter().flatten().any(|v| *v as usize >= vertices) {
         return Err("a display triangle names a vertex that does not exist".into());
     }

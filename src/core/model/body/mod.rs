@@ -6,6 +6,7 @@ mod check;
 mod node_compliance;
 mod parts;
 pub mod patches;
+pub mod stars;
 
 pub use parts::{BodyParts, LabelParts, MaxwellBranch, Support, material_in, vertices_in};
 
@@ -23,9 +24,10 @@ use check::check;
 use node_compliance::NodeCompliance;
 use parts::finest_whole;
 use patches::Patches;
+use stars::Stars;
 
 /// First bytes of a body file: name and format version.
-const MAGIC: &[u8; 12] = b"palpate-bdy\x09";
+const MAGIC: &[u8; 12] = b"palpate-bdy\x0a";
 
 /// How much stiffer one element around a node is than another where the material counts as heterogeneous.
 const CONTRAST: Real = 1.25;
@@ -55,6 +57,7 @@ pub struct Body {
     centre: Vec3,
     vertex_area: Vec<Real>,
     patches: Patches,
+    stars: Stars,
     adjacency: Csr<Triangle>,
     bytes: Vec<u8>,
     checksum: u64,
@@ -173,6 +176,7 @@ impl Body {
             mass: parts.levels[finest].node_mass.iter().sum(),
             centre: parts.levels[finest].centre_of_mass(),
             patches: Patches::new(&parts.surface, &vertex_area),
+            stars: Stars::default(),
             vertex_area,
             adjacency: Csr::new(
                 parts.surface.vertices.len(),
@@ -188,6 +192,7 @@ impl Body {
             checksum,
             parts,
         };
+        body.stars = Stars::new(&body);
         body.compliance = NodeCompliance::new(&body);
         body
     }
@@ -451,6 +456,21 @@ impl Body {
     pub fn stiffness_factor(&self, e: Element) -> Real {
         let (r, place) = self.place_of_element(e);
         self.parts.levels[r].stiffness_factor[place]
+    }
+
+    /// Part `α` of the energy of strain jumps that tetrahedra keep, 1 where they have all energy: see [`stars`].
+    pub fn stabilisation(&self) -> Real {
+        self.parts.stabilisation
+    }
+
+    /// The nodes' stars, which have the rest.
+    pub fn stars(&self) -> &Stars {
+        &self.stars
+    }
+
+    /// Material of element `e`, as far as the element has it and not the stars of its nodes.
+    pub fn jumps_material(&self, e: Element) -> Material {
+        stars::of_jumps(self.material_of(e), self.parts.stabilisation)
     }
 
     /// Factor on the moduli of element `e`'s Maxwell branches over μ, from calibration.

@@ -60,6 +60,9 @@ pub struct BodyParts {
     pub supports: Vec<Support>,
     /// Maxwell branches of every material, at most two.
     pub maxwell: Vec<MaxwellBranch>,
+    /// Part of the energy of strain jumps that tetrahedra keep, 0 < α ≤ 1; 1: they have all energy. See
+    /// [`super::stars`].
+    pub stabilisation: Real,
     /// Angular frequency of the slowest mode [rad/s], as calibration found it; 0 when nothing moves.
     pub slowest_mode: Real,
     /// The organs, where there are several; empty: the body is one.
@@ -84,6 +87,7 @@ impl BodyParts {
             labels: LabelParts::default(),
             supports: Vec::new(),
             maxwell: Vec::new(),
+            stabilisation: 1.0,
             slowest_mode: 0.0,
             organs: Vec::new(),
         }
