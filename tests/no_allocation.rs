@@ -140,6 +140,12 @@ fn so_it_does_where_the_body_lies_on_a_floor_that_breathes_and_against_a_bone() 
     assert!(changes.iter().all(|count| *count > 0), "splits and merges: {changes:?}");
 }
 
+#[test]
+fn so_it_does_with_smoothed_elements() {
+    let changes = run_and_press(&["material.elements='smoothed'"]);
+    assert!(changes.iter().all(|count| *count > 0), "splits and merges: {changes:?}");
+}
+
 /// Runs a cube with what else `more` says through all that a client may do; nothing is allocated, and the system not asked.
 /// Splits and merges.
 fn run_and_press(more: &[&str]) -> [u32; 2] {
@@ -314,6 +320,7 @@ fn cube(finest: Real) -> Body {
         material: Material::from_young(1e4, 0.45, 1000.0),
         inclusions: vec![],
         holds: vec![face],
+        elements: Default::default(),
         damping_ratio: 0.15,
     };
     prepare(&recipe, &mut |_, _, _| {}).unwrap()
@@ -337,6 +344,7 @@ fn memory_grows_no_faster_than_nodes() {
             material_of: vec![Vec::new(); prepared.levels().len()],
             supports: prepared.supports().to_vec(),
             maxwell: prepared.maxwell().to_vec(),
+            stabilisation: prepared.stabilisation(),
             slowest_mode: prepared.slowest_mode(),
             organs: vec![],
         };

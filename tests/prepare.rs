@@ -10,7 +10,7 @@ use palpate_body::prepare::input::{Fineness, Input, shape};
 use palpate_body::prepare::region::Reach;
 use palpate_body::prepare::report::report;
 use palpate_body::prepare::spacings;
-use palpate_body::prepare::{Recipe, Region, Shape, prepare, refit};
+use palpate_body::prepare::{Elements, Recipe, Region, Shape, prepare, refit};
 use palpate_core::geometry::primitives::box_mesh;
 use palpate_core::geometry::{Moments, Surface};
 use palpate_core::math::{Bounds, Mat3, Real, Vec3};
@@ -106,7 +106,15 @@ fn a_prepared_file_is_the_body_that_its_scene_builds_whoever_makes_it() {
 
 fn recipe(material: Material, contrast: Real, holds: Vec<Region>, damping_ratio: Real) -> Recipe {
     let shape = Shape::closed(liver_surface(0.008), vec![0.03, 0.019]);
-    Recipe { name: "liver".into(), inclusions: nodule(material, contrast), shape, material, holds, damping_ratio }
+    Recipe {
+        name: "liver".into(),
+        inclusions: nodule(material, contrast),
+        shape,
+        material,
+        holds,
+        elements: Default::default(),
+        damping_ratio,
+    }
 }
 
 /// A place in the middle of the liver that is stiffer by `contrast`.
@@ -145,8 +153,16 @@ fn a_body_held_and_made_otherwise_than_prepared_is_the_body_prepared_so() {
     ] {
         let mut said = false;
         let mut progress = |what: &str, _: usize, _: usize| said |= what.contains("calibrating anew");
-        let refitted =
-            refit(prepared(), "liver", material, &nodule(material, contrast), &below(height), damping, &mut progress);
+        let refitted = refit(
+            prepared(),
+            "liver",
+            material,
+            &nodule(material, contrast),
+            &below(height),
+            Elements::Tetrahedra,
+            damping,
+            &mut progress,
+        );
         let refitted = refitted.unwrap();
         let fresh = prepare(&recipe(material, contrast, below(height), damping), &mut silent).unwrap();
         let (off, mode) = (difference(&refitted, &fresh), refitted.slowest_mode() / fresh.slowest_mode() - 1.0);
@@ -188,7 +204,8 @@ fn a_heavy_place_gives_every_level_its_mass_centre_and_inertia() {
     let light = prepare(&of(1000.0), &mut silent).unwrap();
     assert!((body.centre_of_mass() - light.centre_of_mass()).norm() > 0.001);
     let inclusions = place(1000.0 + denser);
-    let refitted = refit(light, "liver", soft, &inclusions, &below(0.04), 0.15, &mut silent).unwrap();
+    let refitted =
+        refit(light, "liver", soft, &inclusions, &below(0.04), Elements::Tetrahedra, 0.15, &mut silent).unwrap();
     assert!((refitted.mass() / body.mass() - 1.0).abs() < 1e-12 && difference(&refitted, &body) < 1e-3);
 }
 
@@ -333,9 +350,19 @@ fn verdict(paths: &[PathBuf], unit: LengthUnit, scale: Real, holes: Real) -> Res
     let shape = shape(solids, &fineness, 2500)?;
     let name = paths[0].file_stem().unwrap().to_string_lossy().into_owned();
     let material = Material::from_young(5e3, 0.45, 1050.0);
-    let body =
-        prepare(&Recipe { name, shape, material, inclusions: vec![], holds: vec![], damping_ratio: 0.15 }, &mut silent)
-            .map_err(|e| e.to_string())?;
+    let body = prepare(
+        &Recipe {
+            name,
+            shape,
+            material,
+            inclusions: vec![],
+            holds: vec![],
+            elements: Default::default(),
+            damping_ratio: 0.15,
+        },
+        &mut silent,
+    )
+    .map_err(|e| e.to_string())?;
     let report = report(&body);
     if !report.levels[0].can_be_stepped() {
         return Err(report.warnings.join("; "));

@@ -3,7 +3,7 @@
 use super::Progress;
 use super::plot::{Chart, Curve, charts, table};
 use super::trial::{Trial, attached, held_at};
-use palpate_body::prepare::{self, Recipe, Region, prepare};
+use palpate_body::prepare::{self, Elements, Recipe, Region, prepare};
 use palpate_core::adaptation::Adaptivity;
 use palpate_core::geometry::Moments;
 use palpate_core::geometry::primitives::box_surface;
@@ -58,6 +58,7 @@ fn covered(size: Vec3, cells: [u32; 3], spacings: Vec<Real>) -> Result<Body> {
         material: material(),
         inclusions: vec![],
         holds: on_its_bottom(size),
+        elements: Default::default(),
         damping_ratio: DAMPING,
     };
     prepare(&recipe, &mut |_, _, _| {}).map_err(Error::other)
@@ -97,7 +98,8 @@ fn drawn_out(finest: Real, triangle: Real) -> Result<Arc<Body>> {
     parts.weigh();
     let body = Body::new(parts).map_err(Error::other)?;
     let held = on_its_bottom(SIZE);
-    let refitted = prepare::refit(body, "block", material(), &[], &held, DAMPING, &mut |_, _, _| {});
+    let refitted =
+        prepare::refit(body, "block", material(), &[], &held, Elements::Tetrahedra, DAMPING, &mut |_, _, _| {});
     Ok(Arc::new(refitted.map_err(Error::other)?))
 }
 

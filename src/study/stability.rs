@@ -82,6 +82,7 @@ pub fn cube(stiffness: Real) -> Result<Arc<Body>> {
             stiffness: None,
             exact: false,
         }],
+        elements: Default::default(),
         damping_ratio: 0.15,
     };
     Ok(Arc::new(prepare(&recipe, &mut |_, _, _| {}).map_err(Error::other)?))

@@ -129,6 +129,7 @@ fn body(surface: Surface, spacings: &[Real], young: Real, holds: Bounds) -> Resu
         material: Material::from_young(young, 0.45, 1050.0),
         inclusions: vec![],
         holds: vec![Region { bounds: holds, stiffness: None, exact: false }],
+        elements: Default::default(),
         damping_ratio: 0.15,
     };
     Ok(Arc::new(prepare(&recipe, &mut |_, _, _| {}).map_err(Error::other)?))

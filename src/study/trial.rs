@@ -110,6 +110,7 @@ pub fn body_of(levels: &Levels, damping_ratio: Real, display_vertices: usize) ->
         } else {
             vec![]
         },
+        elements: Default::default(),
         damping_ratio,
     };
     Ok(Arc::new(prepare(&recipe, &mut |_, _, _| {}).map_err(Error::other)?))

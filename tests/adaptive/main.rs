@@ -77,6 +77,7 @@ impl Cube {
             material: self.material,
             inclusions: vec![],
             holds: if self.held { vec![face] } else { vec![] },
+            elements: Default::default(),
             damping_ratio: self.damping_ratio,
         };
         Arc::new(prepare(&recipe, &mut |_, _, _| {}).unwrap())
@@ -98,6 +99,7 @@ fn organ(surface: Surface, bed: Real, spacings: Vec<Real>, young: Real, damping_
         material: Material::from_young(young, 0.45, 1050.0),
         inclusions: vec![],
         holds: vec![Region { bounds, stiffness: None, exact: false }],
+        elements: Default::default(),
         damping_ratio,
     };
     Arc::new(prepare(&recipe, &mut |_, _, _| {}).unwrap())

@@ -28,6 +28,7 @@ fn block(nodule: bool) -> Arc<Body> {
             stiffness: None,
             exact: false,
         }],
+        elements: Default::default(),
         damping_ratio: 0.15,
     };
     let body = prepare(&recipe, &mut |_, _, _| {}).unwrap();

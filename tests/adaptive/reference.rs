@@ -24,6 +24,7 @@ fn reference_cube(cells: [u32; 3], psi: Real) -> Arc<Body> {
         material: Material { psi, ..Material::from_young(5e4, 0.35, 1000.0) },
         inclusions: vec![],
         holds: vec![clamp],
+        elements: Default::default(),
         damping_ratio: 0.0,
     };
     Arc::new(prepare(&recipe, &mut |_, _, _| {}).unwrap())

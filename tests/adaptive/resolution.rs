@@ -38,6 +38,7 @@ fn toy() -> Arc<Body> {
         material: Material::from_young(8e3, 0.4, 1000.0),
         inclusions: vec![],
         holds: vec![],
+        elements: Default::default(),
         damping_ratio: 0.0,
     };
     Arc::new(prepare(&recipe, &mut |_, _, _| {}).unwrap())

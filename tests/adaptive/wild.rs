@@ -223,6 +223,7 @@ fn a_body_in_a_knot_is_put_back() {
         material: Material::from_young(2e4, 0.35, 1000.0),
         inclusions: vec![],
         holds: vec![end(0.0), end(SIDE)],
+        elements: Default::default(),
         damping_ratio: 0.3,
     };
     let body = Arc::new(prepare(&recipe, &mut |_, _, _| {}).unwrap());

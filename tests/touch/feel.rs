@@ -13,6 +13,7 @@ fn free_cube(shapes: &[ToolShape], friction: Real) -> Setup {
         material: Material { phi: elastic.lambda * 1e-3, psi: elastic.mu * 1e-3, ..elastic },
         inclusions: vec![],
         holds: vec![],
+        elements: Default::default(),
         damping_ratio: 0.0,
     };
     let settings = Settings {

@@ -268,6 +268,7 @@ fn covered(spacings: &[Real], cells: u32, radius: Real) -> Setup {
         material: Material { phi: elastic.lambda * 0.01, psi: elastic.mu * 0.01, ..elastic },
         inclusions: vec![],
         holds: vec![Region { bounds, stiffness: None, exact: false }],
+        elements: Default::default(),
         damping_ratio: 0.0,
     };
     let adapts = spacings.len() > 2;

@@ -17,6 +17,7 @@ pub fn make_a_body(file: &Path) -> Result<(), Box<dyn Error>> {
         material: Material::from_young(1e4, 0.35, 1000.0),
         inclusions: vec![],
         holds: vec![],
+        elements: Default::default(),
         damping_ratio: 0.1,
     };
     let body = prepare(&recipe, &mut |what, step, of| println!("{what} ({step} of {of})"))?;

@@ -195,6 +195,7 @@ mod tests {
             material: Material::from_young(5e3, 0.45, 1000.0),
             inclusions: vec![],
             holds: vec![],
+            elements: Default::default(),
             damping_ratio: 0.15,
         };
         let body = Arc::new(prepare(&recipe, &mut |_, _, _| {}).unwrap());

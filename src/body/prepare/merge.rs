@@ -32,6 +32,8 @@ pub enum MergeError {
         at.x, at.y, at.z
     )]
     Overlap { first: String, second: String, at: Vec3 },
+    #[error("{first} and {second} are of other kinds of elements: organs of a scene are of one")]
+    Elements { first: String, second: String },
     #[error("the organs are of more than 65,535 materials together: give fewer regions")]
     Materials,
 }
@@ -82,6 +84,9 @@ fn check(whole: &BodyParts, next: &BodyParts) -> Result<(), MergeError> {
             second: next.name.clone(),
             of_second: next.levels.len(),
         });
+    }
+    if whole.stabilisation != next.stabilisation {
+        return Err(MergeError::Elements { first: whole.organs[0].name.clone(), second: next.name.clone() });
     }
     let (mut vertex, mut triangle) = (0, 0);
     for organ in &whole.organs {

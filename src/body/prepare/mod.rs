@@ -32,6 +32,7 @@ use palpate_core::ids::NONE;
 use palpate_core::math::{Bounds, Real};
 use palpate_core::model::body::{Body, BodyError, BodyParts, MaxwellBranch, material_in};
 use palpate_core::model::material::Material;
+use serde::{Deserialize, Serialize};
 
 /// Vertices that are shown and touched of a body unless somebody says otherwise, about. A tool touches few places of large
 /// triangles, and the force would change as it slides from one to the next; of very small ones a wide tool touches more
@@ -151,9 +152,37 @@ pub struct Recipe {
     pub inclusions: Vec<Inclusion>,
     /// Regions held in space.
     pub holds: Vec<Region>,
+    /// Of which elements it is made.
+    pub elements: Elements,
     /// Damping ratio ζ of the slowest mode that Maxwell branches give the body; 0 gives it none.
     pub damping_ratio: Real,
 }
+
+/// Kinds of elements.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Elements {
+    /// Linear tetrahedra. The levels are made to sag and to swing alike by factors on their stiffness.
+    #[default]
+    Tetrahedra,
+    /// Linear tetrahedra and the means of their deformation gradients at nodes
+    /// ([`palpate_core::model::body::stars`]), without any factor.
+    Smoothed,
+}
+
+impl Elements {
+    /// Part α of the energy of strain jumps that tetrahedra keep.
+    pub fn stabilisation(self) -> Real {
+        match self {
+            Elements::Tetrahedra => 1.0,
+            Elements::Smoothed => SMOOTHED,
+        }
+    }
+}
+
+/// Measured in statics: with this, covers and structured meshes of cubes, bars and plates at ν of 0.3 to 0.49 come nearest to the
+/// continuum in bending, torsion and under presses together. With less, presses come out too soft; with more, bending too stiff.
+const SMOOTHED: Real = 0.35;
 
 /// Why a recipe makes no body.
 #[derive(Debug, thiserror::Error)]
@@ -256,13 +285,13 @@ pub fn prepare(recipe: &Recipe, progress: &mut dyn FnMut(&str, usize, usize)) ->
         labels,
         supports: Vec::new(),
         maxwell: Vec::new(),
-        stabilisation: std::env::var("PALPATE_ALPHA").map_or(1.0, |a| a.parse().unwrap()), // TODO
+        stabilisation: recipe.elements.stabilisation(),
         slowest_mode: 0.0,
         organs: Vec::new(),
     };
     parts.weigh();
     let held = hold_regions(&recipe.holds, &recipe.material, &parts.surface, &parts.levels)?;
-    let body = calibrated(parts, held, recipe.damping_ratio, progress)?;
+    let body = calibrated(parts, held, recipe.elements, recipe.damping_ratio, progress)?;
     progress("done", steps, steps);
     Ok(body)
 }
@@ -314,10 +343,12 @@ fn tied_levels(
 fn calibrated(
     mut parts: BodyParts,
     held: Held,
+    elements: Elements,
     damping_ratio: Real,
     progress: &mut dyn FnMut(&str, usize, usize),
 ) -> Result<Body, PrepareError> {
     let steps = parts.levels.len() + 4;
+    parts.stabilisation = elements.stabilisation();
     progress("calibrating levels", steps - 1, steps);
     parts.supports = held.springs;
     parts.levels.iter_mut().zip(held.fixed).for_each(|(level, fixed)| level.fixed = fixed);
@@ -332,14 +363,7 @@ fn calibrated(
         Some(factors) if level + 1 == whole => calibration::scaled(material(level, element), factors[element]),
         _ => material(level, element),
     };
-    if parts.stabilisation < 1.0 {
-        let finest = |_, element| material(whole - 1, element);
-        let calibration = calibrate(&parts.levels[whole - 1..whole], finest, &springs)?;
-        parts.maxwell = maxwell_branches(damping_ratio, calibration.slowest_mode, calibration.slowest_mode);
-        parts.slowest_mode = calibration.slowest_mode;
-        return Ok(Body::new(parts)?);
-    }
-    let mut calibration = calibrate(&parts.levels[..whole], material_of, &springs)?;
+    let mut calibration = calibrate(&parts.levels[..whole], material_of, &springs, elements)?;
     if let Some(agreed) = agreed {
         calibration.factors[whole - 1] = agreed;
     }
@@ -352,7 +376,8 @@ fn calibrated(
     Ok(Body::new(parts)?)
 }
 
-/// `body` under another `name`, of another `material` but for `inclusions`, held by other regions, damped otherwise.
+/// `body` under another `name`, of another `material` but for `inclusions` and of other `elements`, held by other regions, damped
+/// otherwise.
 ///
 /// Softness from place to place depends on where the body is held, on how stiff the holds are for its material, on how
 /// much stiffer or denser it is in one place than in another, and on Poisson's ratio: where one of these differs, the levels are
@@ -361,12 +386,14 @@ fn calibrated(
 ///
 /// # Errors
 /// When a hold holds nothing, an inclusion lies outside, or a level has no elastic solution.
+#[expect(clippy::too_many_arguments, reason = "all that a recipe has but for the shape")]
 pub fn refit(
     body: Body,
     name: &str,
     material: Material,
     inclusions: &[Inclusion],
     holds: &[Region],
+    elements: Elements,
     damping_ratio: Real,
     progress: &mut dyn FnMut(&str, usize, usize),
 ) -> Result<Body, PrepareError> {
@@ -389,7 +416,7 @@ pub fn refit(
         })
     };
     let same_proportions = body.levels().iter().zip(material_of.iter().zip(&parts.material_of)).all(same_in);
-    let same_softness = same_holds && same_proportions;
+    let same_softness = same_holds && same_proportions && body.stabilisation() == elements.stabilisation();
     let slowest_mode = body.slowest_mode() * (stiffer / denser).sqrt();
     let maxwell = maxwell_branches(damping_ratio, slowest_mode, slowest_mode);
     if same_softness
@@ -415,8 +442,12 @@ pub fn refit(
         parts.weigh();
     }
     if !same_softness {
-        progress("calibrating anew: held elsewhere, or of materials in another proportion, than as prepared", 0, 1);
-        return calibrated(parts, held, damping_ratio, &mut |_, _, _| {});
+        progress(
+            "calibrating anew: held elsewhere, of other elements, or of materials in another proportion, than as prepared",
+            0,
+            1,
+        );
+        return calibrated(parts, held, elements, damping_ratio, &mut |_, _, _| {});
     }
     (parts.supports, parts.maxwell, parts.slowest_mode) = (held.springs, maxwell, slowest_mode);
     Ok(Body::new(parts)?)

@@ -263,6 +263,7 @@ mod tests {
                 material: Material::from_young(1e4, 0.3, 1000.0),
                 inclusions: vec![],
                 holds: vec![],
+                elements: Default::default(),
                 damping_ratio: 0.0,
             };
             let warnings = report(&prepare(&recipe, &mut |_, _, _| {}).unwrap()).warnings;

@@ -44,6 +44,7 @@ fn sagging_corner(size: Vec3, cells: [u32; 3], material: Material, gravity: Real
         material,
         inclusions: vec![],
         holds: vec![clamp],
+        elements: Default::default(),
         damping_ratio: 0.0,
     };
     let body = Arc::new(prepare(&recipe, &mut |_, _, _| {}).unwrap());
@@ -124,6 +125,7 @@ fn a_ball_is_felt_as_the_continuum_says() {
             material: Material::from_young(1e4, 0.35, 1000.0),
             inclusions: vec![],
             holds: vec![Region { ..bottom.clone() }],
+            elements: Default::default(),
             damping_ratio: 0.3,
         };
         Arc::new(prepare(&recipe, &mut |_, _, _| {}).unwrap())

@@ -38,7 +38,15 @@ fn numbers(value: &Value) -> Vec<u32> {
 fn liver(case: &Value, shape: Shape, fixed: Vec<u32>) -> Arc<Body> {
     let number = |key: &str| case[key].as_f64().unwrap();
     let material = Material::from_young(number("E"), number("nu"), number("rho"));
-    let recipe = Recipe { name: "R7".into(), shape, material, inclusions: vec![], holds: vec![], damping_ratio: 0.0 };
+    let recipe = Recipe {
+        name: "R7".into(),
+        shape,
+        material,
+        inclusions: vec![],
+        holds: vec![],
+        elements: Default::default(),
+        damping_ratio: 0.0,
+    };
     let mut parts = prepare(&recipe, &mut |_, _, _| {}).unwrap().into_parts();
     parts.levels[0].fixed = fixed;
     Arc::new(Body::new(parts).unwrap())

@@ -19,6 +19,7 @@ fn block(size: Vec3, cells: &[u32], youngs_modulus: Real, poisson_ratio: Real) -
         material: Material::from_young(youngs_modulus, poisson_ratio, 1000.0),
         inclusions: vec![],
         holds: vec![],
+        elements: Default::default(),
         damping_ratio: 0.15,
     };
     prepare(&recipe, &mut |_, _, _| {}).unwrap().into()

@@ -29,6 +29,7 @@ fn cube_of(cells: &[u32], material: Material, clamped: bool) -> Body {
         material,
         inclusions: vec![],
         holds: if clamped { vec![clamp] } else { vec![] },
+        elements: Default::default(),
         damping_ratio: 0.0,
     };
     prepare(&recipe, &mut |_, _, _| {}).unwrap()

@@ -2,7 +2,7 @@
 //! less, or two runs that part could pass for one.
 
 use palpate_body::geometry::primitives::sphere_surface;
-use palpate_body::prepare::{Recipe, Shape, prepare};
+use palpate_body::prepare::{Elements, Recipe, Shape, prepare};
 use palpate_core::adaptation::Adaptivity;
 use palpate_core::contact::obstacle::{Form, Obstacle};
 use palpate_core::contact::safety::ForceLimits;
@@ -13,7 +13,7 @@ use palpate_core::simulation::{Inputs, Settings, Simulation, Snapshot};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-fn body() -> Arc<Body> {
+fn body(elements: Elements) -> Arc<Body> {
     let material = Material { phi: 3.0, psi: 5.0, ..Material::from_young(1e4, 0.35, 1000.0) };
     let recipe = Recipe {
         name: "ball".into(),
@@ -21,6 +21,7 @@ fn body() -> Arc<Body> {
         material,
         inclusions: vec![],
         holds: vec![],
+        elements,
         damping_ratio: 0.1,
     };
     prepare(&recipe, &mut |_, _, _| {}).unwrap().into()
@@ -78,8 +79,12 @@ fn changes(snapshot: &Snapshot) -> BTreeMap<&'static str, Snapshot> {
         classes,
         history: _,
         strain_limit: _,
+        stars,
+        star_history: _,
+        star_strain_limit: _,
         geomorph: _,
     } = body;
+    let several_stars = stars.iter().position(|nodes| nodes.len() > 1);
     let several = classes.iter().position(|ids| ids.len() > 1).unwrap();
     let mut changed = BTreeMap::new();
     let mut change = |name, make: &dyn Fn(&mut Snapshot)| {
@@ -108,6 +113,18 @@ fn changes(snapshot: &Snapshot) -> BTreeMap<&'static str, Snapshot> {
     change("second branch", &|s| s.body.history[1].branch[1][2] += 1e-12);
     change("strain limit", &|s| s.body.strain_limit[0].deviator += 1e-12);
     change("slope of a strain limit", &|s| s.body.strain_limit[0].slope += 1e-12);
+    if let Some(several) = several_stars {
+        change("order of stars", &|s| s.body.stars[several].swap(0, 1));
+        change("class of a star", &|s| {
+            let n = s.body.stars[several].pop().unwrap();
+            s.body.stars[several + 1].insert(0, n);
+        });
+        change("last history of a star", &|s| s.body.star_history.last_mut().unwrap().strain[5] += 1e-12);
+        change("volume ratio of a star", &|s| s.body.star_history[0].det += 1e-12);
+        change("first branch of a star", &|s| s.body.star_history[1].branch[0][2] += 1e-12);
+        change("second branch of a star", &|s| s.body.star_history[1].branch[1][2] += 1e-12);
+        change("strain limit of a star", &|s| s.body.star_strain_limit[0].deviator += 1e-12);
+    }
     change("geomorph", &|s| s.body.geomorph[0][3] += 1e-12);
     change("tools", &|s| s.tools[0].ramp += 1e-12);
     change("a point less", &|s| s.points[0].truncate(1));
@@ -119,11 +136,15 @@ fn changes(snapshot: &Snapshot) -> BTreeMap<&'static str, Snapshot> {
 
 #[test]
 fn the_state_hash_covers_every_field_of_a_snapshot() {
-    let body = body();
+    covers_every_field(&body(Elements::Tetrahedra));
+    covers_every_field(&body(Elements::Smoothed));
+}
+
+fn covers_every_field(body: &Arc<Body>) {
     assert_eq!(body.maxwell().len(), 2, "a branch that the body does not have is no part of a state");
-    let simulation = pressed(&body);
+    let simulation = pressed(body);
     let snapshot = simulation.snapshot();
-    let hash = |snapshot| Simulation::new(body.clone(), settings(&body), snapshot).map(|restored| restored.hash());
+    let hash = |snapshot| Simulation::new(body.clone(), settings(body), snapshot).map(|restored| restored.hash());
     assert_eq!(hash(snapshot.clone()).unwrap(), simulation.hash(), "what a snapshot leaves out is hashed");
     for (name, changed) in changes(&snapshot) {
         assert_ne!(hash(changed).unwrap(), simulation.hash(), "{name} is not hashed");
@@ -132,8 +153,12 @@ fn the_state_hash_covers_every_field_of_a_snapshot() {
 
 #[test]
 fn the_state_hash_covers_the_bytes_of_a_snapshot() {
-    let body = body();
-    let simulation = pressed(&body);
+    covers_bytes(&body(Elements::Tetrahedra));
+    covers_bytes(&body(Elements::Smoothed));
+}
+
+fn covers_bytes(body: &Arc<Body>) {
+    let simulation = pressed(body);
     let bytes = postcard::to_stdvec(&simulation.snapshot()).unwrap();
     let (mut judged, mut unfit) = (0, 0);
     // The head and the end, where tools and contact points are, whole; of the long arrays a part that comes to all places
@@ -143,7 +168,7 @@ fn the_state_hash_covers_the_bytes_of_a_snapshot() {
         let mut other = bytes.clone();
         other[at] ^= 1;
         let Ok((snapshot, [])) = postcard::take_from_bytes::<Snapshot>(&other) else { continue };
-        match Simulation::new(body.clone(), settings(&body), snapshot) {
+        match Simulation::new(body.clone(), settings(body), snapshot) {
             Ok(restored) => {
                 judged += 1;
                 assert_ne!(restored.hash(), simulation.hash(), "byte {at} of {} is not hashed", bytes.len());

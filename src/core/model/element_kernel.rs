@@ -15,7 +15,7 @@
 pub use super::element::{MAX_BRANCHES, StrainLimit};
 use super::element_block::{Block, Gradients, Memory, Nodes};
 pub use super::lanes::Padded;
-use super::lanes::{LANES, Lanes, Plain, Quads, Row};
+use super::lanes::{LANES, Lanes, Plain, Row};
 use super::material::{COLLAPSE_ONSET, COLLAPSE_STIFFNESS};
 pub use super::simd::Simd;
 use crate::math::Real;
@@ -153,14 +153,25 @@ pub(super) unsafe fn add_star_forces(
     position: &[Padded],
     force: &mut [Padded],
 ) -> Extremes {
-    // SAFETY: the caller's promise; whoever has AVX-512 has AVX2.
+    // SAFETY: the caller's promise.
     unsafe {
         match path {
             #[cfg(target_arch = "x86_64")]
-            Simd::Avx512 | Simd::Avx2 => add_star_forces_avx2(batch, rates, position, force),
+            Simd::Avx512 => add_star_forces_avx512(batch, rates, position, force),
+            #[cfg(target_arch = "x86_64")]
+            Simd::Avx2 => add_star_forces_avx2(batch, rates, position, force),
             _ => add_star_forces_with::<Plain>(batch, rates, position, force),
         }
     }
+}
+
+/// # Safety
+/// The CPU must have AVX-512F; node numbers must lie within the fields.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,avx512f")]
+unsafe fn add_star_forces_avx512(batch: Batch<'_>, rates: &Rates, x: &[Padded], f: &mut [Padded]) -> Extremes {
+    // SAFETY: passed on.
+    unsafe { add_star_forces_with::<super::lanes::Avx512>(batch, rates, x, f) }
 }
 
 /// # Safety
@@ -175,7 +186,7 @@ unsafe fn add_star_forces_avx2(batch: Batch<'_>, rates: &Rates, x: &[Padded], f:
 /// # Safety
 /// `L` must run on this CPU; node numbers must lie within the fields.
 #[inline(always)]
-unsafe fn add_star_forces_with<L: Quads>(batch: Batch<'_>, rates: &Rates, x: &[Padded], f: &mut [Padded]) -> Extremes {
+unsafe fn add_star_forces_with<L: Lanes>(batch: Batch<'_>, rates: &Rates, x: &[Padded], f: &mut [Padded]) -> Extremes {
     // SAFETY: passed on.
     unsafe {
         match batch.branches {
@@ -238,13 +249,16 @@ unsafe fn add_forces_here<L: Lanes, const B: usize>(
     seen.extremes()
 }
 
+/// Most groups of lanes in a block.
+const MOST_GROUPS: usize = LANES / 4;
+
 /// Places of a star without a neighbour have the star's own node and no gradient: nothing is added there but zeros. (To a
 /// force that is not negative zero; sums that begin with zero are not.)
 ///
 /// # Safety
 /// `L` must run on this CPU; node numbers must lie within the fields.
 #[inline(always)]
-unsafe fn add_star_forces_here<L: Quads, const B: usize>(
+unsafe fn add_star_forces_here<L: Lanes, const B: usize>(
     batch: Batch<'_>,
     rates: &Rates,
     position: &[Padded],
@@ -259,13 +273,15 @@ unsafe fn add_star_forces_here<L: Quads, const B: usize>(
         let node = &batch.nodes[index * (batch.spokes + 1)..][..=spokes];
         let gradient = &batch.gradients[index * batch.spokes..][..spokes];
         let memory = &mut batch.memories[index * B..(index + 1) * B];
-        let used = batch.count - i * LANES;
-        let mut at = 0;
+        let used = (batch.count - i * LANES).min(LANES);
+        let groups = used.div_ceil(L::WIDTH);
+        // First Piola–Kirchhoff stress of each group, and what acts on the stars' own nodes.
+        let (mut p, mut sum) = ([[[zero; 3]; 3]; MOST_GROUPS], [[zero; 3]; MOST_GROUPS]);
         seen.alarm = false;
-        while at < LANES && at < used {
-            // SAFETY: the caller's promise, and `at` is a multiple of the width below the number of lanes.
-            unsafe {
-                let end = used.min(at + L::WIDTH);
+        // SAFETY: the caller's promise, and `at` is a multiple of the width below the number of lanes.
+        unsafe {
+            for group in 0..groups {
+                let at = group * L::WIDTH;
                 // F = Σ (x_j − x_0) ⊗ b_j.
                 let origin = L::gather(position, &node[0], at);
                 let mut f = [[zero; 3]; 3];
@@ -278,20 +294,23 @@ unsafe fn add_star_forces_here<L: Quads, const B: usize>(
                         }
                     }
                 }
-                let p = law.stress(&f, &mut batch.blocks[index], memory, at, used, &mut seen);
-
-                // f_j = −P b_j; the first is minus their sum, so that no force is left over.
-                let mut sum = [zero; 3];
-                for (node, gradient) in node[1..].iter().zip(gradient) {
-                    let q = times(&p, &load3(gradient, at));
-                    for c in 0..3 {
-                        sum[c] = sum[c].sub(q[c]);
-                    }
-                    L::subtract(force, node, at..end, &q);
-                }
-                L::subtract(force, &node[0], at..end, &sum);
+                p[group] = law.stress(&f, &mut batch.blocks[index], memory, at, used, &mut seen);
             }
-            at += L::WIDTH;
+            // f_j = −P b_j; the first is minus their sum, so that no force is left over.
+            for (node, gradient) in node[1..].iter().zip(gradient) {
+                for group in 0..groups {
+                    let at = group * L::WIDTH;
+                    let q = times(&p[group], &load3(gradient, at));
+                    for c in 0..3 {
+                        sum[group][c] = sum[group][c].sub(q[c]);
+                    }
+                    L::subtract(force, node, at..used.min(at + L::WIDTH), &q);
+                }
+            }
+            for group in 0..groups {
+                let at = group * L::WIDTH;
+                L::subtract(force, &node[0], at..used.min(at + L::WIDTH), &sum[group]);
+            }
         }
         if seen.alarm {
             batch.over_limit.push(index as u32);

@@ -58,11 +58,6 @@ pub trait Lanes: Copy {
     /// # Safety
     /// Every node must lie within `force`, and `at + WIDTH` must not exceed [`LANES`].
     unsafe fn scatter(force: &mut [Padded], node: &[[u32; LANES]; 4], at: usize, q: &[[Self; 3]; 3]);
-}
-
-/// Groups of four, of which each gathers the positions of one node and is scattered to it: stars have many. The order in which
-/// forces are added up depends on the width, so there is one.
-pub trait Quads: Lanes {
     /// Positions [m] of one node of the elements from `at` on, by component.
     ///
     /// # Safety
@@ -163,9 +158,6 @@ impl Lanes for Plain {
             }
         }
     }
-}
-
-impl Quads for Plain {
     #[inline(always)]
     unsafe fn gather(position: &[Padded], node: &[u32; LANES], at: usize) -> [Self; 3] {
         let mut x = [Self([0.0; 4]); 3];
@@ -202,7 +194,7 @@ pub struct Avx512(std::arch::x86_64::__m512d);
 
 #[cfg(target_arch = "x86_64")]
 mod x86 {
-    use super::{Avx2, Avx512, LANES, Lanes, Padded, Quads, Range, Real, Row};
+    use super::{Avx2, Avx512, LANES, Lanes, Padded, Range, Real, Row};
     use std::arch::x86_64::*;
 
     /// # Safety
@@ -369,11 +361,6 @@ mod x86 {
                 }
             }
         }
-    }
-
-    /// The nodes of elements `a` and `b`, one in each half.
-    ///
-    impl Quads for Avx2 {
         #[inline(always)]
         unsafe fn gather(position: &[Padded], node: &[u32; LANES], first: usize) -> [Self; 3] {
             // SAFETY: see `splat`; the caller's promise.
@@ -399,12 +386,52 @@ mod x86 {
         }
     }
 
+    /// The nodes of elements `a` and `b`, one in each half.
+    ///
     /// # Safety
     /// The CPU must have AVX-512; the nodes must lie within `field`.
     #[inline(always)]
     unsafe fn two_at(field: &[Padded], a: u32, b: u32) -> __m512d {
         // SAFETY: the caller's promise.
         unsafe { _mm512_insertf64x4::<1>(_mm512_castpd256_pd512(at(field, a)), at(field, b)) }
+    }
+
+    /// Components of the vectors of eight elements, given as those of elements 0|2, 1|3, 4|6, 5|7.
+    ///
+    /// # Safety
+    /// The CPU must have AVX-512F.
+    #[inline(always)]
+    unsafe fn pairs_by_component(a: __m512d, b: __m512d, c: __m512d, d: __m512d) -> [Avx512; 3] {
+        // SAFETY: the caller's promise.
+        unsafe {
+            let (xz_ab, y_ab) = (_mm512_unpacklo_pd(a, b), _mm512_unpackhi_pd(a, b));
+            let (xz_cd, y_cd) = (_mm512_unpacklo_pd(c, d), _mm512_unpackhi_pd(c, d));
+            // Quarters 0 and 2 of both hold x or y, quarters 1 and 3 hold z.
+            [
+                Avx512(_mm512_shuffle_f64x2::<0b10_00_10_00>(xz_ab, xz_cd)),
+                Avx512(_mm512_shuffle_f64x2::<0b10_00_10_00>(y_ab, y_cd)),
+                Avx512(_mm512_shuffle_f64x2::<0b11_01_11_01>(xz_ab, xz_cd)),
+            ]
+        }
+    }
+
+    /// Vectors of elements 0|2, 1|3, 4|6, 5|7, each with a zero in the fourth place, of their components: x and y from pairs
+    /// of them, z from its own register (8 and up).
+    ///
+    /// # Safety
+    /// The CPU must have AVX-512F.
+    #[inline(always)]
+    unsafe fn by_pair(x: __m512d, y: __m512d, z: __m512d) -> [__m512d; 4] {
+        // SAFETY: the caller's promise.
+        unsafe {
+            let (even, odd) = (_mm512_unpacklo_pd(x, y), _mm512_unpackhi_pd(x, y));
+            [
+                _mm512_maskz_permutex2var_pd(0x77, even, _mm512_set_epi64(0, 10, 3, 2, 0, 8, 1, 0), z),
+                _mm512_maskz_permutex2var_pd(0x77, odd, _mm512_set_epi64(0, 11, 3, 2, 0, 9, 1, 0), z),
+                _mm512_maskz_permutex2var_pd(0x77, even, _mm512_set_epi64(0, 14, 7, 6, 0, 12, 5, 4), z),
+                _mm512_maskz_permutex2var_pd(0x77, odd, _mm512_set_epi64(0, 15, 7, 6, 0, 13, 5, 4), z),
+            ]
+        }
     }
 
     impl Lanes for Avx512 {
@@ -479,14 +506,7 @@ mod x86 {
                     let b = _mm512_sub_pd(two_at(position, n[1], n[3]), origin[1]);
                     let c = _mm512_sub_pd(two_at(position, n[4], n[6]), origin[2]);
                     let d = _mm512_sub_pd(two_at(position, n[5], n[7]), origin[3]);
-                    let (xz_ab, y_ab) = (_mm512_unpacklo_pd(a, b), _mm512_unpackhi_pd(a, b));
-                    let (xz_cd, y_cd) = (_mm512_unpacklo_pd(c, d), _mm512_unpackhi_pd(c, d));
-                    // Quarters 0 and 2 of both hold x or y, quarters 1 and 3 hold z.
-                    edges[i] = [
-                        Self(_mm512_shuffle_f64x2::<0b10_00_10_00>(xz_ab, xz_cd)),
-                        Self(_mm512_shuffle_f64x2::<0b10_00_10_00>(y_ab, y_cd)),
-                        Self(_mm512_shuffle_f64x2::<0b11_01_11_01>(xz_ab, xz_cd)),
-                    ];
+                    edges[i] = pairs_by_component(a, b, c, d);
                     i += 1;
                 }
             }
@@ -496,25 +516,10 @@ mod x86 {
         unsafe fn scatter(force: &mut [Padded], node: &[[u32; LANES]; 4], _: usize, q: &[[Self; 3]; 3]) {
             // SAFETY: see `splat`; the caller's promise.
             unsafe {
-                // Elements 0|2, 1|3, 4|6, 5|7: x and y from pairs of them, z from its own register (8 and up), and
-                // the fourth number is masked to zero.
-                let pick = [
-                    _mm512_set_epi64(0, 10, 3, 2, 0, 8, 1, 0),
-                    _mm512_set_epi64(0, 11, 3, 2, 0, 9, 1, 0),
-                    _mm512_set_epi64(0, 14, 7, 6, 0, 12, 5, 4),
-                    _mm512_set_epi64(0, 15, 7, 6, 0, 13, 5, 4),
-                ];
                 let mut by_node = [[_mm512_setzero_pd(); 4]; 3];
                 let mut i = 0;
                 while i < 3 {
-                    let (x, y, z) = (q[i][0].0, q[i][1].0, q[i][2].0);
-                    let (even, odd) = (_mm512_unpacklo_pd(x, y), _mm512_unpackhi_pd(x, y));
-                    by_node[i] = [
-                        _mm512_maskz_permutex2var_pd(0x77, even, pick[0], z),
-                        _mm512_maskz_permutex2var_pd(0x77, odd, pick[1], z),
-                        _mm512_maskz_permutex2var_pd(0x77, even, pick[2], z),
-                        _mm512_maskz_permutex2var_pd(0x77, odd, pick[3], z),
-                    ];
+                    by_node[i] = by_pair(q[i][0].0, q[i][1].0, q[i][2].0);
                     i += 1;
                 }
                 let force = force.as_mut_ptr();
@@ -536,6 +541,32 @@ mod x86 {
                         k += 1;
                     }
                     pair += 1;
+                }
+            }
+        }
+        #[inline(always)]
+        unsafe fn gather(position: &[Padded], node: &[u32; LANES], _: usize) -> [Self; 3] {
+            let n = node;
+            // SAFETY: see `splat`; the caller's promise.
+            unsafe {
+                let (a, b) = (two_at(position, n[0], n[2]), two_at(position, n[1], n[3]));
+                let (c, d) = (two_at(position, n[4], n[6]), two_at(position, n[5], n[7]));
+                pairs_by_component(a, b, c, d)
+            }
+        }
+        #[inline(always)]
+        unsafe fn subtract(force: &mut [Padded], node: &[u32; LANES], elements: Range<usize>, q: &[Self; 3]) {
+            // SAFETY: see `splat`; the caller's promise.
+            unsafe {
+                let by_pair = by_pair(q[0].0, q[1].0, q[2].0);
+                let force = force.as_mut_ptr();
+                let mut e = 0;
+                while e < elements.end {
+                    let pair = by_pair[e / 4 * 2 + e % 2];
+                    let q = if e % 4 < 2 { lower(pair) } else { upper(pair) };
+                    let f: *mut Real = force.add(node[e] as usize).cast();
+                    _mm256_storeu_pd(f, _mm256_sub_pd(_mm256_loadu_pd(f), q));
+                    e += 1;
                 }
             }
         }

@@ -115,14 +115,12 @@ pub fn class_in(body: &Body, stable: Real) -> usize {
 /// `ω²` [1/s²] of element `e` at rest, its Maxwell branches at their stiffest: `2/ω` is its longest stable step, with the
 /// safety factor.
 pub fn omega_squared(body: &Body, e: Element) -> Real {
-    // Where there are stars, branches act on their strain.
-    let branch = if body.stars().is_empty() { body.branch_factor(e) } else { 0.0 };
-    altitude_omega_squared(body, e) * instantaneous(&body.jumps_material(e), branch, body.maxwell())
+    plain_omega_squared(body, e) * instantaneous(&body.jumps_material(e), body.branch_factor(e), body.maxwell())
 }
 
-/// The same without Maxwell branches: that a pressure wave crosses the element's smallest altitude. Where stars have a part of
-/// the stiffness they have the same part of the masses, so it does not depend on that.
-pub(super) fn altitude_omega_squared(body: &Body, e: Element) -> Real {
+/// The same without Maxwell branches: a pressure wave crosses the element's smallest altitude. Where stars have a part of the
+/// stiffness, they have the same part of the masses.
+pub(super) fn plain_omega_squared(body: &Body, e: Element) -> Real {
     let altitude = smallest_altitude(body, e);
     let wave_speed_squared = body.stiffness_factor(e) * body.material_of(e).pressure_modulus() / body.density(e);
     4.0 * wave_speed_squared / (SAFETY * SAFETY * altitude * altitude)

@@ -3,9 +3,9 @@
 use super::elastic_keys::{ElasticKeys, LARGEST_POISSON_RATIO, STIFFNESS, fill};
 use garde::Validate;
 use palpate_body::geometry::mesh_io::LengthUnit;
-use palpate_body::prepare::Region;
 use palpate_body::prepare::inclusions::Place;
 use palpate_body::prepare::region::Reach;
+use palpate_body::prepare::{Elements, Region};
 use palpate_core::math::{Bounds, Real, Vec3};
 use palpate_core::model::Material;
 use serde::{Deserialize, Serialize};
@@ -103,6 +103,8 @@ pub struct MaterialKeys {
     /// Density [kg/m³].
     #[garde(range(min = 1.0, max = 2e4))]
     pub density: Real,
+    /// Of which elements the body is made.
+    pub elements: Elements,
     /// Damping ratio ζ of the slowest mode, by Maxwell branches of the stress.
     #[garde(range(min = 0.0, max = 0.4))]
     pub damping_ratio: Real,
@@ -236,6 +238,7 @@ impl Default for MaterialKeys {
             lambda: None,
             mu: None,
             density: 1050.0,
+            elements: Elements::default(),
             damping_ratio: 0.0,
             damping_time: 1e-3,
             phi: None,

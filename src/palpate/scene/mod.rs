@@ -322,6 +322,7 @@ impl LoadedScene {
             material: self.scene.material(),
             inclusions: self.scene.inclusions(),
             holds: self.scene.hold.iter().map(|h| h.region(bounds)).collect(),
+            elements: self.scene.material.elements,
             damping_ratio: self.scene.material.damping_ratio,
         }
     }

@@ -1,6 +1,6 @@
 //! Scenes of prepared bodies: what they leave out of material and holds is as the body was prepared.
 
-use super::body_keys::{BodyKeys, Source};
+use super::body_keys::{BodyKeys, MaterialKeys, Source};
 use super::keys::Scene;
 use super::organ_keys::TissueKeys;
 use super::{LoadedScene, SceneError, elastic_keys, parse};
@@ -99,7 +99,8 @@ impl LoadedScene {
         let bounds = prepare::bounds(&file.body);
         let holds: Vec<Region> = self.scene.hold.iter().map(|h| h.region(bounds)).collect();
         let (scene, material, inclusions) = (&self.scene, self.scene.material(), self.scene.inclusions());
-        prepare::refit(file.body, &scene.name, material, &inclusions, &holds, scene.material.damping_ratio, progress)
+        let MaterialKeys { elements, damping_ratio, .. } = scene.material;
+        prepare::refit(file.body, &scene.name, material, &inclusions, &holds, elements, damping_ratio, progress)
             .map_err(|source| SceneError::Prepare { origin: self.origin.clone(), source: Box::new(source) })
     }
 }

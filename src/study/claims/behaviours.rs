@@ -7,7 +7,7 @@ use crate::plot::{Chart, Coloured, Curve, Shape, charts, coloured, table};
 use crate::touch::{Stroke, organ_stroke};
 use crate::trial::{Trial, attached, detached, held_at};
 use palpate_body::geometry::primitives::liver_surface;
-use palpate_body::prepare::{Region, refit};
+use palpate_body::prepare::{Elements, Region, refit};
 use palpate_core::adaptation::{Adaptivity, finest_steppable};
 use palpate_core::ids::Vertex;
 use palpate_core::math::{Bounds, Real, Vec3};
@@ -107,7 +107,8 @@ pub fn show(on: &Stroke, behaviour: &Behaviour, ticks: u32) -> Result<Shown> {
     let hold = Region { bounds: Bounds::new(low, bed), stiffness: None, exact: false };
     let material = Material::from_young(2.9 * behaviour.mu, 0.45, 1050.0);
     let copy = Body::from_bytes(on.body.bytes()).map_err(Error::other)?;
-    let body = refit(copy, behaviour.name, material, &[], &[hold], behaviour.zeta, &mut |_, _, _| {});
+    let body =
+        refit(copy, behaviour.name, material, &[], &[hold], Elements::Tetrahedra, behaviour.zeta, &mut |_, _, _| {});
     let body = Arc::new(body.map_err(Error::other)?);
     let usable = finest_steppable(&body);
     let adaptivity = Adaptivity { split: 0.05, ..Adaptivity::default() };

@@ -30,6 +30,7 @@ pub static PREPARED: LazyLock<Vec<u8>> = LazyLock::new(|| {
             stiffness: None,
             exact: false,
         }],
+        elements: Default::default(),
         damping_ratio: 0.15,
     };
     let body = prepare(&recipe, &mut |_, _, _| {}).unwrap();

@@ -31,11 +31,13 @@ mod softness;
 mod solver;
 mod system;
 
+use super::Elements;
 use block::{Block, ZERO, add_scaled, columns, product};
 use load::{balanced_load, weight};
 use matrix::weights_of;
 use palpate_core::hierarchy::Level;
 use palpate_core::math::{Mat3, Real, Vec3};
+use palpate_core::model::body::stars;
 use palpate_core::model::material::Material;
 use rayon::prelude::*;
 use rigid::{holds_firmly, mean_motion};
@@ -111,6 +113,7 @@ pub fn calibrate(
     levels: &[Level],
     material: impl Fn(usize, usize) -> Material + Sync,
     holds: &[(u32, Real)],
+    elements: Elements,
 ) -> Result<Calibration, CalibrationError> {
     let mut factors: Vec<Vec<Real>> = levels.iter().map(|level| vec![1.0; level.mesh.elements.len()]).collect();
     // All levels bear the same load, or their answers could not be compared.
@@ -129,6 +132,16 @@ pub fn calibrate(
         systems[l].bear(&load);
     }
 
+    let last = levels.len() - 1;
+    if elements == Elements::Smoothed {
+        // They answer alike as they are. The finest level's answer is that of plain ones, its energy that of its own: of the
+        // second order in what is wrong with the answer.
+        let guess = vec![ZERO; levels[last].mesh.nodes.len()];
+        let answer = answer(&systems, last, &systems[last].load, guess, TOLERANCE)?;
+        let softer = softer_by(&levels[last], |e| material(last, e), elements.stabilisation(), &answer.deforming);
+        let slowest_mode = slowest_mode(&systems[last], &answer.deforming, &softer);
+        return Ok(Calibration { factors, branch_factors: vec![1.0; levels.len()], slowest_mode });
+    }
     let mut answers: Vec<Answer> = Vec::new();
     for (l, level) in levels.iter().enumerate() {
         let mut guess = vec![ZERO; level.mesh.nodes.len()];
@@ -139,9 +152,8 @@ pub fn calibrate(
     }
     let mut branch_factors = vec![1.0; levels.len()];
     let Some(finest) = answers.pop() else { return Ok(Calibration { factors, branch_factors, slowest_mode: 0.0 }) };
-    let last = levels.len() - 1;
     let sheared = part_of_shear(&levels[last], |e| material(last, e), &factors[last], &finest.displacement);
-    let slowest_mode = slowest_mode(&systems[levels.len() - 1], &finest.deforming);
+    let slowest_mode = slowest_mode(&systems[last], &finest.deforming, &Mat3::zeros());
     let wanted = at_coarser_nodes(levels, finest.deforming);
     // Coarse elements are too stiff already; none is to be stiffer than the finest.
     let stiffest = |l: usize| mean_modulus(levels, levels.len() - 1, &material) / mean_modulus(levels, l, &material);
@@ -230,10 +242,46 @@ pub(super) fn scaled(material: Material, factor: Real) -> Material {
     Material { lambda: factor * material.lambda, mu: factor * material.mu, ..material }
 }
 
+/// How much less energy smoothed elements of `stabilisation` α have than plain ones in the displacements `u` of `level`, for
+/// each two axes: [`stars`], in small strain.
+fn softer_by(level: &Level, material: impl Fn(usize) -> Material + Sync, stabilisation: Real, u: &[Block]) -> Mat3 {
+    // `∫ ε_i : C : ε_j` of displacement gradients along axes i and j.
+    let energy = |gradients: &[Mat3; 3], material: &Material| {
+        let strain = gradients.map(|g| (g + g.transpose()) * 0.5);
+        Mat3::from_fn(|i, j| {
+            let (a, b) = (&strain[i], &strain[j]);
+            material.lambda * a.trace() * b.trace() + 2.0 * material.mu * a.dot(b)
+        })
+    };
+    let mut means = vec![([Mat3::zeros(); 3], 0.0); level.mesh.nodes.len()];
+    let mut around = vec![Vec::new(); level.mesh.nodes.len()];
+    let mut softer = Mat3::zeros();
+    for (e, nodes) in level.mesh.elements.iter().enumerate() {
+        let (weights, volume) = weights_of(&level.mesh.corners(e));
+        let (material, volume) = (material(e), volume * level.fraction[e]);
+        let along = |n: u32, axis: usize| Vec3::from(u[n as usize].map(|row| row[axis]));
+        let gradient = |axis| nodes.iter().zip(weights).map(|(n, g)| along(*n, axis) * g.transpose()).sum();
+        let gradients: [Mat3; 3] = std::array::from_fn(gradient);
+        let jumps = stars::of_jumps(&material, stabilisation);
+        softer += (energy(&gradients, &material) - energy(&gradients, &jumps)) * volume;
+        for n in nodes {
+            let (mean, sum) = &mut means[*n as usize];
+            mean.iter_mut().zip(gradients).for_each(|(mean, g)| *mean += g * (volume / 4.0));
+            *sum += volume / 4.0;
+            around[*n as usize].push((material, volume));
+        }
+    }
+    for ((mean, volume), around) in means.into_iter().zip(around) {
+        let Some(material) = stars::mean(around.iter().map(|(material, volume)| (material, *volume))) else { continue };
+        softer -= energy(&mean.map(|g| g / volume), &stars::of_means(&material, stabilisation)) * volume;
+    }
+    softer
+}
+
 /// The slowest mode [rad/s] among the combinations of the answers `u` to the loads along the three axes: the largest
-/// eigenvalue of `K⁻¹M`, `K_ij = u_i·f_j`, `M_ij = Σ m u_i·u_j`.
-fn slowest_mode(system: &System, deforming: &[Block]) -> Real {
-    let (mut k, mut m) = (Mat3::zeros(), Mat3::zeros());
+/// eigenvalue of `K⁻¹M`, `K_ij = u_i·f_j`, of which `softer` is taken away, `M_ij = Σ m u_i·u_j`.
+fn slowest_mode(system: &System, deforming: &[Block], softer: &Mat3) -> Real {
+    let (mut k, mut m) = (-softer, Mat3::zeros());
     for ((u, f), mass) in deforming.iter().zip(&system.load).zip(&system.level.node_mass) {
         // Rows are components, columns axes.
         let (u, f) = (columns(u).transpose(), columns(f).transpose());

@@ -7,7 +7,7 @@ fn factors(
     material: impl Fn(usize, usize) -> Material + Sync,
     holds: &[(u32, Real)],
 ) -> Result<Vec<Vec<Real>>, CalibrationError> {
-    calibrate(levels, material, holds).map(|c| c.factors)
+    calibrate(levels, material, holds, Elements::Tetrahedra).map(|c| c.factors)
 }
 
 /// Mean factor of each level, one over the mean softness.

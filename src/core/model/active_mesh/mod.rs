@@ -176,7 +176,7 @@ impl ActiveMesh {
         let of_stars = if plain { 0 } else { slots };
         let mut mesh = Self {
             set: ActiveSet::uniform(body, 0),
-            pool: ElementPool::new(body.element_count(), capacity, slots, if plain { branches } else { 0 }),
+            pool: ElementPool::new(body.element_count(), capacity, slots, branches),
             stars: StarPool::of_stars(body.node_count(), of_stars, slots, body.stars().most_neighbours(), branches),
             motion: Motion {
                 position: vec![[0.0; 4]; slots],

@@ -128,15 +128,14 @@ impl ActiveMesh {
                 let (class, history) = (self.pool.class_of(e)?, self.pool.history(e)?);
                 let slots = body.element(e).map(|n| self.slot[n.index()]);
                 let constants = constants(body, e, self.active_vertices[e.index()]);
-                let branches = body.stars().is_empty();
-                self.list_forces(body, &slots, &constants, &history, branches);
+                self.list_forces(body, &slots, &constants, &history);
                 Some(class)
             }
             Kind::Star(n) => {
                 let (class, history) = (self.stars.class_of(n)?, self.stars.history(n)?);
                 self.note_star(body, n);
                 let slots = std::mem::take(&mut self.work.star);
-                self.list_forces(body, &slots, &body.stars().constants(n), &history, true);
+                self.list_forces(body, &slots, &body.stars().constants(n), &history);
                 self.work.star = slots;
                 Some(class)
             }
@@ -149,10 +148,9 @@ impl ActiveMesh {
         slots: &[Slot],
         constants: &ElementConstants<impl AsRef<[[Real; 3]]>>,
         history: &History,
-        branches: bool,
     ) {
         let f = self.deformation(constants, slots);
-        let moduli = body.maxwell().iter().filter(|_| branches).map(|b| b.modulus);
+        let moduli = body.maxwell().iter().map(|b| b.modulus);
         let stress = constants.stress(&f, moduli, history);
         let forces = constants.forces(&f, &stress);
         let weighed = &mut self.work.weighed;

@@ -10,19 +10,19 @@
 //!
 //! Uniform strain has its exact energy whatever `α`; jumps have the part `α` of theirs, which holds the modes that means do
 //! not see [Puso & Solberg 2006], and of what they have against volume change hardly any. As the law is linear in its moduli,
-//! both sums are elements of that law: tetrahedra of `αλ_s, αμ`, and stars of `λ − αλ_s, (1−α)μ`. Maxwell branches act on the
-//! stars' strain alone.
+//! both sums are elements of that law, viscosity and Maxwell branches included: tetrahedra of `αλ_s, αμ`, and stars of
+//! `λ − αλ_s, (1−α)μ`. Both step by themselves, with the same part of the masses as of the stiffness.
 
 use super::Body;
 use crate::geometry::tet_mesh::gradients;
 use crate::ids::Node;
-use crate::math::{Mat3, Real, Vec3};
+use crate::math::{Real, Vec3};
 use crate::model::element::ElementConstants;
 use crate::model::material::Material;
 use crate::model::step_class;
 
-/// Largest `λ/μ` of what strain jumps are held by [Puso & Solberg 2006]: near incompressibility volume is not to be held
-/// element by element.
+/// Largest `λ/μ` of what strain jumps are held by, that of ν = 0.3: near incompressibility volume is not to be held element by
+/// element [Puso & Solberg 2006], and up to there it does no harm.
 const MOST_LAMBDA: Real = 1.5;
 
 /// The part of `material` that tetrahedra keep in a body of `stabilisation` α: `λ_s` and μ times α.
@@ -35,9 +35,23 @@ pub fn of_jumps(material: &Material, stabilisation: Real) -> Material {
 }
 
 /// The part that stars have: the rest.
-fn of_means(material: &Material, stabilisation: Real) -> Material {
+pub fn of_means(material: &Material, stabilisation: Real) -> Material {
     let jumps = of_jumps(material, stabilisation);
     Material { lambda: material.lambda - jumps.lambda, mu: material.mu - jumps.mu, ..*material }
+}
+
+/// The geometric mean of materials by their weights: of μ and of λ + 2μ; all else is of the first. `None` without any.
+pub fn mean<'a>(materials: impl Iterator<Item = (&'a Material, Real)>) -> Option<Material> {
+    let mut first = None;
+    let (mut weights, mut pressure, mut mu) = (0.0, 0.0, 0.0);
+    for (material, weight) in materials {
+        first.get_or_insert(*material);
+        weights += weight;
+        pressure += weight * material.pressure_modulus().ln();
+        mu += weight * material.mu.ln();
+    }
+    let mu = (mu / weights).exp();
+    first.map(|first| Material { lambda: (pressure / weights).exp() - 2.0 * mu, mu, ..first })
 }
 
 /// The stars of all nodes of a body; none where tetrahedra have all of the energy.
@@ -61,59 +75,23 @@ pub struct Star {
     pub volume: Real,
     /// Its part of the material: of the geometric mean of the moduli μ and λ + 2μ around, by volume.
     pub material: Material,
-    /// μ over that of `material`: Maxwell branches are of the whole material, and act on stars alone.
-    pub branch: Real,
-    /// `ω²` [1/s²] of its stiffest mode at rest, with the safety factor of [`step_class::omega_squared`], the Maxwell branches
-    /// at their stiffest.
+    /// `ω²` [1/s²] at rest as of [`step_class::omega_squared`]: its longest stable step is `2/ω`.
     pub omega_squared: Real,
 }
 
 impl Stars {
     /// Of all nodes of `body`.
     pub(super) fn new(body: &Body) -> Self {
-        let alpha = body.stabilisation();
-        if alpha >= 1.0 {
+        if body.stabilisation() >= 1.0 {
             return Self::default();
         }
         let mut all = Self { first: vec![0], ..Self::default() };
         for n in body.nodes() {
-            let others = body.neighbours(n).iter().copied().filter(|m| *m != n);
             let begin = all.neighbours.len();
-            all.neighbours.extend(others);
-            let neighbours = &all.neighbours[begin..];
-            let mut b = vec![Vec3::zeros(); neighbours.len()];
-            let mut masses = vec![0.0; neighbours.len()];
-            let (mut volume, mut own_mass, mut pressure, mut mu) = (0.0, 0.0, 0.0, 0.0);
-            for &e in body.elements_around(n) {
-                let (quarter, material) = (body.volume(e) / 4.0, body.material_of(e));
-                volume += quarter;
-                pressure += quarter * material.pressure_modulus().ln();
-                mu += quarter * material.mu.ln();
-                // A quarter of an element's mass goes with the star, in equal parts at its nodes.
-                let mass = body.density(e) * quarter / 4.0;
-                own_mass += mass;
-                for (m, g) in body.element(e).iter().zip(gradients(&body.corners(e))) {
-                    if let Some(i) = neighbours.iter().position(|other| other == m) {
-                        b[i] += g * quarter;
-                        masses[i] += mass;
-                    }
-                }
-            }
-            b.iter_mut().for_each(|b| *b /= volume);
-            let mu = (mu / volume).exp();
-            let whole = Material { lambda: (pressure / volume).exp() - 2.0 * mu, mu, ..*body.material() };
-            let material = of_means(&whole, alpha);
-            let branch = whole.mu / material.mu;
-            let own = -b.iter().sum::<Vec3>();
-            let spread = b.iter().zip(&masses).chain([(&own, &own_mass)]).map(|(b, m)| b * b.transpose() / *m).sum();
-            // The part of the masses that goes with the star's part of the stiffness, the rest with the tetrahedra.
-            let part = material.pressure_modulus() / whole.pressure_modulus();
-            let stiffest = stiffest(&material, &spread) * volume / part;
-            let of_elements = body.elements_around(n).iter().map(|e| step_class::altitude_omega_squared(body, *e));
-            let bound = of_elements.fold(0.0, Real::max);
-            let omega_squared = stiffest.min(bound) * step_class::instantaneous(&material, branch, body.maxwell());
-            all.gradients.extend(b.into_iter().map(<[Real; 3]>::from));
-            all.stars.push(Star { volume, material, branch, omega_squared });
+            all.neighbours.extend(body.neighbours(n).iter().copied().filter(|m| *m != n));
+            let (star, gradients) = star(body, n, &all.neighbours[begin..]);
+            all.gradients.extend(gradients);
+            all.stars.push(star);
             all.most = all.most.max(all.neighbours.len() - begin);
             all.first.push(all.neighbours.len() as u32);
         }
@@ -146,18 +124,34 @@ impl Stars {
 
     /// The element that the star of node `n` is: between `n` and its neighbours.
     pub fn constants(&self, n: Node) -> ElementConstants<&[[Real; 3]]> {
-        let Star { volume, material, branch, .. } = *self.of(n);
+        let Star { volume, material, .. } = *self.of(n);
         ElementConstants {
             gradient: &self.gradients[self.range(n)],
             lambda: volume * material.lambda,
             mu: volume * material.mu,
-            branch,
+            branch: 1.0,
         }
     }
 }
 
-/// Bound on the stiffness of a star at rest over its volume and the masses of its nodes, `spread = Σ b bᵀ/m`: a displacement
-/// gradient `G` has the energy `½ (λ tr²G + 2μ |sym G|²)`, and takes at least `½ |G spread^{-1/2}|²` of `Σ ½ m u²`.
-fn stiffest(material: &Material, spread: &Mat3) -> Real {
-    material.lambda * spread.trace() + 2.0 * material.mu * spread.symmetric_eigenvalues().max()
+/// The star of node `n` with these `neighbours`, and its gradients there.
+fn star(body: &Body, n: Node, neighbours: &[Node]) -> (Star, Vec<[Real; 3]>) {
+    let mut gradient = vec![Vec3::zeros(); neighbours.len()];
+    let (mut volume, mut omega_squared) = (0.0, 0.0 as Real);
+    for &e in body.elements_around(n) {
+        let quarter = body.volume(e) / 4.0;
+        volume += quarter;
+        // With the mean of their deformation gradients it is no stiffer than the stiffest of them.
+        omega_squared = omega_squared.max(step_class::plain_omega_squared(body, e));
+        for (m, g) in body.element(e).iter().zip(gradients(&body.corners(e))) {
+            if let Some(i) = neighbours.iter().position(|other| other == m) {
+                gradient[i] += g * quarter;
+            }
+        }
+    }
+    let around = body.elements_around(n).iter().map(|e| (body.material_of(*e), body.volume(*e)));
+    // Every node is of an element.
+    let material = of_means(&mean(around).unwrap_or(*body.material()), body.stabilisation());
+    omega_squared *= step_class::instantaneous(&material, 1.0, body.maxwell());
+    (Star { volume, material, omega_squared }, gradient.into_iter().map(|b| (b / volume).into()).collect())
 }
