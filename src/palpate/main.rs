@@ -10,6 +10,7 @@ mod list_command;
 mod metrics_page;
 mod prepare_command;
 mod progress;
+mod set_command;
 #[cfg(feature = "web")]
 mod web_command;
 
@@ -59,6 +60,8 @@ enum Command {
     Certificates(certificates_command::CertificatesArgs),
     /// Start a recording on a running server, and stop it again
     Record(RecordArgs),
+    /// Change stiffness, gravity, damping or friction of a running server, or list what they are
+    Set(set_command::SetArgs),
     /// List the servers that a server or a zenoh router knows
     List(list_command::ListArgs),
     /// Run a recording again and compare bit for bit
@@ -302,6 +305,7 @@ fn main() -> ExitCode {
         Command::Prepare(args) => prepare_command::run(&args),
         Command::Certificates(args) => certificates_command::run(args),
         Command::Record(args) => record(&args),
+        Command::Set(args) => set_command::run(&args),
         Command::List(args) => list_command::run(&args),
         Command::Replay(args) => replay_file(&args),
         Command::Export(args) => export_command::run(&args),

@@ -67,8 +67,17 @@ fn pressed(body: &Arc<Body>) -> Simulation {
 /// Every field of a snapshot, by name, with a change of it that still fits the body. One that is new and not named here is
 /// an error of the compiler.
 fn changes(snapshot: &Snapshot) -> BTreeMap<&'static str, Snapshot> {
-    let Snapshot { tick: _, frozen: _, prices: _, entangled: _, body, tools: _, points: _, obstacle_points: _ } =
-        snapshot;
+    let Snapshot {
+        tick: _,
+        frozen: _,
+        prices: _,
+        entangled: _,
+        parameters: _,
+        body,
+        tools: _,
+        points: _,
+        obstacle_points: _,
+    } = snapshot;
     let State {
         nodes: _,
         position: _,

@@ -112,17 +112,24 @@ pub fn class_in(body: &Body, stable: Real) -> usize {
     class_for(stable.min(longest(body)))
 }
 
-/// `ω²` [1/s²] of element `e` at rest, its Maxwell branches at their stiffest: `2/ω` is its longest stable step, with the
-/// safety factor.
-pub fn omega_squared(body: &Body, e: Element) -> Real {
+/// `ω²` [1/s²] of element `e` of `material` at rest, its Maxwell branches at their stiffest: `2/ω` is its longest stable step,
+/// with the safety factor.
+pub fn omega_squared(body: &Body, material: &Material, e: Element) -> Real {
     let altitude = smallest_altitude(body, e);
-    let wave_speed_squared = body.stiffness_factor(e) * body.material_of(e).pressure_modulus() / body.density(e);
-    4.0 * wave_speed_squared / (SAFETY * SAFETY * altitude * altitude) * instantaneous(body, e)
+    let wave_speed_squared = body.stiffness_factor(e) * material.pressure_modulus() / body.density(e);
+    4.0 * wave_speed_squared / (SAFETY * SAFETY * altitude * altitude) * instantaneous(body, material, e)
+}
+
+/// `ω²` [1/s²] up to which an element at rest may step in `class`, in a body of viscous relaxation time `damping_time` [s]:
+/// [`stable_step`] solved for it.
+pub fn largest_omega_squared(class: usize, damping_time: Real) -> Real {
+    let h = step_of(class);
+    4.0 / (h * (h + 2.0 * damping_time))
 }
 
 /// Class of the longest stable step of element `e` at rest.
 pub fn class_at_rest(body: &Body, e: Element) -> usize {
-    class_in(body, stable_step(omega_squared(body, e), Strained::REST, body.damping_time(), 0.0))
+    class_in(body, stable_step(omega_squared(body, body.material_of(e), e), Strained::REST, body.damping_time(), 0.0))
 }
 
 fn smallest_altitude(body: &Body, e: Element) -> Real {
@@ -131,11 +138,10 @@ fn smallest_altitude(body: &Body, e: Element) -> Real {
 }
 
 /// Stiffness at once over that after relaxation, with the strain-difference term.
-fn instantaneous(body: &Body, e: Element) -> Real {
+fn instantaneous(body: &Body, material: &Material, e: Element) -> Real {
     if body.maxwell().is_empty() {
         return 1.0;
     }
-    let material = body.material_of(e);
     let branches = body.branch_factor(e) * body.maxwell().iter().map(|b| b.modulus).sum::<Real>();
     (1.0 + 4.0 / 3.0 * material.mu * branches / material.pressure_modulus()) * (1.0 + 2.0 * STEP_VISCOSITY)
 }

@@ -7,12 +7,14 @@
 
 mod inputs;
 mod outputs;
+mod parameter;
 mod snapshot;
 
 pub use crate::model::step_class::TICK;
 pub use crate::stepping::work::{Budget, Laps, Part, Prices};
 pub use inputs::{Inputs, Settings};
 pub use outputs::{MOST_LEVELS, Outputs, Plan, TickFlags, ToolOutput};
+pub use parameter::{DAMPING, FRICTION, GRAVITY, Parameter, ParameterRanges, STIFFNESS};
 pub use snapshot::Snapshot;
 
 use crate::adaptation::{self, Allowance, Focus, Request};
@@ -34,6 +36,7 @@ use crate::model::entangled::{ENTANGLED_FRAMES, ReferencePose};
 use crate::model::{ActiveMesh, Body, Constraint, State, step_class};
 use crate::stepping::step::{self, World};
 use crate::stepping::work;
+use parameter::{Given, most_parameters};
 use std::sync::Arc;
 
 /// Ticks of a frame: the surface is published once per frame (31.25 Hz).
@@ -43,7 +46,10 @@ pub const TICKS_PER_FRAME: u64 = 32;
 #[derive(Debug)]
 pub struct Simulation {
     body: Arc<Body>,
+    /// As given but for the `parameters`.
     settings: Settings,
+    given: Given,
+    parameters: Vec<Parameter>,
     path: Simd,
     tick: u64,
     frozen: u32,
@@ -99,7 +105,9 @@ impl Simulation {
         };
         let (points, obstacle_points) = (with_room(tools, &start.points), with_room(obstacles, touched));
         let most_constraints = MOST_POINTS * tools + settings.obstacles.iter().map(most).sum::<usize>();
-        Ok(Self {
+        let mut simulation = Self {
+            given: Given::by(&settings),
+            parameters: Vec::with_capacity(most_parameters(&body, &settings)),
             path: Simd::best(),
             tick: start.tick,
             frozen: start.frozen,
@@ -136,7 +144,12 @@ impl Simulation {
             mesh,
             body,
             settings,
-        })
+        };
+        if !start.parameters.is_empty() {
+            simulation.assume_all(&start.parameters);
+            simulation.mesh.restore(&simulation.body, &simulation.start);
+        }
+        Ok(simulation)
     }
 
     /// What a reset returns to; the starting state unless set.
@@ -240,10 +253,14 @@ impl Simulation {
         if inputs.reset {
             self.back_to_start();
         }
+        if let Some(parameter) = inputs.parameter {
+            self.set(parameter);
+        }
     }
 
     fn back_to_start(&mut self) {
         self.mesh.restore(&self.body, &self.start);
+        self.mesh.reclass_stiffened(&self.body);
         self.detection.forget();
         (self.entangled, self.frozen) = (0, 0);
         self.points.iter_mut().chain(&mut self.obstacle_points).for_each(Vec::clear);

@@ -1,5 +1,6 @@
 //! What a simulation carries from tick to tick: how it is saved, hashed and restored.
 
+use super::parameter::{Parameter, most_parameters};
 use super::{Settings, Simulation};
 use crate::contact::tool::{MOST_POINTS, ToolState};
 use crate::model::constraint::PointMemory;
@@ -18,6 +19,8 @@ pub struct Snapshot {
     pub prices: Prices,
     /// Frames in a row that the body, which nothing touches, has been entangled in itself.
     pub entangled: u32,
+    /// What has been changed since the settings, in the order in which each was first.
+    pub parameters: Vec<Parameter>,
     /// Motion of the body.
     pub body: State,
     /// Each tool, by id.
@@ -41,6 +44,7 @@ impl Snapshot {
             frozen: 0,
             prices: Prices::COMMON,
             entangled: 0,
+            parameters: Vec::new(),
             body: state,
             tools: vec![ToolState::default(); tools],
             points: (0..tools).map(|_| Vec::with_capacity(MOST_POINTS)).collect(),
@@ -53,7 +57,11 @@ impl Snapshot {
         let elements = settings.most_elements.min(body.element_count());
         let state = State::with_room(body, elements, body.node_count().min(elements + 64));
         let points = settings.obstacles.iter().map(|obstacle| Vec::with_capacity(obstacle.most_points(body)));
-        Self { obstacle_points: points.collect(), ..Self::with_state(state, settings.tools.len()) }
+        Self {
+            parameters: Vec::with_capacity(most_parameters(body, settings)),
+            obstacle_points: points.collect(),
+            ..Self::with_state(state, settings.tools.len())
+        }
     }
 }
 
@@ -83,6 +91,8 @@ impl Simulation {
         snapshot.frozen = self.frozen;
         snapshot.prices = self.prices;
         snapshot.entangled = self.entangled;
+        snapshot.parameters.clear();
+        snapshot.parameters.extend_from_slice(&self.parameters);
         snapshot.tools.copy_from_slice(&self.tools);
         copy_points(&mut snapshot.points, &self.points);
         copy_points(&mut snapshot.obstacle_points, &self.obstacle_points);
@@ -95,6 +105,7 @@ impl Simulation {
         hash.update(&self.frozen.to_le_bytes());
         hash.update(bytemuck::cast_slice(&self.prices.0));
         hash.update(&self.entangled.to_le_bytes());
+        self.parameters.iter().for_each(|parameter| hash_saved(parameter, &mut hash));
         self.mesh.hash_into(&mut hash);
         for (tool, points) in self.tools.iter().zip(&self.points) {
             hash_saved(tool, &mut hash);
@@ -108,8 +119,10 @@ impl Simulation {
     pub fn load(&mut self, snapshot: &Snapshot) {
         (self.tick, self.frozen, self.entangled) = (snapshot.tick, snapshot.frozen, snapshot.entangled);
         self.prices = snapshot.prices;
+        self.assume_all(&snapshot.parameters);
         self.mesh.restore(&self.body, &snapshot.body);
         self.detection.forget();
+        self.detection.forget_stiffness();
         self.tools.copy_from_slice(&snapshot.tools);
         copy_points(&mut self.points, &snapshot.points);
         self.obstacle_points.iter_mut().for_each(Vec::clear);

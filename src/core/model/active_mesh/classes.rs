@@ -81,7 +81,7 @@ impl ActiveMesh {
     pub fn reclass(&mut self, body: &Body, e: Element) {
         let (Some(class), Some((strain, det))) = (self.pool.class_of(e), self.pool.strain_and_det(e)) else { return };
         let springs = self.springs_at(body.element(e).map(|n| self.slot[n.index()]));
-        let strained = Strained::of(body.material_of(e), &strain, det);
+        let strained = Strained::of(self.material_of(body, e), &strain, det);
         let step = step_class::stable_step(self.omega_squared[e.index()], strained, body.damping_time(), springs);
         let mut wanted = step_class::class_in(body, step);
         if wanted < class {
@@ -100,7 +100,7 @@ impl ActiveMesh {
     pub(super) fn limit_strain(&mut self, body: &Body, e: Element, class: usize) {
         let springs = self.springs_at(body.element(e).map(|n| self.slot[n.index()]));
         let omega_squared = self.omega_squared[e.index()];
-        let material = body.material_of(e);
+        let material = self.material_of(body, e);
         let limit = step_class::strain_limit(class, material, omega_squared, body.damping_time(), springs);
         self.pool.set_strain_limit(e, limit);
     }

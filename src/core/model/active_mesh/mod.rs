@@ -16,6 +16,7 @@ mod reshape;
 mod residual;
 mod saving;
 pub mod skin;
+mod stiffness;
 mod supports;
 
 pub use display::{Embedding, MOST_ASIDE};
@@ -33,6 +34,7 @@ use super::element::ElementConstants;
 use super::element_kernel::Padded;
 use super::element_pool::{CLASSES, ElementPool};
 use super::interface::{InterfaceRow, Search};
+use super::material::Material;
 use super::state::State;
 use super::step_class::Residual;
 use super::sweeps::{self, Registers};
@@ -111,6 +113,11 @@ pub struct ActiveMesh {
     registers: Registers,
     supports: Supports,
     stiffest_spring: Real,
+    /// How many times as stiff as prepared each tissue is, (tissues), and what the body's materials are with that.
+    stiffness: Vec<Real>,
+    materials: Vec<Material>,
+    /// Factor on the viscosities and the Maxwell branches of all tissues.
+    pub damping: Real,
     work: Work,
 }
 
@@ -210,6 +217,9 @@ impl ActiveMesh {
             registers: Registers::best(),
             supports: Supports::new(body),
             stiffest_spring: 0.0,
+            stiffness: vec![1.0; body.tissue_count()],
+            materials: body.parts().materials.clone(),
+            damping: 1.0,
             work: Work {
                 search: Search::new(body),
                 on: Vec::with_capacity(slots),
@@ -442,12 +452,11 @@ impl ActiveMesh {
     }
 }
 
-/// Rest gradients and weighted stiffness of element `e` with `active` active vertices.
-fn constants(body: &Body, e: Element, active: u8) -> ElementConstants {
+/// Rest gradients and weighted stiffness of element `e` of `material` with `active` active vertices.
+fn constants(body: &Body, material: &Material, e: Element, active: u8) -> ElementConstants {
     let [_, g1, g2, g3] = gradients(&body.corners(e));
     let factor = body.stiffness_factor(e);
     let weight = factor * body.volume(e) * Real::from(active) / 4.0;
-    let material = body.material_of(e);
     ElementConstants {
         gradient: [g1, g2, g3].map(Into::into),
         lambda: weight * material.lambda,

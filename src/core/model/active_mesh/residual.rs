@@ -109,9 +109,10 @@ impl ActiveMesh {
         let history = self.pool.history(e)?;
         let slots = body.element(e).map(|n| self.slot[n.index()]);
         let x = slots.map(|slot| vec3(&self.motion.position[slot.index()]));
-        let constants = constants(body, e, self.active_vertices[e.index()]);
+        let constants = constants(body, self.material_of(body, e), e, self.active_vertices[e.index()]);
         let f = constants.deformation(&x);
-        let forces = constants.forces(&f, &constants.stress(&f, body.maxwell().iter().map(|b| b.modulus), &history));
+        let forces = constants
+            .forces(&f, &constants.stress(&f, body.maxwell().iter().map(|b| b.modulus * self.damping), &history));
         Some((class, slots, forces))
     }
 
