@@ -49,8 +49,8 @@ impl Scene {
         others.into_iter().chain(stiffness).chain(friction).collect()
     }
 
-    /// The quantities called `name`, given `values`: "stiffness" and "friction" alone mean those of every tissue, or tool.
-    /// Their ranges are not looked at.
+    /// The quantities called `name`, given `values`: "stiffness" and "friction" alone mean those of every tissue, or tool,
+    /// and a number stands for a name. Their ranges are not looked at.
     ///
     /// # Errors
     /// In words: no such name, or another number of values.
@@ -58,7 +58,14 @@ impl Scene {
         let all = self.parameters();
         let is_meant = |parameter: &&Parameter| {
             let own = self.parameter_name(parameter);
-            own == name || own.strip_prefix(name).is_some_and(|rest| rest.starts_with('.') && !name.contains('.'))
+            let number = match parameter {
+                Parameter::Stiffness { tissue: number, .. } | Parameter::Friction { tool: number, .. } => Some(*number),
+                Parameter::Gravity(_) | Parameter::Damping(_) => None,
+            };
+            let by_number = name.split_once('.').filter(|(kind, _)| own.starts_with(kind));
+            own == name
+                || number.is_some() && by_number.and_then(|(_, n)| n.parse().ok()) == number
+                || own.strip_prefix(name).is_some_and(|rest| rest.starts_with('.') && !name.contains('.'))
         };
         let meant: Vec<_> = all.iter().filter(is_meant).collect();
         if meant.is_empty() {
