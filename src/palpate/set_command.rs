@@ -43,7 +43,7 @@ pub fn run(args: &SetArgs) -> anyhow::Result<ExitCode> {
             [value] => value.to_string(),
             values => format!("{values:?}"),
         };
-        say!("{}={value} ({} to {:.4})", known.name, known.least, known.most)?;
+        say!("{}={value} ({} to {})", known.name, known.least, known.most)?;
     }
     Ok(ExitCode::SUCCESS)
 }

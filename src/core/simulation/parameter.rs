@@ -125,7 +125,7 @@ impl ParameterRanges {
         if can_step(cannot) {
             return cannot;
         }
-        while cannot > 1.001 * can {
+        while cannot > 1.0001 * can {
             let middle = (can * cannot).sqrt();
             if can_step(middle) {
                 can = middle;
@@ -133,7 +133,7 @@ impl ParameterRanges {
                 cannot = middle;
             }
         }
-        can
+        (1e3 * can).floor() / 1e3
     }
 }
 

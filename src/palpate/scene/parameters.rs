@@ -104,7 +104,7 @@ impl Scene {
             let name = || self.parameter_name(parameter);
             let range = ranges.of(body, parameter, set).ok_or_else(|| format!("there is no {}", name()))?;
             if let Some(value) = parameter.values().iter().find(|value| !range.contains(value)) {
-                return Err(format!("{} is {value}: {} to {:.4} is allowed", name(), range.start(), range.end()));
+                return Err(format!("{} is {value}: {} to {} is allowed", name(), range.start(), range.end()));
             }
             match set.iter_mut().find(|set| set.is_same_quantity(parameter)) {
                 Some(set) => *set = *parameter,
