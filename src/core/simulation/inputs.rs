@@ -1,6 +1,6 @@
 //! What enters a simulation: its settings once, and the inputs of each tick.
 
-use super::Parameter;
+use super::parameter::Parameter;
 use crate::adaptation::Adaptivity;
 use crate::contact::obstacle::Obstacle;
 use crate::contact::safety::ForceLimits;

@@ -5,16 +5,19 @@
 //! the simulation is built. Nothing but [`Inputs`] enters a tick, nothing but [`Outputs`] leaves it, and a
 //! [`Snapshot`] is all that it carries over: restored, the same inputs give the same bits.
 
+mod given;
 mod inputs;
 mod outputs;
 mod parameter;
+mod ranges;
 mod snapshot;
 
 pub use crate::model::step_class::TICK;
 pub use crate::stepping::work::{Budget, Laps, Part, Prices};
 pub use inputs::{Inputs, Settings};
 pub use outputs::{MOST_LEVELS, Outputs, Plan, TickFlags, ToolOutput};
-pub use parameter::{DAMPING, FRICTION, GRAVITY, Parameter, ParameterRanges, STIFFNESS};
+pub use parameter::{DAMPING, FRICTION, GRAVITY, Parameter, STIFFNESS};
+pub use ranges::ParameterRanges;
 pub use snapshot::Snapshot;
 
 use crate::adaptation::{self, Allowance, Focus, Request};
@@ -36,7 +39,7 @@ use crate::model::entangled::{ENTANGLED_FRAMES, ReferencePose};
 use crate::model::{ActiveMesh, Body, Constraint, State, step_class};
 use crate::stepping::step::{self, World};
 use crate::stepping::work;
-use parameter::{Given, most_parameters};
+use given::{Given, most_parameters};
 use std::sync::Arc;
 
 /// Ticks of a frame: the surface is published once per frame (31.25 Hz).

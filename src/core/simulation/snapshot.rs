@@ -1,6 +1,7 @@
 //! What a simulation carries from tick to tick: how it is saved, hashed and restored.
 
-use super::parameter::{Parameter, most_parameters};
+use super::given::most_parameters;
+use super::parameter::Parameter;
 use super::{Settings, Simulation};
 use crate::contact::tool::{MOST_POINTS, ToolState};
 use crate::model::constraint::PointMemory;
