@@ -4,6 +4,7 @@ use super::parameter::Parameter;
 use super::{Settings, Simulation};
 use crate::math::{Real, Vec3};
 use crate::model::Body;
+use crate::model::active_mesh::Stiffening;
 
 /// Values that the settings give to what may change.
 #[derive(Debug)]
@@ -33,26 +34,32 @@ impl Simulation {
     /// Gives a quantity another value; of a tissue or tool that is not there, nothing happens.
     pub(super) fn set(&mut self, parameter: Parameter) {
         if self.assume(parameter) {
-            if let Parameter::Stiffness { tissue, factor } = parameter {
-                self.mesh.set_stiffness(&self.body, usize::from(tissue), factor);
-                self.detection.forget_stiffness();
-            }
             // The body finds another balance, and the hand need not feel how.
             self.tools.iter_mut().filter(|tool| tool.touches()).for_each(|tool| tool.begin_transition());
         }
     }
 
-    /// [`Simulation::set`], of which no element hears. False where there is no such quantity.
+    /// Elements go on taking over the stiffness of their tissues, or begin to.
+    pub(super) fn stiffen(&mut self) {
+        let wanted = self.parameters.iter().filter_map(|parameter| match parameter {
+            Parameter::Stiffness { tissue, factor } => Some((usize::from(*tissue), *factor)),
+            _ => None,
+        });
+        if self.mesh.begin_stiffening(&self.body, wanted) {
+            self.detection.forget_stiffness();
+        }
+        self.mesh.go_on_stiffening(&self.body);
+    }
+
+    /// False where there is no such quantity.
     fn assume(&mut self, parameter: Parameter) -> bool {
         match parameter {
             Parameter::Gravity(gravity) => self.settings.gravity = gravity,
-            Parameter::Stiffness { tissue, factor } if usize::from(tissue) < self.mesh.stiffness().len() => {
-                self.mesh.assume_stiffness(&self.body, usize::from(tissue), factor);
-            }
             Parameter::Friction { tool, coefficient } if usize::from(tool) < self.settings.tools.len() => {
                 self.settings.tools[usize::from(tool)].friction = coefficient;
             }
             Parameter::Damping(factor) => self.mesh.damping = factor,
+            Parameter::Stiffness { tissue, .. } if usize::from(tissue) < self.body.tissue_count() => {}
             _ => return false,
         }
         match self.parameters.iter_mut().find(|set| set.is_same_quantity(&parameter)) {
@@ -62,18 +69,14 @@ impl Simulation {
         true
     }
 
-    /// Makes `parameters` all that has been changed, before the state is restored.
-    pub(super) fn assume_all(&mut self, parameters: &[Parameter]) {
+    /// Makes these all that has been changed, before a state is restored.
+    pub(super) fn assume_all(&mut self, parameters: &[Parameter], stiffening: &Stiffening) {
         self.settings.gravity = self.given.gravity;
         for (tool, friction) in self.settings.tools.iter_mut().zip(&self.given.friction) {
             tool.friction = *friction;
         }
         self.mesh.damping = 1.0;
-        for t in 0..self.mesh.stiffness().len() {
-            if self.mesh.stiffness()[t] != 1.0 {
-                self.mesh.assume_stiffness(&self.body, t, 1.0);
-            }
-        }
+        self.mesh.assume_stiffness(&self.body, stiffening);
         self.parameters.clear();
         parameters.iter().for_each(|parameter| {
             self.assume(*parameter);

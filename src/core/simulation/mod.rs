@@ -32,7 +32,7 @@ use crate::contact::tool::{MOST_POINTS, MOST_TOOLS, Phase, ToolState};
 use crate::contact::wrench::{self, Wrench};
 use crate::ids::{ToolId, Vertex};
 use crate::math::{Real, Vec3};
-use crate::model::active_mesh::Loads;
+use crate::model::active_mesh::{Loads, Stiffening};
 use crate::model::constraint::PointMemory;
 use crate::model::element_kernel::{Extremes, Simd};
 use crate::model::entangled::{ENTANGLED_FRAMES, ReferencePose};
@@ -98,6 +98,14 @@ impl Simulation {
                 "{obstacles} obstacles: a session has at most {MOST_OBSTACLES}, and its state as many"
             ));
         }
+        let fits = if start.parameters.is_empty() {
+            start.stiffening == Stiffening::NONE
+        } else {
+            start.parameters.len() <= most_parameters(&body, &settings) && start.stiffening.fits(&body)
+        };
+        if !fits {
+            return Err("the state's parameters are not those of this body and its tools".into());
+        }
         let mesh = ActiveMesh::new(&body, &start.body, settings.most_elements)?;
         let vertices = body.surface().vertices.len();
         // Lists are swapped when contacts are found: all have the same room.
@@ -149,7 +157,7 @@ impl Simulation {
             settings,
         };
         if !start.parameters.is_empty() {
-            simulation.assume_all(&start.parameters);
+            simulation.assume_all(&start.parameters, &start.stiffening);
             simulation.mesh.restore(&simulation.body, &simulation.start);
         }
         Ok(simulation)
@@ -259,6 +267,7 @@ impl Simulation {
         if let Some(parameter) = inputs.parameter {
             self.set(parameter);
         }
+        self.stiffen();
     }
 
     fn back_to_start(&mut self) {

@@ -4,6 +4,7 @@ use super::given::most_parameters;
 use super::parameter::Parameter;
 use super::{Settings, Simulation};
 use crate::contact::tool::{MOST_POINTS, ToolState};
+use crate::model::active_mesh::Stiffening;
 use crate::model::constraint::PointMemory;
 use crate::model::{Body, State};
 use crate::stepping::work::Prices;
@@ -22,6 +23,8 @@ pub struct Snapshot {
     pub entangled: u32,
     /// What has been changed since the settings, in the order in which each was first.
     pub parameters: Vec<Parameter>,
+    /// How far the body has followed in stiffness; [`Stiffening::NONE`] where nothing has been changed.
+    pub stiffening: Stiffening,
     /// Motion of the body.
     pub body: State,
     /// Each tool, by id.
@@ -46,6 +49,7 @@ impl Snapshot {
             prices: Prices::COMMON,
             entangled: 0,
             parameters: Vec::new(),
+            stiffening: Stiffening::NONE,
             body: state,
             tools: vec![ToolState::default(); tools],
             points: (0..tools).map(|_| Vec::with_capacity(MOST_POINTS)).collect(),
@@ -60,6 +64,7 @@ impl Snapshot {
         let points = settings.obstacles.iter().map(|obstacle| Vec::with_capacity(obstacle.most_points(body)));
         Self {
             parameters: Vec::with_capacity(most_parameters(body, settings)),
+            stiffening: Stiffening::with_room(body.tissue_count()),
             obstacle_points: points.collect(),
             ..Self::with_state(state, settings.tools.len())
         }
@@ -94,6 +99,9 @@ impl Simulation {
         snapshot.entangled = self.entangled;
         snapshot.parameters.clear();
         snapshot.parameters.extend_from_slice(&self.parameters);
+        let none = Stiffening::NONE;
+        let stiffening = if self.parameters.is_empty() { &none } else { self.mesh.stiffening() };
+        snapshot.stiffening.copy_from(stiffening);
         snapshot.tools.copy_from_slice(&self.tools);
         copy_points(&mut snapshot.points, &self.points);
         copy_points(&mut snapshot.obstacle_points, &self.obstacle_points);
@@ -107,6 +115,9 @@ impl Simulation {
         hash.update(bytemuck::cast_slice(&self.prices.0));
         hash.update(&self.entangled.to_le_bytes());
         self.parameters.iter().for_each(|parameter| hash_saved(parameter, &mut hash));
+        if !self.parameters.is_empty() {
+            self.mesh.stiffening().hash_into(&mut hash);
+        }
         self.mesh.hash_into(&mut hash);
         for (tool, points) in self.tools.iter().zip(&self.points) {
             hash_saved(tool, &mut hash);
@@ -120,7 +131,7 @@ impl Simulation {
     pub fn load(&mut self, snapshot: &Snapshot) {
         (self.tick, self.frozen, self.entangled) = (snapshot.tick, snapshot.frozen, snapshot.entangled);
         self.prices = snapshot.prices;
-        self.assume_all(&snapshot.parameters);
+        self.assume_all(&snapshot.parameters, &snapshot.stiffening);
         self.mesh.restore(&self.body, &snapshot.body);
         self.detection.forget();
         self.detection.forget_stiffness();

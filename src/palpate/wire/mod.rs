@@ -265,6 +265,9 @@ fn recorded_parameter(parameter: &Parameter) -> proto::RecordedParameter {
 fn parameter_from_message(message: &proto::RecordedParameter) -> Option<Parameter> {
     use proto::recorded_parameter::Quantity;
     let values = message.values.as_slice();
+    if !values.iter().all(|value| value.is_finite()) {
+        return None;
+    }
     let value = || <[Real; 1]>::try_from(values).ok().map(|[value]| value);
     Some(match message.quantity? {
         Quantity::Gravity(_) => Parameter::Gravity(<[Real; 3]>::try_from(values).ok()?.into()),

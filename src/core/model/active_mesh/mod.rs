@@ -26,6 +26,8 @@ pub use momentum::Momenta;
 pub use reshape::ChangeCost;
 pub use residual::Loads;
 use residual::NO_RESIDUAL;
+use stiffness::Materials;
+pub use stiffness::Stiffening;
 use supports::Supports;
 
 use super::active_set::ActiveSet;
@@ -113,9 +115,7 @@ pub struct ActiveMesh {
     registers: Registers,
     supports: Supports,
     stiffest_spring: Real,
-    /// How many times as stiff as prepared each tissue is, (tissues), and what the body's materials are with that.
-    stiffness: Vec<Real>,
-    materials: Vec<Material>,
+    materials: Materials,
     /// Factor on the viscosities and the Maxwell branches of all tissues.
     pub damping: Real,
     work: Work,
@@ -217,8 +217,7 @@ impl ActiveMesh {
             registers: Registers::best(),
             supports: Supports::new(body),
             stiffest_spring: 0.0,
-            stiffness: vec![1.0; body.tissue_count()],
-            materials: body.parts().materials.clone(),
+            materials: Materials::new(body),
             damping: 1.0,
             work: Work {
                 search: Search::new(body),
