@@ -3,7 +3,7 @@
 use super::*;
 use palpate_core::model::element_pool::CLASSES;
 use palpate_core::model::step_class::{Strained, omega_squared, stable_step, step_of};
-use palpate_core::simulation::{Parameter, ParameterRanges};
+use palpate_core::simulation::{Parameter, ParameterRanges, Threshold};
 
 /// A ball of another tissue below the middle of the top.
 const NODULE: &str =
@@ -73,6 +73,7 @@ fn all_change(i: u64) -> Inputs {
         400 => Some(Parameter::Gravity(Vec3::new(1.0, 0.0, -5.0))),
         450 => Some(Parameter::Damping(0.3)),
         470 => Some(Parameter::Friction { tool: 0, coefficient: 0.8 }),
+        480 => Some(Parameter::Resolution { threshold: Threshold::Split, value: 0.03 }),
         799 => Some(stiffness(0, 10.0)),
         900 => Some(stiffness(0, 1.0)),
         _ => None,
@@ -116,7 +117,7 @@ fn restored_after_any_change_it_goes_on_bit_for_bit() {
         }
         run.advance(&all_change(i));
     }
-    assert_eq!(run.parameters().len(), 5);
+    assert_eq!(run.parameters().len(), 6);
 }
 
 #[test]
@@ -205,4 +206,21 @@ fn the_range_of_a_stiffness_ends_where_elements_can_no_longer_be_stepped() {
     let step = stable_step(most, Strained::REST, stiff.body.damping_time(), 0.0);
     println!("{largest:.3} times as stiff: {:.3} µs", 1e6 * step);
     assert!((1.0..20.0).contains(&largest) && (step / step_of(CLASSES - 1) - 1.0).abs() < 1e-3);
+}
+
+#[test]
+fn a_lower_threshold_refines_more_and_the_given_one_coarsens_again() {
+    let setup = adaptive_cube(&[DAMPED]);
+    let mut run = simulation(&setup);
+    let split = |value| Some(Parameter::Resolution { threshold: Threshold::Split, value });
+    let elements =
+        [None, split(1e-3), split(setup.settings.adaptivity.as_ref().unwrap().split)].map(|mut parameter| {
+            (0..1000).for_each(|i| {
+                let pressed = press(run.tick().min(500));
+                run.advance(&Inputs { parameter: if i == 0 { parameter.take() } else { None }, ..pressed });
+            });
+            run.outputs().elements
+        });
+    println!("{elements:?} elements");
+    assert!(elements[1] > elements[0] * 5 / 4 && elements[2] < elements[1] * 9 / 10, "{elements:?}");
 }

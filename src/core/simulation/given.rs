@@ -1,7 +1,8 @@
 //! How a change of a [`Parameter`] is made, and taken back to what the settings give.
 
-use super::parameter::Parameter;
+use super::parameter::{Parameter, Threshold};
 use super::{Settings, Simulation};
+use crate::adaptation::Adaptivity;
 use crate::math::{Real, Vec3};
 use crate::model::Body;
 use crate::model::active_mesh::Stiffening;
@@ -12,17 +13,22 @@ pub(super) struct Given {
     gravity: Vec3,
     /// By tool.
     friction: Vec<Real>,
+    adaptivity: Option<Adaptivity>,
 }
 
 impl Given {
     pub(super) fn by(settings: &Settings) -> Self {
-        Self { gravity: settings.gravity, friction: settings.tools.iter().map(|tool| tool.friction).collect() }
+        Self {
+            gravity: settings.gravity,
+            friction: settings.tools.iter().map(|tool| tool.friction).collect(),
+            adaptivity: settings.adaptivity.clone(),
+        }
     }
 }
 
 /// Most quantities that may have been changed in a session of `body` with `settings`.
 pub(super) fn most_parameters(body: &Body, settings: &Settings) -> usize {
-    2 + body.tissue_count() + settings.tools.len()
+    2 + Threshold::ALL.len() + body.tissue_count() + settings.tools.len()
 }
 
 impl Simulation {
@@ -59,6 +65,12 @@ impl Simulation {
                 self.settings.tools[usize::from(tool)].friction = coefficient;
             }
             Parameter::Damping(factor) => self.mesh.damping = factor,
+            Parameter::Resolution { threshold, value } => match (&mut self.settings.adaptivity, threshold) {
+                (Some(adaptivity), Threshold::Split) => adaptivity.split = value,
+                (Some(adaptivity), Threshold::Merge) => adaptivity.merge = value,
+                (Some(adaptivity), Threshold::Reach) => adaptivity.reach = value,
+                (None, _) => return false,
+            },
             Parameter::Stiffness { tissue, .. } if usize::from(tissue) < self.body.tissue_count() => {}
             _ => return false,
         }
@@ -75,6 +87,7 @@ impl Simulation {
         for (tool, friction) in self.settings.tools.iter_mut().zip(&self.given.friction) {
             tool.friction = *friction;
         }
+        self.settings.adaptivity.clone_from(&self.given.adaptivity);
         self.mesh.damping = 1.0;
         self.mesh.assume_stiffness(&self.body, stiffening);
         self.parameters.clear();

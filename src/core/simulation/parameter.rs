@@ -25,15 +25,57 @@ pub enum Parameter {
     },
     /// Factor on the viscosities and the Maxwell branches of every tissue.
     Damping(Real),
+    /// When nodes are split and merged.
+    Resolution {
+        /// Which number of [`Adaptivity`](crate::adaptation::Adaptivity).
+        threshold: Threshold,
+        /// Its unit.
+        value: Real,
+    },
+}
+
+/// A number of [`Adaptivity`](crate::adaptation::Adaptivity).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Threshold {
+    /// Strain jump above which a node is split.
+    Split,
+    /// Part of it below which nodes are merged again.
+    Merge,
+    /// Spacings from a tool within which nodes are split.
+    Reach,
+}
+
+impl Threshold {
+    /// All of them.
+    pub const ALL: [Threshold; 3] = [Threshold::Split, Threshold::Merge, Threshold::Reach];
+
+    /// As scenes call it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Threshold::Split => "split",
+            Threshold::Merge => "merge",
+            Threshold::Reach => "reach",
+        }
+    }
+
+    /// What it may be.
+    pub fn range(self) -> RangeInclusive<Real> {
+        match self {
+            Threshold::Split => 1e-4..=10.0,
+            Threshold::Merge => 0.0..=0.9,
+            Threshold::Reach => 0.0..=10.0,
+        }
+    }
 }
 
 impl Parameter {
     /// Whether `other` is a value of the same quantity.
     pub fn is_same_quantity(&self, other: &Parameter) -> bool {
-        use Parameter::{Damping, Friction, Gravity, Stiffness};
+        use Parameter::{Damping, Friction, Gravity, Resolution, Stiffness};
         match (self, other) {
             (Stiffness { tissue: a, .. }, Stiffness { tissue: b, .. })
             | (Friction { tool: a, .. }, Friction { tool: b, .. }) => a == b,
+            (Resolution { threshold: a, .. }, Resolution { threshold: b, .. }) => a == b,
             (Gravity(_), Gravity(_)) | (Damping(_), Damping(_)) => true,
             _ => false,
         }
@@ -45,6 +87,7 @@ impl Parameter {
             Parameter::Gravity(g) => g.as_slice(),
             Parameter::Stiffness { factor: value, .. }
             | Parameter::Friction { coefficient: value, .. }
+            | Parameter::Resolution { value, .. }
             | Parameter::Damping(value) => std::slice::from_ref(value),
         }
     }

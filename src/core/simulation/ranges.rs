@@ -16,6 +16,7 @@ pub struct ParameterRanges {
     omega_squared: Vec<Real>,
     largest: Real,
     tools: usize,
+    adapts: bool,
 }
 
 impl ParameterRanges {
@@ -28,16 +29,17 @@ impl ParameterRanges {
             *of = of.max(omega_squared(body, body.material_of(e), e));
         }
         let largest = largest_omega_squared(CLASSES - 1, body.damping_time());
-        Self { omega_squared: stiffest, largest, tools: settings.tools.len() }
+        Self { omega_squared: stiffest, largest, tools: settings.tools.len(), adapts: settings.adaptivity.is_some() }
     }
 
     /// Values that the quantity of `parameter` may take beside those that have been `set`; `None` where there is no such tool or
-    /// tissue.
+    /// tissue, or the resolution does not adapt.
     pub fn of(&self, body: &Body, parameter: &Parameter, set: &[Parameter]) -> Option<RangeInclusive<Real>> {
         match parameter {
             Parameter::Gravity(_) => Some(GRAVITY),
             Parameter::Friction { tool, .. } => (usize::from(*tool) < self.tools).then_some(FRICTION),
             Parameter::Damping(_) => Some(DAMPING),
+            Parameter::Resolution { threshold, .. } => self.adapts.then(|| threshold.range()),
             Parameter::Stiffness { tissue, .. } => {
                 let t = usize::from(*tissue);
                 (t < body.tissue_count()).then(|| *STIFFNESS.start()..=self.stiffest(body, t, set))

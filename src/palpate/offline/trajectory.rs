@@ -3,7 +3,7 @@
 use crate::output::Output;
 use palpate_core::contact::tool::{Coupling, MOST_TOOLS, Phase, PoseSample, ToolEvent, ToolState};
 use palpate_core::math::{Pose, Real, Vec3, normalized_quaternion};
-use palpate_core::simulation::{Budget, Inputs, Parameter, Prices, Snapshot, TICK};
+use palpate_core::simulation::{Budget, Inputs, Parameter, Prices, Snapshot, TICK, Threshold};
 use std::io;
 use std::path::Path;
 
@@ -41,8 +41,8 @@ pub const EVENT_COLUMNS: &str = "event,period_s,coupling_m_per_N,angular_couplin
 /// And after those, where rows say the budget of a machine: four times, and what each part of a tick costs, separated by spaces.
 pub const BUDGET_COLUMNS: &str = "budget_ns,prices_ps";
 
-/// And after those, where rows set parameters: `gravity`, `damping`, `stiffness.N` of the tissue or `friction.N` of the tool of
-/// that number, and its values, separated by spaces.
+/// And after those, where rows set parameters: `gravity`, `damping`, `resolution.split` and so on, `stiffness.N` of the tissue or `friction.N` of the
+/// tool of that number, and its values, separated by spaces.
 pub const PARAMETER_COLUMNS: &str = "parameter,values";
 
 /// Places of columns.
@@ -297,6 +297,7 @@ fn numbered_name(parameter: &Parameter) -> String {
         Parameter::Damping(_) => "damping".into(),
         Parameter::Stiffness { tissue, .. } => format!("stiffness.{tissue}"),
         Parameter::Friction { tool, .. } => format!("friction.{tool}"),
+        Parameter::Resolution { threshold, .. } => format!("resolution.{}", threshold.name()),
     }
 }
 
@@ -308,6 +309,10 @@ fn numbered(name: &str, values: &[Real]) -> Option<Parameter> {
         None if name == "damping" => Parameter::Damping(value()?),
         Some(("stiffness", tissue)) => Parameter::Stiffness { tissue: tissue.parse().ok()?, factor: value()? },
         Some(("friction", tool)) => Parameter::Friction { tool: tool.parse().ok()?, coefficient: value()? },
+        Some(("resolution", name)) => Parameter::Resolution {
+            threshold: Threshold::ALL.into_iter().find(|threshold| threshold.name() == name)?,
+            value: value()?,
+        },
         _ => return None,
     })
 }
@@ -382,7 +387,7 @@ impl Cells<'_> {
             let parameter = values.and_then(|values| numbered(self.fields[PARAMETER], &values));
             let parameter = parameter.ok_or_else(|| {
                 format!(
-                    "parameter {:?} with {:?}: gravity with three numbers, or damping, stiffness.N or friction.N with one",
+                    "parameter {:?} with {:?}: gravity with three numbers, or damping, stiffness.N, friction.N or resolution.split, merge or reach with one",
                     self.fields[PARAMETER], self.fields[VALUES]
                 )
             })?;
@@ -521,12 +526,13 @@ mod tests {
             (41, Parameter::Gravity(Vec3::new(0.1, -2e-9, -9.81))),
             (60, Parameter::Damping(0.5)),
             (61, Parameter::Friction { tool: 0, coefficient: 0.7 }),
+            (62, Parameter::Resolution { threshold: Threshold::Reach, value: 2.0 }),
         ];
         let set = Trajectory { parameters, ..again.clone() };
         set.write(&file).unwrap();
         assert_eq!(Trajectory::parse(&std::fs::read_to_string(&file).unwrap(), "t.csv", 1).unwrap(), set);
         assert_eq!(set.inputs(7).parameter, Some(Parameter::Stiffness { tissue: 1, factor: 0.3 }));
-        assert_eq!((set.inputs(8).parameter, set.last_tick()), (None, 61));
+        assert_eq!((set.inputs(8).parameter, set.last_tick()), (None, 62));
         // From a tick on; prices are told once.
         assert_eq!(again.inputs(40).budget, Budget::UNLIMITED);
         assert_eq!((again.inputs(41).budget, again.inputs(41).prices), (Budget::of(700), None));

@@ -2,9 +2,10 @@
 
 use super::Scene;
 use super::body_keys::RegionKeys;
+use palpate_core::adaptation::Adaptivity;
 use palpate_core::math::{Real, Vec3};
 use palpate_core::model::Body;
-use palpate_core::simulation::{Parameter, ParameterRanges};
+use palpate_core::simulation::{Parameter, ParameterRanges, Threshold};
 
 impl Scene {
     /// Names of the tissues of its body, in the order of their numbers: of each organ its own name, and after it those of its
@@ -29,6 +30,7 @@ impl Scene {
         match parameter {
             Parameter::Gravity(_) => "gravity".into(),
             Parameter::Damping(_) => "damping".into(),
+            Parameter::Resolution { threshold, .. } => format!("resolution.{}", threshold.name()),
             Parameter::Stiffness { tissue, .. } => {
                 let names = self.tissues();
                 format!("stiffness.{}", names.get(usize::from(*tissue)).cloned().unwrap_or_else(|| tissue.to_string()))
@@ -46,7 +48,12 @@ impl Scene {
         let friction =
             (0..).zip(&self.tool).map(|(tool, keys)| Parameter::Friction { tool, coefficient: keys.friction });
         let others = [Parameter::Gravity(Vec3::from(self.world.gravity)), Parameter::Damping(1.0)];
-        others.into_iter().chain(stiffness).chain(friction).collect()
+        let adaptivity = self.settings().adaptivity;
+        let resolution = adaptivity.iter().flat_map(|Adaptivity { split, merge, reach, .. }| {
+            let values = [*split, *merge, *reach];
+            Threshold::ALL.into_iter().zip(values).map(|(threshold, value)| Parameter::Resolution { threshold, value })
+        });
+        others.into_iter().chain(stiffness).chain(friction).chain(resolution).collect()
     }
 
     /// The quantities called `name`, given `values`: "stiffness" and "friction" alone mean those of every tissue, or tool,
@@ -60,12 +67,11 @@ impl Scene {
             let own = self.parameter_name(parameter);
             let number = match parameter {
                 Parameter::Stiffness { tissue: number, .. } | Parameter::Friction { tool: number, .. } => Some(*number),
-                Parameter::Gravity(_) | Parameter::Damping(_) => None,
+                Parameter::Gravity(_) | Parameter::Damping(_) | Parameter::Resolution { .. } => None,
             };
-            let by_number = name.split_once('.').filter(|(kind, _)| own.starts_with(kind));
-            own == name
-                || number.is_some() && by_number.and_then(|(_, n)| n.parse().ok()) == number
-                || own.strip_prefix(name).is_some_and(|rest| rest.starts_with('.') && !name.contains('.'))
+            let kind = own.split_once('.').map_or(own.as_str(), |(kind, _)| kind);
+            let numbered = name.strip_prefix(kind).and_then(|rest| rest.strip_prefix('.')?.parse().ok());
+            own == name || number.is_some() && (name == kind || numbered == number)
         };
         let meant: Vec<_> = all.iter().filter(is_meant).collect();
         if meant.is_empty() {
@@ -82,6 +88,7 @@ impl Scene {
                     Parameter::Gravity(Vec3::from(<[Real; 3]>::try_from(values).map_err(|_| few())?))
                 }
                 Parameter::Damping(_) => Parameter::Damping(value()?),
+                Parameter::Resolution { threshold, .. } => Parameter::Resolution { threshold, value: value()? },
                 Parameter::Stiffness { tissue, .. } => Parameter::Stiffness { tissue, factor: value()? },
                 Parameter::Friction { tool, .. } => Parameter::Friction { tool, coefficient: value()? },
             })

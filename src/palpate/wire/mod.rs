@@ -7,7 +7,7 @@ use palpate_core::contact::safety::Limited;
 use palpate_core::contact::tool::{Coupling, MOST_TOOLS, Phase, PoseSample, ToolEvent, ToolState};
 use palpate_core::feedback::LocalModel;
 use palpate_core::math::{Bounds, Pose, Real, Vec3, normalized_quaternion};
-use palpate_core::simulation::{Budget, Inputs, Parameter, Prices, TickFlags, ToolOutput};
+use palpate_core::simulation::{Budget, Inputs, Parameter, Prices, Threshold, TickFlags, ToolOutput};
 use palpate_proto as proto;
 use palpate_proto::Message;
 
@@ -258,6 +258,7 @@ fn recorded_parameter(parameter: &Parameter) -> proto::RecordedParameter {
         Parameter::Damping(_) => Quantity::Damping(true),
         Parameter::Stiffness { tissue, .. } => Quantity::Stiffness(tissue.into()),
         Parameter::Friction { tool, .. } => Quantity::Friction(tool.into()),
+        Parameter::Resolution { threshold, .. } => Quantity::Resolution(threshold as u32),
     };
     proto::RecordedParameter { quantity: Some(quantity), values: parameter.values().to_vec() }
 }
@@ -274,6 +275,9 @@ fn parameter_from_message(message: &proto::RecordedParameter) -> Option<Paramete
         Quantity::Damping(_) => Parameter::Damping(value()?),
         Quantity::Stiffness(tissue) => Parameter::Stiffness { tissue: tissue.try_into().ok()?, factor: value()? },
         Quantity::Friction(tool) => Parameter::Friction { tool: tool.try_into().ok()?, coefficient: value()? },
+        Quantity::Resolution(number) => {
+            Parameter::Resolution { threshold: *Threshold::ALL.get(number as usize)?, value: value()? }
+        }
     })
 }
 
@@ -425,6 +429,7 @@ mod tests {
                 Parameter::Stiffness { tissue: 3, factor: numbers[3] },
                 Parameter::Friction { tool: 7, coefficient: numbers[4] },
                 Parameter::Damping(numbers[5]),
+                Parameter::Resolution { threshold: Threshold::Merge, value: numbers[6] },
             ];
             let parameter = Some(parameters[epoch as usize % parameters.len()]);
             let mut inputs = Inputs { lapsed, budget, prices: Some(Prices::COMMON), reset: true, parameter, ..Inputs::default() };
