@@ -132,7 +132,10 @@ fn the_steps_of_the_elements_are_below_the_true_limit() {
         for level in 0..body.levels().len() {
             let mut mesh = ActiveMesh::new(&body, &State::at_rest(&body, level), usize::MAX).unwrap();
             // What the element of the shortest step would take, had it no viscosity.
-            let stiffest = body.elements_of(level).map(|e| step_class::omega_squared(&body, e)).fold(0.0, Real::max);
+            let stiffest = body
+                .elements_of(level)
+                .map(|e| step_class::omega_squared(&body, body.material_of(e), e))
+                .fold(0.0, Real::max);
             let chosen = step_class::stable_step(stiffest, Strained::REST, 0.0, mesh.stiffest_spring());
             let limit = explicit_limit(&body, &mut mesh);
             println!(

@@ -176,6 +176,18 @@ fn record_starts_and_stops_a_recording_on_a_running_server() {
     assert!(text.contains("swing.mcap") && text.contains("ticks from"), "{text}");
     let listed = palpate(&["list", "--connect", &surface]).success();
     assert_eq!(String::from_utf8_lossy(&listed.get_output().stdout), "main: cube; ball (free)\n");
+    let set = |parameters: &[&str]| palpate(&[&["set", "--surface-endpoint", &surface], parameters].concat());
+    set(&["stiffness.cube=2", "gravity=[0, 0, -1.5]"]).success();
+    let listed = set(&[]).success();
+    let listed = String::from_utf8_lossy(&listed.get_output().stdout).into_owned();
+    assert!(listed.contains("gravity=[0.0, 0.0, -1.5] (-100 to 100)\n"), "{listed}");
+    assert!(listed.contains("stiffness.cube=2 (0.05 to 20)\n"), "{listed}");
+    for (wrong, words) in
+        [("damping=2", "damping is 2: 0.1 to 1"), ("damping", "write name=value"), ("gravity=up", "a number")]
+    {
+        let refused = stderr(&set(&[wrong]).failure());
+        assert!(refused.contains(words), "{refused}");
+    }
     let refused = stderr(&record("../swing.mcap").failure());
     assert!(refused.contains("below the server's recordings folder"), "{refused}");
     drop(serving);

@@ -199,6 +199,7 @@ fn every_import_follows_the_map() {
                 "metrics_page",
                 "prepare_command",
                 "progress",
+                "set_command",
                 "web_command",
                 "lib",
                 "tests",

@@ -11,9 +11,9 @@ use palpate_body::prepare::{Recipe, Region, Shape, prepare};
 use palpate_core::contact::tool::{Coupling, PoseSample, ToolEvent};
 use palpate_core::geometry::primitives::box_surface;
 use palpate_core::math::{Bounds, Pose, Real, Vec3};
-use palpate_core::model::body::{BodyParts, LabelParts};
+use palpate_core::model::body::{BodyParts, LabelParts, MixtureParts};
 use palpate_core::model::{Body, Material};
-use palpate_core::simulation::{Budget, Inputs, Part, Settings, Simulation, Snapshot};
+use palpate_core::simulation::{Budget, Inputs, Parameter, Part, Settings, Simulation, Snapshot};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 use std::path::Path;
@@ -199,6 +199,13 @@ fn run_and_press(more: &[&str]) -> [u32; 2] {
                 ends.commands.push(Command::StartRecording(Box::new(tap))).ok().unwrap();
             }
             1400 => ends.commands.push(Command::StopRecording).ok().unwrap(),
+            700 => [
+                Parameter::Stiffness { tissue: 0, factor: 2.0 },
+                Parameter::Damping(0.5),
+                Parameter::Gravity(Vec3::x()),
+            ]
+            .into_iter()
+            .for_each(|parameter| ends.commands.push(Command::Set(parameter)).ok().unwrap()),
             1500 => ends.commands.push(Command::Reset).ok().unwrap(),
             1900 => ends.commands.push(Command::Detach { tool: 0 }).ok().unwrap(),
             2500 => stopped.store(true, Ordering::Relaxed),
@@ -340,6 +347,7 @@ fn memory_grows_no_faster_than_nodes() {
             shape: prepared.parts().shape,
             levels: prepared.levels().to_vec(),
             materials: vec![*prepared.material()],
+            mixtures: MixtureParts::default(),
             labels: LabelParts::default(),
             material_of: vec![Vec::new(); prepared.levels().len()],
             supports: prepared.supports().to_vec(),

@@ -138,7 +138,7 @@ fn a_merged_body_has_what_its_organs_have() {
         assert!((organ.centre_of_mass - pose.to_world(own.centre_of_mass())).norm() < 1e-12);
         for (v, vertex) in organ.vertices.clone().zip(&own.surface().vertices) {
             assert!((body.surface().vertices[v] - pose.to_world(*vertex)).norm() < 1e-15);
-            assert_eq!(body.material_at(Vertex::at(v)), own.material());
+            assert_eq!(&body.parts().materials[body.material_number_at(Vertex::at(v))], own.material());
         }
         let triangles = &body.surface().triangles[organ.triangles.clone()];
         assert!(triangles.iter().flatten().all(|v| organ.vertices.contains(&(*v as usize))));

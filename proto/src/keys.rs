@@ -61,13 +61,14 @@ pub const ANYBODY: &str = "anybody";
 /// Name that stands for clients without a role.
 pub const NOBODY: &str = "nobody";
 /// Requests of control, as they are called in keys.
-pub const ACTIONS: [&str; 4] = ["attach", "detach", "reset", "record"];
+pub const ACTIONS: [&str; 5] = ["attach", "detach", "reset", "record", "set"];
 /// Which of [`ACTIONS`] a request is.
 pub fn action(request: &Request) -> &'static str {
     match request {
         Request::Attach(_) => "attach",
         Request::Detach(_) => "detach",
         Request::Reset(_) => "reset",
+        Request::Set(_) => "set",
         Request::StartRecording(_) | Request::StopRecording(_) => "record",
     }
 }

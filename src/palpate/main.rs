@@ -10,6 +10,7 @@ mod list_command;
 mod metrics_page;
 mod prepare_command;
 mod progress;
+mod set_command;
 #[cfg(feature = "web")]
 mod web_command;
 
@@ -23,7 +24,7 @@ use palpate::scene::LoadedScene;
 use palpate::server::{self, Reach, Roles, Server, Trust};
 use palpate::{say, tell, writable};
 use palpate_core::model::element_kernel::Simd;
-use palpate_core::simulation::{Inputs, Simulation, Snapshot, TICK};
+use palpate_core::simulation::{Inputs, ParameterRanges, Simulation, Snapshot, TICK};
 use palpate_proto::{self as proto, keys};
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
@@ -59,6 +60,8 @@ enum Command {
     Certificates(certificates_command::CertificatesArgs),
     /// Start a recording on a running server, and stop it again
     Record(RecordArgs),
+    /// Change stiffness, gravity, damping or friction of a running server, or list what they are
+    Set(set_command::SetArgs),
     /// List the servers that a server or a zenoh router knows
     List(list_command::ListArgs),
     /// Run a recording again and compare bit for bit
@@ -302,6 +305,7 @@ fn main() -> ExitCode {
         Command::Prepare(args) => prepare_command::run(&args),
         Command::Certificates(args) => certificates_command::run(args),
         Command::Record(args) => record(&args),
+        Command::Set(args) => set_command::run(&args),
         Command::List(args) => list_command::run(&args),
         Command::Replay(args) => replay_file(&args),
         Command::Export(args) => export_command::run(&args),
@@ -464,8 +468,13 @@ fn simulate(args: &SimulateArgs) -> anyhow::Result<ExitCode> {
         }
         None => Trajectory::default(),
     };
-    let mut simulation =
-        Simulation::new(body.clone(), loaded.scene.settings(), start.clone()).map_err(anyhow::Error::msg)?;
+    let settings = loaded.scene.settings();
+    let (ranges, mut set) = (ParameterRanges::new(&body, &settings), Vec::new());
+    for (_, parameter) in trajectory.parameters() {
+        let checked = loaded.scene.check_parameters(&body, &ranges, &[*parameter], &mut set);
+        checked.map_err(anyhow::Error::msg).context("--trajectory")?;
+    }
+    let mut simulation = Simulation::new(body.clone(), settings, start.clone()).map_err(anyhow::Error::msg)?;
     let mut samples = SampleWriter::create(&args.out, &loaded.scene, &simulation, args.every)?;
     let mut recording = match &args.record {
         Some(path) => Some(RecordingWriter::create(path, &loaded.scene, &body, &start, &start.body)?),
@@ -572,6 +581,6 @@ fn replay_file(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
 }
 
 fn write_trajectory(path: &Path, recording: &Recording) -> anyhow::Result<()> {
-    let trajectory = Trajectory::recorded(recording.start.tick, &recording.start.tools, &recording.inputs);
+    let trajectory = Trajectory::recorded(&recording.start, &recording.inputs);
     trajectory.write(path).with_context(|| path.display().to_string())
 }

@@ -2,7 +2,9 @@
 
 mod trajectory;
 
-pub use trajectory::{BUDGET_COLUMNS, EVENT_COLUMNS, TRAJECTORY_HEADER, Trajectory, TrajectoryError};
+pub use trajectory::{
+    BUDGET_COLUMNS, EVENT_COLUMNS, PARAMETER_COLUMNS, TRAJECTORY_HEADER, Trajectory, TrajectoryError,
+};
 
 use crate::output::Output;
 use crate::scene::Scene;

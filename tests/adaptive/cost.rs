@@ -1,7 +1,7 @@
 //! What a level that is not used costs: nothing.
 
 use super::*;
-use palpate_core::model::body::{BodyParts, LabelParts};
+use palpate_core::model::body::{BodyParts, LabelParts, MixtureParts};
 use palpate_core::stepping::work::{self, Prices};
 
 /// `body` without its finest level.
@@ -15,6 +15,7 @@ fn without_finest(body: &Body) -> Arc<Body> {
         material_of: vec![Vec::new(); levels.len()],
         levels,
         materials: vec![*body.material()],
+        mixtures: MixtureParts::default(),
         labels: LabelParts::default(),
         supports: body.supports().to_vec(),
         maxwell: body.maxwell().to_vec(),

@@ -2,6 +2,7 @@
 
 #[cfg(unix)]
 mod c_client;
+mod parameters;
 #[path = "../common/stranger.rs"]
 mod stranger;
 mod two_hands;

@@ -28,6 +28,7 @@ mod endurance;
 mod feedback;
 mod feel;
 mod friction;
+mod parameters;
 mod shapes;
 mod similar;
 mod tunnel;

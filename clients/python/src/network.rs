@@ -14,7 +14,7 @@ use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::poses::{one_pose, poses};
+use crate::poses::{named_values, one_pose, poses};
 use crate::wrenches::{Row, Wrench, Wrenches, phase_name, table};
 use crate::{bad_value, no_connection};
 
@@ -49,7 +49,8 @@ pub fn connect(
 #[pymethods]
 impl Connection {
     /// What the server simulates: name, version, tick, body, mass [kg], bounds and workspace [m], force_limit [N],
-    /// torque_limit [N·m], and tools with name, shape, radius [m] and taken.
+    /// torque_limit [N·m], tools with name, shape, radius [m] and taken, and parameters that may be set, each with its
+    /// values, the least and the most.
     fn session<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let session = py.detach(|| self.0.session()).map_err(no_connection)?;
         let out = PyDict::new(py);
@@ -73,7 +74,25 @@ impl Connection {
             PyResult::Ok(out)
         });
         out.set_item("tools", tools.collect::<PyResult<Vec<_>>>()?)?;
+        let parameters = PyDict::new(py);
+        for parameter in session.parameters {
+            let told = PyDict::new(py);
+            told.set_item("values", parameter.values)?;
+            told.set_item("least", parameter.least)?;
+            told.set_item("most", parameter.most)?;
+            parameters.set_item(parameter.name, told)?;
+        }
+        out.set_item("parameters", parameters)?;
         Ok(out)
+    }
+
+    /// Sets parameters of the running simulation, all of them or none: ``{"stiffness.nodule": 2.0, "gravity": [0, 0, -9.81]}``.
+    ///
+    /// ``session()["parameters"]`` has their names and ranges. Raises ``ConnectionError`` with the name and the range of one that is
+    /// refused.
+    fn set_parameters(&self, py: Python<'_>, parameters: &Bound<'_, PyDict>) -> PyResult<()> {
+        let parameters = named_values(parameters)?;
+        py.detach(|| self.0.set_parameters(parameters)).map_err(no_connection)
     }
 
     /// Takes a tool, by name or any free one, and starts a force loop on a thread of its own, ``rate_hz`` times a second.

@@ -3,6 +3,7 @@
 use numpy::{PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
 use palpate_core::math::{Pose, Vec3, normalized_quaternion};
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 
 use crate::bad_value;
 
@@ -40,4 +41,10 @@ pub fn one_pose(given: &Bound<'_, PyAny>) -> PyResult<Pose> {
         [pose] => Ok(pose),
         ref several => Err(bad_value(format!("{} poses: one is expected", several.len()))),
     }
+}
+
+/// Names with their values, of which one alone need not be in a list.
+pub fn named_values(given: &Bound<'_, PyDict>) -> PyResult<Vec<(String, Vec<f64>)>> {
+    let values = |value: Bound<'_, PyAny>| value.extract::<f64>().map(|one| vec![one]).or_else(|_| value.extract());
+    given.iter().map(|(name, value)| Ok((name.extract()?, values(value)?))).collect()
 }

@@ -8,12 +8,12 @@ use palpate::scene::{LoadedScene, Scene};
 use palpate_core::contact::tool::{Coupling, Phase, PoseSample, ToolEvent};
 use palpate_core::math::{Bounds, Pose, Vec3};
 use palpate_core::model::State;
-use palpate_core::simulation::{Inputs, Simulation as Core, Snapshot, TICK};
+use palpate_core::simulation::{Inputs, ParameterRanges, Simulation as Core, Snapshot, TICK};
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use pyo3::types::{PyBool, PyBytes, PyDict, PyList, PyString, PyTuple};
 
-use crate::poses::{one_pose, poses};
+use crate::poses::{named_values, one_pose, poses};
 use crate::wrenches::{Row, Wrench, Wrenches, table};
 use crate::{bad_file, bad_value};
 
@@ -141,6 +141,23 @@ impl Simulation {
     fn detach(&mut self, tool: ToolName) -> PyResult<()> {
         let tool = self.held(&tool)?;
         self.tick_with(tool, Some(ToolEvent::Detach));
+        Ok(())
+    }
+
+    /// Sets parameters, each in a tick of its own: ``{"stiffness.nodule": 2.0, "gravity": [0, 0, -9.81]}``.
+    ///
+    /// Names: "gravity" [m/s²], "damping" (part of the scene's), "stiffness.TISSUE" (factor on what the scene gives),
+    /// "friction.TOOL"; "stiffness" and "friction" alone mean all. Raises ``ValueError`` with the name and the range of one that is
+    /// refused, and sets none then.
+    fn set_parameters(&mut self, parameters: &Bound<'_, PyDict>) -> PyResult<()> {
+        let named = |(name, values): &(String, Vec<f64>)| self.scene.parameters_named(name, values).map_err(bad_value);
+        let parameters = named_values(parameters)?.iter().map(named).collect::<PyResult<Vec<_>>>()?.concat();
+        let ranges = ParameterRanges::new(self.core.body(), self.core.settings());
+        let mut set = self.core.parameters().to_vec();
+        self.scene.check_parameters(self.core.body(), &ranges, &parameters, &mut set).map_err(bad_value)?;
+        for parameter in parameters {
+            self.core.advance(&Inputs { parameter: Some(parameter), ..Inputs::default() });
+        }
         Ok(())
     }
 

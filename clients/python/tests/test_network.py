@@ -44,6 +44,11 @@ def test_a_tool_is_felt_and_seen_and_given_back(server):
     connection = server.connect()
     about = connection.session()
     assert about["body"] == "cube" and about["tools"][0]["name"] == "ball"
+    connection.set_parameters({"friction.ball": 0.1})
+    assert connection.session()["parameters"]["friction.ball"] == {"values": [0.1], "least": 0.0, "most": 2.0}
+    with pytest.raises(ConnectionError, match="friction.ball is 3: 0 to 2"):
+        connection.set_parameters({"friction": 3.0})
+    connection.set_parameters({"friction.ball": 0.0})
     watch = connection.watch(levels=True)
     with connection.attach("ball", device="omega", client="pytest") as tool:
         felt = pressed(tool, watch)

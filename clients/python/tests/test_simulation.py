@@ -89,6 +89,16 @@ def test_steps_are_a_run_one_by_one():
     assert "engaged" in repr(wrenches[-1]) and repr(one).startswith("Simulation('cube'")
 
 
+def test_parameters_change_while_it_runs_and_wrong_ones_are_named():
+    sim = cube()
+    soft = sim.run(press(0.003, 800)).force[-1, 2]
+    sim.set_parameters({"stiffness.cube": 2.0, "gravity": [0.0, 0.0, 0.0]})
+    assert abs(sim.run(np.tile(press(0.003, 800)[-1], (800, 1))).force[-1, 2] / soft - 2.0) < 0.02
+    for wrong, words in [({"stiffness": 90.0}, "stiffness.cube is 90"), ({"colour": 1.0}, "there is gravity")]:
+        with pytest.raises(ValueError, match=words):
+            sim.set_parameters(wrong)
+
+
 def test_overrides_change_the_scene_and_wrong_ones_are_named():
     soft, stiff = cube(), cube(material={"youngs_modulus": 20000.0})
     ratio = stiff.run(press(0.004)).physical_force[-1, 2] / soft.run(press(0.004)).physical_force[-1, 2]

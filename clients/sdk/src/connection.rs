@@ -7,7 +7,8 @@ use std::{
 
 use palpate_client::ClientError;
 use palpate_proto::{
-    CONTROL_MINOR, ControlReply, ControlRequest, Message, Role, Session, Status, VERSION_MAJOR, VERSION_MINOR,
+    CONTROL_MINOR, ControlReply, ControlRequest, Message, Parameter, Role, Session, SetParameters, Status,
+    VERSION_MAJOR, VERSION_MINOR,
     control_request::Request,
     identity,
     keys::{self, DEFAULT_FORCE_ENDPOINT, DEFAULT_SESSION, DEFAULT_SURFACE_ENDPOINT},
@@ -149,6 +150,15 @@ impl Connection {
         let key = keys::control(&self.endpoints.session, action, &name);
         let reply: ControlReply = self.ask(key, Some(payload), "ControlReply")?;
         if reply.error.is_empty() { Ok(reply) } else { Err(SdkError::Refused(reply.error)) }
+    }
+
+    /// Sets parameters of the simulation by name, as [`Session::parameters`] lists them with their ranges: all of them or, where
+    /// one is refused, none. They enter ticks one after another, are recorded, and are there again in a replay.
+    ///
+    /// Errors: as [`control`](Self::control); [`SdkError::Refused`] names the parameter and its range.
+    pub fn set_parameters(&self, parameters: impl IntoIterator<Item = (String, Vec<f64>)>) -> Result<(), SdkError> {
+        let parameters = parameters.into_iter().map(|(name, values)| Parameter { name, values }).collect();
+        self.control(Request::Set(SetParameters { parameters })).map(|_| ())
     }
 
     /// Asks one queryable of the surface endpoint and decodes its only answer.

@@ -374,6 +374,7 @@ impl Page {
             Some(Request::StartRecording(_) | Request::StopRecording(_)) => {
                 Err("a page does not record: palpate record does".to_owned())
             }
+            Some(Request::Set(_)) => Err("a page sets no parameters: palpate set does".to_owned()),
             None => Err("that is no request".to_owned()),
         }
     }

@@ -5,8 +5,8 @@ use super::region::Reach;
 use palpate_core::geometry::TetMesh;
 use palpate_core::hierarchy::Level;
 use palpate_core::math::{Real, Vec3};
-use palpate_core::model::body::LabelParts;
-use palpate_core::model::material::Material;
+use palpate_core::model::body::{LabelParts, MixtureParts};
+use palpate_core::model::material::{Material, PARTS};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
@@ -38,16 +38,21 @@ pub struct Inclusion {
     pub density: Real,
 }
 
-/// Parts of an element's volume are counted in these.
-pub(super) const PARTS: u32 = 64;
+impl Inclusion {
+    fn material(&self) -> Material {
+        Material::from_young(self.youngs_modulus, self.poisson_ratio, self.density)
+    }
+}
+
 /// Elements are sampled at least this often across the smallest inclusion, ...
 const ACROSS: Real = 8.0;
 /// ... but not halved more often than this.
 const MOST_HALVINGS: u32 = 5;
 
 /// The materials of a body of `levels` that is of `base` but for `inclusions`, of which later ones cover earlier ones: a
-/// list, and for each level the place in it of each element's, or nothing where all are of the first, `base`. An
-/// element partly inside is of a [`mixed_cell`] by volume, in steps of one in [`PARTS`]; `labels` say where they are.
+/// list, for each level the place in it of each element's, or nothing where all are of the first, `base`, and what they are
+/// mixed of. An element partly inside is of a [`mixed_cell`] by volume, in steps of one in [`PARTS`]; `labels` say where they
+/// are.
 ///
 /// # Errors
 /// When an inclusion lies in no element.
@@ -56,7 +61,7 @@ pub(super) fn materials(
     inclusions: &[Inclusion],
     levels: &[Level],
     labels: &LabelParts,
-) -> Result<(Vec<Material>, Vec<Vec<u16>>), PrepareError> {
+) -> Result<(Vec<Material>, Vec<Vec<u16>>, MixtureParts), PrepareError> {
     let mut has: Vec<i64> = labels.mixed_cells.iter().flatten().map(|(label, _)| *label).collect();
     has.sort_unstable();
     has.dedup();
@@ -67,7 +72,12 @@ pub(super) fn materials(
             return Err(PrepareError::UnknownLabel { index: i + 1, label, name: labels.name.clone(), has });
         }
     }
-    let mut list = vec![base];
+    let mixture = |parts: &[u32]| {
+        let inside: u32 = parts.iter().sum();
+        let inclusions = (1..).zip(parts).filter(|(_, n)| **n > 0).map(|(tissue, n)| (tissue, *n as u8));
+        std::iter::once((0, PARTS.saturating_sub(inside) as u8)).chain(inclusions).collect()
+    };
+    let (mut list, mut mixtures) = (vec![base], vec![mixture(&[])]);
     let mut number_of = BTreeMap::from([(vec![0; inclusions.len()], 0)]);
     let mut met = vec![inclusions.is_empty(); inclusions.len()];
     let mut of_levels = Vec::new();
@@ -85,6 +95,7 @@ pub(super) fn materials(
             let next = u16::try_from(list.len()).map_err(|_| PrepareError::TooManyMixtures)?;
             let number = *number_of.entry(parts).or_insert_with_key(|parts| {
                 list.push(mixed_cell(base, inclusions, parts));
+                mixtures.push(mixture(parts));
                 next
             });
             of.resize(level.mesh.elements.len(), 0);
@@ -94,7 +105,10 @@ pub(super) fn materials(
     }
     match met.iter().position(|met| !met) {
         Some(index) => Err(PrepareError::EmptyInclusion(index + 1)),
-        None => Ok((list, of_levels)),
+        None => {
+            let tissues = std::iter::once(base).chain(inclusions.iter().map(Inclusion::material)).collect();
+            Ok((list, of_levels, MixtureParts { tissues, of: mixtures }))
+        }
     }
 }
 
@@ -179,35 +193,9 @@ fn eighths(corners: &[[Real; 4]; 4]) -> [[[Real; 4]; 4]; 8] {
     ]
 }
 
-/// What an element is of that has so many [`PARTS`] of each inclusion in `base`: as dense as all of them together, and as stiff as a material with balls of the
-/// others in it. For given volumes that is Hashin and Shtrikman's bound (1963), in which `base` surrounds the rest; the
-/// plain mean would be right only for what lies side by side along every load, and count a tenth part of what is ten
-/// times as stiff for twice the stiffness.
+/// [`Material::mixed`] of so many [`PARTS`] of each inclusion in `base`.
 fn mixed_cell(base: Material, inclusions: &[Inclusion], parts: &[u32]) -> Material {
-    let bulk = |m: &Material| m.lambda + 2.0 / 3.0 * m.mu;
-    let inside: u32 = parts.iter().sum();
-    let all = Real::from(inside.max(PARTS));
-    let rest = Real::from(PARTS.saturating_sub(inside)) / all;
-    let mean = |of: &dyn Fn(&Material) -> Real, around: Real| {
-        let softness = inclusions.iter().zip(parts).map(|(inclusion, n)| {
-            let material = Material::from_young(inclusion.youngs_modulus, inclusion.poisson_ratio, inclusion.density);
-            Real::from(*n) / all / (of(&material) + around)
-        });
-        1.0 / (rest / (of(&base) + around) + softness.sum::<Real>()) - around
-    };
-    let (k, g) = (bulk(&base), base.mu);
-    let mu = mean(&|m| m.mu, g * (9.0 * k + 8.0 * g) / (6.0 * (k + 2.0 * g)));
-    // Rounding alone could make it negative where nothing resists a change of volume alone.
-    let lambda = (mean(&bulk, 4.0 / 3.0 * g) - 2.0 / 3.0 * mu).max(0.0);
-    let over = |viscosity: Real, modulus: Real| if modulus > 0.0 { viscosity / modulus } else { 0.0 };
-    Material {
-        lambda,
-        mu,
-        phi: lambda * over(base.phi, base.lambda),
-        psi: mu * over(base.psi, base.mu),
-        density: rest * base.density
-            + inclusions.iter().zip(parts).map(|(i, n)| i.density * Real::from(*n) / all).sum::<Real>(),
-    }
+    base.mixed(parts.iter().copied().zip(inclusions.iter().map(Inclusion::material)))
 }
 
 #[cfg(test)]
@@ -283,7 +271,7 @@ mod tests {
         let levels = levels();
         let all = Reach::Box(Bounds::new(Vec3::repeat(-1.0), Vec3::repeat(1.0)));
         let half = Reach::Box(Bounds::new(Vec3::repeat(-1.0), Vec3::new(0.05, 1.0, 1.0)));
-        let (list, of) =
+        let (list, of, _) =
             materials(BASE, &[stiff(all, 3.0), stiff(half, 5.0)], &levels, &LabelParts::default()).unwrap();
         for (level, of) in levels.iter().zip(of) {
             let mut between = 0;
@@ -306,7 +294,7 @@ mod tests {
     #[test]
     fn a_body_without_inclusions_lists_nothing_and_an_inclusion_outside_is_refused() {
         let levels = levels();
-        let (list, of) = materials(BASE, &[], &levels, &LabelParts::default()).unwrap();
+        let (list, of, _) = materials(BASE, &[], &levels, &LabelParts::default()).unwrap();
         assert!(list == [BASE] && of.iter().all(Vec::is_empty) && of.len() == 3);
         let away = stiff(Reach::Ball(Vec3::repeat(0.3), 0.02), 2.0);
         let middle = stiff(Reach::Ball(Vec3::repeat(0.05), 0.02), 2.0);
@@ -337,7 +325,7 @@ mod tests {
         let labels = LabelParts { name: "region".into(), mixed_cells: vec![vec![(3, 60), (-5, 4)]], of };
         let by =
             |label: i64| Inclusion { place: Place::Labelled(label), ..stiff(Reach::Ball(Vec3::zeros(), 1.0), 2.0) };
-        let (list, of) = materials(BASE, &[by(-5)], &levels, &labels).unwrap();
+        let (list, of, _) = materials(BASE, &[by(-5)], &levels, &labels).unwrap();
         assert!(list.len() == 2 && of.iter().flatten().all(|m| *m == 1));
         let refused = |labels: &LabelParts| materials(BASE, &[by(3), by(4)], &levels, labels).unwrap_err().to_string();
         let e = refused(&labels);

@@ -1,7 +1,7 @@
 //! Which labels of the files that a body is made from the elements of its levels bear.
 
 use super::PrepareError;
-use super::inclusions::{PARTS, samples};
+use super::inclusions::samples;
 use crate::geometry::LabelledMesh;
 use palpate_core::geometry::locate::Locator;
 use palpate_core::geometry::tet_mesh::FACES;
@@ -9,6 +9,7 @@ use palpate_core::hierarchy::Level;
 use palpate_core::hierarchy::level::mean_edge;
 use palpate_core::math::{Real, Vec3, from_parry, to_parry};
 use palpate_core::model::body::LabelParts;
+use palpate_core::model::material::PARTS;
 use parry3d_f64::query::PointQuery;
 use parry3d_f64::shape::TriMesh;
 use rayon::prelude::*;

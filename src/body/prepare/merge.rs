@@ -151,6 +151,10 @@ fn append(whole: &mut BodyParts, next: BodyParts) -> Result<(), MergeError> {
     });
     whole.supports.extend(supports);
     whole.materials.extend(next.materials);
+    let first_tissue = whole.mixtures.tissues.len() as u16;
+    whole.mixtures.tissues.extend(next.mixtures.tissues);
+    let mixed = next.mixtures.of.into_iter();
+    whole.mixtures.of.extend(mixed.map(|of| of.into_iter().map(|(t, n)| (t + first_tissue, n)).collect()));
     whole.organs.extend(next.organs.into_iter().map(|organ| OrganParts { material: first_material as u16, ..organ }));
     let count =
         |level: &Level| Count { nodes: level.mesh.nodes.len() as u32, elements: level.mesh.elements.len() as u32 };

@@ -274,7 +274,7 @@ pub fn prepare(recipe: &Recipe, progress: &mut dyn FnMut(&str, usize, usize)) ->
     let steps = levels.len() + 4;
     progress("holding regions", steps - 2, steps);
     let labels = label_parts(&levels, recipe.shape.labelled())?;
-    let (materials, material_of) = materials(recipe.material, &recipe.inclusions, &levels, &labels)?;
+    let (materials, material_of, mixtures) = materials(recipe.material, &recipe.inclusions, &levels, &labels)?;
     let mut parts = BodyParts {
         name: recipe.name.clone(),
         surface,
@@ -282,6 +282,7 @@ pub fn prepare(recipe: &Recipe, progress: &mut dyn FnMut(&str, usize, usize)) ->
         material_of,
         levels,
         materials,
+        mixtures,
         labels,
         supports: Vec::new(),
         maxwell: Vec::new(),
@@ -406,7 +407,7 @@ pub fn refit(
         && (held.springs.iter().zip(body.supports()))
             .all(|(a, b)| a.vertex == b.vertex && alike(a.stiffness, b.stiffness * stiffer));
     let parts = body.parts();
-    let (materials, material_of) = materials(material, inclusions, body.levels(), &parts.labels)?;
+    let (materials, material_of, mixtures) = materials(material, inclusions, body.levels(), &parts.labels)?;
     let same_in = |(level, (now, then)): (&Level, (&Vec<u16>, &Vec<u16>))| {
         (0..level.mesh.elements.len()).all(|e| {
             let (now, then) = (material_in(&materials, now, e), material_in(&parts.materials, then, e));
@@ -420,7 +421,7 @@ pub fn refit(
     let slowest_mode = body.slowest_mode() * (stiffer / denser).sqrt();
     let maxwell = maxwell_branches(damping_ratio, slowest_mode, slowest_mode);
     if same_softness
-        && (&materials, &material_of) == (&parts.materials, &parts.material_of)
+        && (&materials, &material_of, &mixtures) == (&parts.materials, &parts.material_of, &parts.mixtures)
         && held.springs == body.supports()
         && maxwell == body.maxwell()
         && name == body.name()
@@ -437,7 +438,7 @@ pub fn refit(
         level.node_mass.iter_mut().for_each(|m| *m *= denser);
         level.least_mass *= denser;
     }
-    (parts.materials, parts.material_of) = (materials, material_of);
+    (parts.materials, parts.material_of, parts.mixtures) = (materials, material_of, mixtures);
     if !same_proportions {
         parts.weigh();
     }

@@ -113,7 +113,7 @@ fn level_report(body: &Body, r: usize, wanted: &Moments) -> LevelReport {
     let altitudes = (0..elements).map(|e| level.mesh.smallest_altitude(e));
     let (mut least, mut sum) = (Real::INFINITY, 0.0);
     altitudes.for_each(|a| (least, sum) = (least.min(a), sum + a));
-    let stiffness = body.elements_of(r).map(|e| omega_squared(body, e));
+    let stiffness = body.elements_of(r).map(|e| omega_squared(body, body.material_of(e), e));
     let stiffest = stiffness.enumerate().fold((0, 0.0), |most, (e, w)| if w > most.1 { (e, w) } else { most });
     let middle = |e: usize| level.mesh.corners(e).iter().sum::<Vec3>() / 4.0;
     LevelReport {

@@ -9,7 +9,7 @@ use palpate_core::contact::safety::ForceLimits;
 use palpate_core::contact::tool::{Coupling, Following, PoseSample, Shape as ToolShape, Tool, ToolEvent};
 use palpate_core::math::{Pose, Vec3};
 use palpate_core::model::{Body, Material, State};
-use palpate_core::simulation::{Inputs, Settings, Simulation, Snapshot};
+use palpate_core::simulation::{Inputs, Parameter, Settings, Simulation, Snapshot};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -55,6 +55,8 @@ fn pressed(body: &Arc<Body>) -> Simulation {
         let height = 0.062 - 3e-5 * f64::from(tick);
         let pose = Pose { position: Vec3::new(0.0, 0.0, height), ..Pose::default() };
         inputs.tools[0] = Some(ToolEvent::Pose(PoseSample { sequence: tick, pose, ..PoseSample::default() }));
+        inputs.parameter =
+            [Parameter::Damping(0.9), Parameter::Stiffness { tissue: 0, factor: 1.1 }].get(tick as usize - 1).copied();
         simulation.advance(&inputs);
         let Snapshot { body: State { interface, residual, geomorph, .. }, points, .. } = simulation.snapshot();
         let held = residual.iter().flatten().any(|e| *e != Vec3::zeros());
@@ -68,8 +70,18 @@ fn pressed(body: &Arc<Body>) -> Simulation {
 /// Every field of a snapshot, by name, with a change of it that still fits the body. One that is new and not named here is
 /// an error of the compiler.
 fn changes(snapshot: &Snapshot) -> BTreeMap<&'static str, Snapshot> {
-    let Snapshot { tick: _, frozen: _, prices: _, entangled: _, body, tools: _, points: _, obstacle_points: _ } =
-        snapshot;
+    let Snapshot {
+        tick: _,
+        frozen: _,
+        prices: _,
+        entangled: _,
+        parameters: _,
+        stiffening: _,
+        body,
+        tools: _,
+        points: _,
+        obstacle_points: _,
+    } = snapshot;
     let State {
         nodes: _,
         position: _,
@@ -97,6 +109,11 @@ fn changes(snapshot: &Snapshot) -> BTreeMap<&'static str, Snapshot> {
     change("frozen", &|s| s.frozen += 1);
     change("prices", &|s| s.prices.0[3] += 1);
     change("entangled", &|s| s.entangled += 1);
+    change("a parameter less", &|s| _ = s.parameters.pop());
+    change("parameters", &|s| s.parameters[0] = Parameter::Damping(0.8));
+    change("stiffness", &|s| s.stiffening.now[0] += 1e-12);
+    change("stiffness before", &|s| s.stiffening.before[0] += 1e-12);
+    change("elements that have followed", &|s| s.stiffening.reached -= 1);
     change("order of nodes", &|s| s.body.nodes.swap(0, 1));
     change("position", &|s| s.body.position[1].y += 1e-12);
     change("velocity", &|s| s.body.velocity[1].z += 1e-12);

@@ -122,7 +122,8 @@ impl Workspace {
 
 /// Longest stable step [s] of all elements of level `r`, at rest.
 pub fn step_of_level(body: &Body, r: usize) -> Real {
-    let stiffest = body.elements_of(r).map(|e| step_class::omega_squared(body, e)).fold(0.0, Real::max);
+    let stiffest =
+        body.elements_of(r).map(|e| step_class::omega_squared(body, body.material_of(e), e)).fold(0.0, Real::max);
     step_class::stable_step(stiffest, Strained::REST, body.damping_time(), 0.0)
 }
 

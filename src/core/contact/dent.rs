@@ -60,7 +60,7 @@ impl Load {
     pub(super) fn new(on: &Touchable, candidate: &Candidate, memory: &[PointMemory], followed: Real) -> Self {
         let stencil = candidate.stencil();
         let nearest = stencil.iter().max_by(|a, b| a.1.total_cmp(&b.1)).map_or(stencil[0].0, |(v, _)| *v);
-        let material = on.body.material_at(nearest);
+        let material = on.mesh.material_at(on.body, nearest);
         let (row, geomorph) = skin::row(on.mesh, stencil);
         let known = candidate.known.map(|k| &memory[k as usize]);
         // A point beside this one that is no longer kept leaves it its area all at once.
@@ -133,6 +133,8 @@ pub(super) struct Dents {
     nodes: Vec<Node>,
     /// Place of each node (n_nodes); [`NOWHERE`] for most.
     place_of: Vec<u8>,
+    /// [`ActiveMesh::softness`](crate::model::ActiveMesh::softness) at the node in each place.
+    softness: Vec<Real>,
     /// Compliance between the nodes of two places [m/N]. It is the body's at rest, and so kept from tick to tick.
     between: Vec<Real>,
     /// Of each point the nodes' places and weights.
@@ -156,10 +158,19 @@ impl Dents {
             wanted: Vec::with_capacity(MOST_POINTS * MOST_NODES),
             nodes: vec![Node::NONE; MOST_CARRIERS],
             place_of: vec![NOWHERE; nodes],
+            softness: vec![1.0; MOST_CARRIERS],
             between: vec![0.0; MOST_CARRIERS * MOST_CARRIERS],
             carriers: (0..MOST_POINTS).map(|_| Vec::with_capacity(MOST_NODES)).collect(),
             given: vec![0.0; MOST_CARRIERS],
             points: vec![[0.0; MOST_POINTS]; MOST_POINTS],
+        }
+    }
+
+    /// The body is of another stiffness than before.
+    pub(super) fn forget(&mut self) {
+        for node in self.nodes.iter_mut().filter(|node| **node != Node::NONE) {
+            self.place_of[node.index()] = NOWHERE;
+            *node = Node::NONE;
         }
     }
 
@@ -213,7 +224,7 @@ impl Dents {
                 // One that comes to carry does not count all at once.
                 let share = (nodes.iter().map(carried).sum::<Real>() / ALL_COUNTS).min(1.0);
                 let weight = share * on.body.volume(e) * on.body.stiffness_factor(e);
-                let [two, three, four] = on.body.material_of(e).works(&strain);
+                let [two, three, four] = on.mesh.material_of(on.body, e).works(&strain);
                 second += weight * two;
                 third += weight * (three + four);
             }
@@ -326,8 +337,10 @@ impl Dents {
                 *old = NOWHERE;
             }
             self.place_of[node.index()] = place as u8;
+            self.softness[place] = on.mesh.softness(on.body, node);
             for (other, of) in self.nodes.iter().enumerate().filter(|(_, of)| **of != Node::NONE) {
-                let c = on.body.compliance_between(node, *of);
+                let softer = 0.5 * (self.softness[place] + self.softness[other]);
+                let c = on.body.compliance_between(node, *of) * softer;
                 self.between[place * MOST_CARRIERS + other] = c;
                 self.between[other * MOST_CARRIERS + place] = c;
             }

@@ -98,6 +98,11 @@ impl Workspace {
         self.nearby.iter_mut().for_each(Nearby::forget);
     }
 
+    /// The body may be of another stiffness.
+    pub(crate) fn forget_stiffness(&mut self) {
+        self.dents.iter_mut().for_each(Dents::forget);
+    }
+
     /// The resolution is another in this tick than in the last one.
     pub(crate) fn follow_change(&mut self, body: &Body, mesh: &ActiveMesh) {
         self.changed = true;

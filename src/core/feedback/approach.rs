@@ -8,7 +8,7 @@ use crate::contact::shape::Shape;
 use crate::contact::tool::ToolState;
 use crate::ids::Vertex;
 use crate::math::{Real, Vec3};
-use crate::model::{Body, Material};
+use crate::model::{ActiveMesh, Body, Material};
 
 /// A surface farther away than this [m] says nothing yet: at 0.5 m/s it is 40 ms ahead.
 const REACH: Real = 0.02;
@@ -17,15 +17,21 @@ const DEPTH: Real = 1e-3;
 /// How far below the surface the model holds [m].
 const BELOW: Real = 4e-3;
 
-/// What a `tool` of that `shape` will meet first, where the displayed `vertices` [m] of `body` are; `None` where nothing is
-/// near, or where the tool is not in front of it.
-pub(super) fn ahead(body: &Body, vertices: &[Vec3], shape: &Shape, tool: &ToolState) -> Option<Stiffness> {
+/// What a `tool` of that `shape` will meet first, where the displayed `vertices` [m] of `body`, which moves as `mesh`, are;
+/// `None` where nothing is near, or where the tool is not in front of it.
+pub(super) fn ahead(
+    body: &Body,
+    mesh: &ActiveMesh,
+    vertices: &[Vec3],
+    shape: &Shape,
+    tool: &ToolState,
+) -> Option<Stiffness> {
     let (all, parts) = posed(&tool.pose, shape);
     let nearest = all[..parts].iter().filter_map(|part| nearest(body, vertices, part));
     let (gap, away, radius, vertex) = nearest.min_by(|a, b| a.0.total_cmp(&b.0))?;
     let normal = -away;
     // Hertz: F/d = 4/3 E* a, with a² = R d; large strain softens it.
-    let material = body.material_at(vertex);
+    let material = mesh.material_at(body, vertex);
     let plane_strain = material.youngs_modulus() / (1.0 - material.poisson_ratio() * material.poisson_ratio());
     let softened = 1.0 + Material::softening(material.poisson_ratio(), (DEPTH / radius).sqrt());
     let contact = 4.0 / 3.0 * plane_strain * (radius * DEPTH).sqrt() / softened;

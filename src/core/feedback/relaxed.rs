@@ -98,7 +98,7 @@ impl Probe {
             let own: Vec<&Constraint> = constraints.iter().filter(|c| c.tool == ToolId::at(i)).collect();
             if tool.physical_force.norm() < LEAST_FORCE || !own.iter().any(|c| c.multiplier > 0.0) {
                 self.answers[i] = None;
-                found[i] = Some(tool).filter(|t| t.touches()).and_then(|t| ahead(&body, vertices, &shapes[i], t));
+                found[i] = Some(tool).filter(|t| t.touches()).and_then(|t| ahead(&body, mesh, vertices, &shapes[i], t));
                 continue;
             }
             let system = system.get_or_insert_with(|| {
@@ -281,7 +281,7 @@ impl<'a> System<'a> {
                 let around = body.elements_around(mesh.node(*s)).iter();
                 // An element's share of a diagonal entry: about (λ + 2μ) V / 3 over its altitude squared.
                 let share = |e: &Element| {
-                    let m = body.material_of(*e);
+                    let m = mesh.material_of(body, *e);
                     let x = body.corners(*e);
                     let edge = (0..4).flat_map(|i| (0..i).map(move |j| (i, j)));
                     let longest = edge.map(|(i, j)| (x[i] - x[j]).norm_squared()).fold(0.0, Real::max);

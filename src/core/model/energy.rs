@@ -54,7 +54,7 @@ pub fn energy(body: &Body, mesh: &ActiveMesh, gravity: Vec3) -> Energy {
             let f = deformation_gradient(body, mesh, e);
             let factor = body.stiffness_factor(e);
             let weight = factor * body.volume(e) * Real::from(active) / 4.0;
-            sum.elastic += weight * body.jumps_material(e).energy_density(&f);
+            sum.elastic += weight * mesh.jumps_material(body, e).energy_density(&f);
         }
     }
     for n in mesh.active().iter().map(|slot| mesh.node(*slot)).filter(|_| !body.stars().is_empty()) {

@@ -112,18 +112,26 @@ pub fn class_in(body: &Body, stable: Real) -> usize {
     class_for(stable.min(longest(body)))
 }
 
-/// `ω²` [1/s²] of element `e` at rest, its Maxwell branches at their stiffest: `2/ω` is its longest stable step, with the
-/// safety factor.
-pub fn omega_squared(body: &Body, e: Element) -> Real {
-    plain_omega_squared(body, e) * instantaneous(&body.jumps_material(e), body.branch_factor(e), body.maxwell())
+/// `ω²` [1/s²] of element `e` of `material` at rest, its Maxwell branches at their stiffest: `2/ω` is its longest stable step,
+/// with the safety factor.
+pub fn omega_squared(body: &Body, material: &Material, e: Element) -> Real {
+    let jumps = body.of_jumps(material);
+    plain_omega_squared(body, material, e) * instantaneous(&jumps, body.branch_factor(e), body.maxwell())
 }
 
 /// The same without Maxwell branches: a pressure wave crosses the element's smallest altitude. Where stars have a part of the
 /// stiffness, they have the same part of the masses.
-pub(super) fn plain_omega_squared(body: &Body, e: Element) -> Real {
+pub(super) fn plain_omega_squared(body: &Body, material: &Material, e: Element) -> Real {
     let altitude = smallest_altitude(body, e);
-    let wave_speed_squared = body.stiffness_factor(e) * body.material_of(e).pressure_modulus() / body.density(e);
+    let wave_speed_squared = body.stiffness_factor(e) * material.pressure_modulus() / body.density(e);
     4.0 * wave_speed_squared / (SAFETY * SAFETY * altitude * altitude)
+}
+
+/// `ω²` [1/s²] up to which an element at rest may step in `class`, in a body of viscous relaxation time `damping_time` [s]:
+/// [`stable_step`] solved for it.
+pub fn largest_omega_squared(class: usize, damping_time: Real) -> Real {
+    let h = step_of(class);
+    4.0 / (h * (h + 2.0 * damping_time))
 }
 
 /// Class of the longest stable step at rest of what has this `omega_squared` [1/s²].
@@ -133,7 +141,7 @@ pub fn class_of_rest(body: &Body, omega_squared: Real) -> usize {
 
 /// Class of the longest stable step of element `e` at rest.
 pub fn class_at_rest(body: &Body, e: Element) -> usize {
-    class_of_rest(body, omega_squared(body, e))
+    class_of_rest(body, omega_squared(body, body.material_of(e), e))
 }
 
 fn smallest_altitude(body: &Body, e: Element) -> Real {

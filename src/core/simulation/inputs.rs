@@ -1,5 +1,6 @@
 //! What enters a simulation: its settings once, and the inputs of each tick.
 
+use super::parameter::Parameter;
 use crate::adaptation::Adaptivity;
 use crate::contact::obstacle::Obstacle;
 use crate::contact::safety::ForceLimits;
@@ -35,8 +36,10 @@ pub struct Inputs {
     pub budget: Budget,
     /// What work costs from this tick on, where it has been measured anew.
     pub prices: Option<Prices>,
-    /// Back to the starting state first.
+    /// Back to the starting state first; parameters stay as they are.
     pub reset: bool,
+    /// What is changed then.
+    pub parameter: Option<Parameter>,
     /// What happened to each tool, by id.
     pub tools: [Option<ToolEvent>; MOST_TOOLS],
 }
@@ -44,6 +47,13 @@ pub struct Inputs {
 impl Default for Inputs {
     /// Nothing happens, and work is unbounded.
     fn default() -> Self {
-        Self { lapsed: 0, budget: Budget::UNLIMITED, prices: None, reset: false, tools: [None; MOST_TOOLS] }
+        Self {
+            lapsed: 0,
+            budget: Budget::UNLIMITED,
+            prices: None,
+            reset: false,
+            parameter: None,
+            tools: [None; MOST_TOOLS],
+        }
     }
 }

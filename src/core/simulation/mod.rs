@@ -5,14 +5,19 @@
 //! the simulation is built. Nothing but [`Inputs`] enters a tick, nothing but [`Outputs`] leaves it, and a
 //! [`Snapshot`] is all that it carries over: restored, the same inputs give the same bits.
 
+mod given;
 mod inputs;
 mod outputs;
+mod parameter;
+mod ranges;
 mod snapshot;
 
 pub use crate::model::step_class::TICK;
 pub use crate::stepping::work::{Budget, Laps, Part, Prices};
 pub use inputs::{Inputs, Settings};
 pub use outputs::{MOST_LEVELS, Outputs, Plan, TickFlags, ToolOutput};
+pub use parameter::{DAMPING, FRICTION, GRAVITY, Parameter, STIFFNESS, Threshold};
+pub use ranges::ParameterRanges;
 pub use snapshot::Snapshot;
 
 use crate::adaptation::{self, Allowance, Focus, Request};
@@ -27,13 +32,14 @@ use crate::contact::tool::{MOST_POINTS, MOST_TOOLS, Phase, ToolState};
 use crate::contact::wrench::{self, Wrench};
 use crate::ids::{ToolId, Vertex};
 use crate::math::{Real, Vec3};
-use crate::model::active_mesh::Loads;
+use crate::model::active_mesh::{Loads, Stiffening};
 use crate::model::constraint::PointMemory;
 use crate::model::element_kernel::{Extremes, Simd};
 use crate::model::entangled::{ENTANGLED_FRAMES, ReferencePose};
 use crate::model::{ActiveMesh, Body, Constraint, State, step_class};
 use crate::stepping::step::{self, World};
 use crate::stepping::work;
+use given::{Given, most_parameters};
 use std::sync::Arc;
 
 /// Ticks of a frame: the surface is published once per frame (31.25 Hz).
@@ -43,7 +49,10 @@ pub const TICKS_PER_FRAME: u64 = 32;
 #[derive(Debug)]
 pub struct Simulation {
     body: Arc<Body>,
+    /// As given but for the `parameters`.
     settings: Settings,
+    given: Given,
+    parameters: Vec<Parameter>,
     path: Simd,
     tick: u64,
     frozen: u32,
@@ -89,6 +98,14 @@ impl Simulation {
                 "{obstacles} obstacles: a session has at most {MOST_OBSTACLES}, and its state as many"
             ));
         }
+        let fits = if start.parameters.is_empty() {
+            start.stiffening == Stiffening::NONE
+        } else {
+            start.parameters.len() <= most_parameters(&body, &settings) && start.stiffening.fits(&body)
+        };
+        if !fits {
+            return Err("the state's parameters are not those of this body and its tools".into());
+        }
         let mesh = ActiveMesh::new(&body, &start.body, settings.most_elements)?;
         let vertices = body.surface().vertices.len();
         // Lists are swapped when contacts are found: all have the same room.
@@ -99,7 +116,9 @@ impl Simulation {
         };
         let (points, obstacle_points) = (with_room(tools, &start.points), with_room(obstacles, touched));
         let most_constraints = MOST_POINTS * tools + settings.obstacles.iter().map(most).sum::<usize>();
-        Ok(Self {
+        let mut simulation = Self {
+            given: Given::by(&settings),
+            parameters: Vec::with_capacity(most_parameters(&body, &settings)),
             path: Simd::best(),
             tick: start.tick,
             frozen: start.frozen,
@@ -136,7 +155,12 @@ impl Simulation {
             mesh,
             body,
             settings,
-        })
+        };
+        if !start.parameters.is_empty() {
+            simulation.assume_all(&start.parameters, &start.stiffening);
+            simulation.mesh.restore(&simulation.body, &simulation.start);
+        }
+        Ok(simulation)
     }
 
     /// What a reset returns to; the starting state unless set.
@@ -240,10 +264,15 @@ impl Simulation {
         if inputs.reset {
             self.back_to_start();
         }
+        if let Some(parameter) = inputs.parameter {
+            self.set(parameter);
+        }
+        self.stiffen();
     }
 
     fn back_to_start(&mut self) {
         self.mesh.restore(&self.body, &self.start);
+        self.mesh.reclass_stiffened(&self.body);
         self.detection.forget();
         (self.entangled, self.frozen) = (0, 0);
         self.points.iter_mut().chain(&mut self.obstacle_points).for_each(Vec::clear);

@@ -1,7 +1,10 @@
 //! What a simulation carries from tick to tick: how it is saved, hashed and restored.
 
+use super::given::most_parameters;
+use super::parameter::Parameter;
 use super::{Settings, Simulation};
 use crate::contact::tool::{MOST_POINTS, ToolState};
+use crate::model::active_mesh::Stiffening;
 use crate::model::constraint::PointMemory;
 use crate::model::{Body, State};
 use crate::stepping::work::Prices;
@@ -18,6 +21,10 @@ pub struct Snapshot {
     pub prices: Prices,
     /// Frames in a row that the body, which nothing touches, has been entangled in itself.
     pub entangled: u32,
+    /// What has been changed since the settings, in the order in which each was first.
+    pub parameters: Vec<Parameter>,
+    /// How far the body has followed in stiffness; [`Stiffening::NONE`] where nothing has been changed.
+    pub stiffening: Stiffening,
     /// Motion of the body.
     pub body: State,
     /// Each tool, by id.
@@ -41,6 +48,8 @@ impl Snapshot {
             frozen: 0,
             prices: Prices::COMMON,
             entangled: 0,
+            parameters: Vec::new(),
+            stiffening: Stiffening::NONE,
             body: state,
             tools: vec![ToolState::default(); tools],
             points: (0..tools).map(|_| Vec::with_capacity(MOST_POINTS)).collect(),
@@ -53,7 +62,12 @@ impl Snapshot {
         let elements = settings.most_elements.min(body.element_count());
         let state = State::with_room(body, elements, body.node_count().min(elements + 64));
         let points = settings.obstacles.iter().map(|obstacle| Vec::with_capacity(obstacle.most_points(body)));
-        Self { obstacle_points: points.collect(), ..Self::with_state(state, settings.tools.len()) }
+        Self {
+            parameters: Vec::with_capacity(most_parameters(body, settings)),
+            stiffening: Stiffening::with_room(body.tissue_count()),
+            obstacle_points: points.collect(),
+            ..Self::with_state(state, settings.tools.len())
+        }
     }
 }
 
@@ -83,6 +97,11 @@ impl Simulation {
         snapshot.frozen = self.frozen;
         snapshot.prices = self.prices;
         snapshot.entangled = self.entangled;
+        snapshot.parameters.clear();
+        snapshot.parameters.extend_from_slice(&self.parameters);
+        let none = Stiffening::NONE;
+        let stiffening = if self.parameters.is_empty() { &none } else { self.mesh.stiffening() };
+        snapshot.stiffening.copy_from(stiffening);
         snapshot.tools.copy_from_slice(&self.tools);
         copy_points(&mut snapshot.points, &self.points);
         copy_points(&mut snapshot.obstacle_points, &self.obstacle_points);
@@ -95,6 +114,10 @@ impl Simulation {
         hash.update(&self.frozen.to_le_bytes());
         hash.update(bytemuck::cast_slice(&self.prices.0));
         hash.update(&self.entangled.to_le_bytes());
+        self.parameters.iter().for_each(|parameter| hash_saved(parameter, &mut hash));
+        if !self.parameters.is_empty() {
+            self.mesh.stiffening().hash_into(&mut hash);
+        }
         self.mesh.hash_into(&mut hash);
         for (tool, points) in self.tools.iter().zip(&self.points) {
             hash_saved(tool, &mut hash);
@@ -108,8 +131,10 @@ impl Simulation {
     pub fn load(&mut self, snapshot: &Snapshot) {
         (self.tick, self.frozen, self.entangled) = (snapshot.tick, snapshot.frozen, snapshot.entangled);
         self.prices = snapshot.prices;
+        self.assume_all(&snapshot.parameters, &snapshot.stiffening);
         self.mesh.restore(&self.body, &snapshot.body);
         self.detection.forget();
+        self.detection.forget_stiffness();
         self.tools.copy_from_slice(&snapshot.tools);
         copy_points(&mut self.points, &snapshot.points);
         self.obstacle_points.iter_mut().for_each(Vec::clear);

@@ -147,7 +147,7 @@ pub fn tick(
 fn event(world: &World, mesh: &mut ActiveMesh, due: Due, work: &mut Workspace, laps: &mut dyn Laps) -> Extremes {
     let (World { path, body, gravity }, Due { now, class, held }) = (*world, due);
     let step = step_class::step_of(class);
-    let (rates, registers) = (rates(body, step), mesh.registers());
+    let (rates, registers) = (rates(body, mesh.damping, step), mesh.registers());
     let residual = &work.residual[class];
     // Residuals of a body that can move as a whole are balanced where all its nodes are now.
     let balanced = mesh.has_free_organs() && !residual.is_empty();
@@ -207,11 +207,12 @@ fn add_forces(
     extremes
 }
 
-/// Damping of one class: viscosity and Maxwell branches over its step.
-fn rates(body: &Body, step: Real) -> Rates {
+/// Damping of one class: viscosity and Maxwell branches over its step, times `damping`.
+fn rates(body: &Body, damping: Real, step: Real) -> Rates {
     let material = body.material();
     let numerical = if body.maxwell().is_empty() { 0.0 } else { STEP_VISCOSITY };
-    let over = |viscosity: Real, modulus: Real| if modulus > 0.0 { viscosity / (modulus * step) } else { 0.0 };
+    let over =
+        |viscosity: Real, modulus: Real| if modulus > 0.0 { damping * viscosity / (modulus * step) } else { 0.0 };
     let mut rates = Rates {
         volume: numerical + over(material.phi, material.lambda),
         shear: numerical + over(material.psi, material.mu),
@@ -219,7 +220,7 @@ fn rates(body: &Body, step: Real) -> Rates {
     };
     for (b, branch) in body.maxwell().iter().enumerate() {
         rates.decay[b] = 1.0 / (1.0 + step / branch.time);
-        rates.share[b] = branch.modulus;
+        rates.share[b] = damping * branch.modulus;
     }
     rates
 }

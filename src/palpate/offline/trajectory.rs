@@ -3,7 +3,7 @@
 use crate::output::Output;
 use palpate_core::contact::tool::{Coupling, MOST_TOOLS, Phase, PoseSample, ToolEvent, ToolState};
 use palpate_core::math::{Pose, Real, Vec3, normalized_quaternion};
-use palpate_core::simulation::{Budget, Inputs, Prices, TICK};
+use palpate_core::simulation::{Budget, Inputs, Parameter, Prices, Snapshot, TICK, Threshold};
 use std::io;
 use std::path::Path;
 
@@ -14,6 +14,8 @@ pub struct Trajectory {
     events: Vec<(u64, usize, ToolEvent)>,
     /// Ticks that begin with a reset of the body, ascending.
     resets: Vec<u64>,
+    /// Parameters that are set, by tick, ascending, at most one a tick.
+    parameters: Vec<(u64, Parameter)>,
     /// Budgets of the machine that it was recorded on, and new prices of work: each from a tick on, ascending.
     budgets: Vec<(u64, Budget, Option<Prices>)>,
 }
@@ -39,6 +41,10 @@ pub const EVENT_COLUMNS: &str = "event,period_s,coupling_m_per_N,angular_couplin
 /// And after those, where rows say the budget of a machine: four times, and what each part of a tick costs, separated by spaces.
 pub const BUDGET_COLUMNS: &str = "budget_ns,prices_ps";
 
+/// And after those, where rows set parameters: `gravity`, `damping`, `resolution.split` and so on, `stiffness.N` of the tissue or `friction.N` of the
+/// tool of that number, and its values, separated by spaces.
+pub const PARAMETER_COLUMNS: &str = "parameter,values";
+
 /// Places of columns.
 const POSITION: usize = 2;
 const ORIENTATION: usize = 5;
@@ -49,13 +55,15 @@ const COUPLING: usize = 12;
 const ANGULAR_COUPLING: usize = 13;
 const BUDGET: usize = 14;
 const PRICES: usize = 15;
+const PARAMETER: usize = 16;
+const VALUES: usize = 17;
 
 /// Longest period of poses [s]: that of a client that sends one in ten seconds.
 const LONGEST_PERIOD: Real = 10.0;
 
 impl Trajectory {
     /// Reads a trajectory: CSV with the columns of [`TRAJECTORY_HEADER`], or those and [`EVENT_COLUMNS`], or those and
-    /// [`BUDGET_COLUMNS`]; times ascend from 0, and a row of time `t` acts in the first tick that ends later.
+    /// [`BUDGET_COLUMNS`], or those and [`PARAMETER_COLUMNS`]; times ascend from 0, and a row of time `t` acts in the first tick that ends later.
     ///
     /// With poses alone each tool is attached just before its first pose, rigidly, with the median time between its rows as
     /// its period.
@@ -76,10 +84,11 @@ impl Trajectory {
             text[..at + blank].matches('\n').count() + 1
         };
         let fault_at = |line: usize, what: String| TrajectoryError { origin: origin.to_owned(), line, what };
-        let all_columns = format!("{TRAJECTORY_HEADER},{EVENT_COLUMNS},{BUDGET_COLUMNS}");
+        let all_columns = format!("{TRAJECTORY_HEADER},{EVENT_COLUMNS},{BUDGET_COLUMNS},{PARAMETER_COLUMNS}");
         let names: Vec<&str> = all_columns.split(',').collect();
         let header = records.next().and_then(Result::ok).unwrap_or_default();
-        let columns = [names.len(), BUDGET, EVENT].into_iter().find(|n| header == names[..*n]).unwrap_or(EVENT);
+        let columns =
+            [names.len(), PARAMETER, BUDGET, EVENT].into_iter().find(|n| header == names[..*n]).unwrap_or(EVENT);
         if header != names[..columns] {
             let expected =
                 format!("the first line must be \"{TRAJECTORY_HEADER}\", or go on with \",{EVENT_COLUMNS}\"");
@@ -109,8 +118,12 @@ impl Trajectory {
                     }
                     Row::Attach { .. } => attached[tool] = true,
                     Row::Detach => attached[tool] = false,
-                    Row::Pose(_) | Row::Reset | Row::Budget(..) => {}
+                    Row::Pose(_) | Row::Reset | Row::Budget(..) | Row::Set(_) => {}
                 }
+            }
+            let mut same_tick = rows.iter().rev().take_while(|r| r.0 == tick);
+            if matches!(row, Row::Set(_)) && same_tick.any(|r| matches!(r.2, Row::Set(_))) {
+                return Err(fault("another parameter is set in the same millisecond: move one".into()));
             }
             rows.push((tick, tool, row));
         }
@@ -144,6 +157,7 @@ impl Trajectory {
             let Some(tool) = tool else {
                 match row {
                     Row::Budget(budget, prices) => trajectory.budgets.push((tick, budget, prices)),
+                    Row::Set(parameter) => trajectory.parameters.push((tick, parameter)),
                     _ => trajectory.resets.push(tick),
                 }
                 continue;
@@ -154,7 +168,7 @@ impl Trajectory {
                     sequence[tool] = 0;
                     ToolEvent::Attach { epoch: epoch[tool], period_ticks, coupling }
                 }
-                Row::Detach | Row::Reset | Row::Budget(..) => ToolEvent::Detach,
+                Row::Detach | Row::Reset | Row::Budget(..) | Row::Set(_) => ToolEvent::Detach,
                 Row::Pose(sample) => {
                     sequence[tool] += 1;
                     ToolEvent::Pose(PoseSample { sequence: sequence[tool], ..sample })
@@ -165,22 +179,27 @@ impl Trajectory {
         trajectory
     }
 
-    /// What happened to the tools of a recording that began after tick `first` with `tools`, and consumed `inputs`, by tick.
-    /// Tools that somebody held at its beginning are attached anew, and everything is one tick later.
-    pub fn recorded(first: u64, tools: &[ToolState], inputs: &[(u64, Inputs)]) -> Self {
-        let held: Vec<_> = tools.iter().enumerate().filter(|(_, tool)| tool.phase != Phase::Detached).collect();
-        let later = u64::from(!held.is_empty());
+    /// What happened in a recording that began with `start`, and consumed `inputs`, by tick. Tools that somebody held at its
+    /// beginning are attached anew, and parameters that had been set are set, and everything is so many ticks later.
+    pub fn recorded(start: &Snapshot, inputs: &[(u64, Inputs)]) -> Self {
+        let held: Vec<_> = start.tools.iter().enumerate().filter(|(_, tool)| tool.phase != Phase::Detached).collect();
+        let later = u64::from(!held.is_empty()).max(start.parameters.len() as u64);
         let attach = |(tool, state): (usize, &ToolState)| {
             let (epoch, period_ticks, coupling) = (state.epoch, state.period_ticks, state.coupling);
             (1, tool, ToolEvent::Attach { epoch, period_ticks, coupling })
         };
-        let mut trajectory = Self { events: held.into_iter().map(attach).collect(), ..Self::default() };
+        let mut trajectory = Self {
+            events: held.into_iter().map(attach).collect(),
+            parameters: (1..).zip(start.parameters.iter().copied()).collect(),
+            ..Self::default()
+        };
         let mut before = Budget::UNLIMITED;
         for (tick, inputs) in inputs {
-            let tick = tick - first + later;
+            let tick = tick - start.tick + later;
             let events = inputs.tools.iter().enumerate();
             trajectory.events.extend(events.filter_map(|(tool, event)| event.map(|event| (tick, tool, event))));
             trajectory.resets.extend(inputs.reset.then_some(tick));
+            trajectory.parameters.extend(inputs.parameter.map(|parameter| (tick, parameter)));
             if inputs.budget != before || inputs.prices.is_some() {
                 before = inputs.budget;
                 trajectory.budgets.push((tick, before, inputs.prices));
@@ -192,6 +211,8 @@ impl Trajectory {
     /// The inputs of tick `tick` (from 1).
     pub fn inputs(&self, tick: u64) -> Inputs {
         let mut inputs = Inputs { reset: self.resets.binary_search(&tick).is_ok(), ..Inputs::default() };
+        let set = self.parameters.binary_search_by_key(&tick, |set| set.0);
+        inputs.parameter = set.ok().map(|at| self.parameters[at].1);
         let now = self.budgets.partition_point(|budget| budget.0 <= tick).checked_sub(1);
         if let Some((from, budget, prices)) = now.map(|now| &self.budgets[now]) {
             (inputs.budget, inputs.prices) = (*budget, prices.filter(|_| *from == tick));
@@ -205,18 +226,28 @@ impl Trajectory {
 
     /// Last tick in which something happens.
     pub fn last_tick(&self) -> u64 {
-        let event = self.events.last().map_or(0, |e| e.0);
+        let event = self.events.last().map_or(0, |e| e.0).max(self.parameters.last().map_or(0, |set| set.0));
         self.resets.last().map_or(event, |reset| event.max(*reset))
     }
 
-    /// Writes it as [`Trajectory::parse`] reads it, with [`EVENT_COLUMNS`], and [`BUDGET_COLUMNS`] where it has budgets.
+    /// Parameters that it sets, with their ticks.
+    pub fn parameters(&self) -> &[(u64, Parameter)] {
+        &self.parameters
+    }
+
+    /// Writes it as [`Trajectory::parse`] reads it, with [`EVENT_COLUMNS`], [`BUDGET_COLUMNS`] where it has budgets, and both and
+    /// [`PARAMETER_COLUMNS`] where it sets parameters.
     ///
     /// # Errors
     /// Those of the file system.
     pub fn write(&self, path: &Path) -> io::Result<()> {
         let mut out = csv::Writer::from_writer(Output::create(path)?);
-        let all_columns = format!("{TRAJECTORY_HEADER},{EVENT_COLUMNS},{BUDGET_COLUMNS}");
-        let columns = if self.budgets.is_empty() { BUDGET } else { PRICES + 1 };
+        let all_columns = format!("{TRAJECTORY_HEADER},{EVENT_COLUMNS},{BUDGET_COLUMNS},{PARAMETER_COLUMNS}");
+        let columns = match (self.parameters.is_empty(), self.budgets.is_empty()) {
+            (false, _) => VALUES + 1,
+            (true, false) => PRICES + 1,
+            (true, true) => BUDGET,
+        };
         out.write_record(all_columns.split(',').take(columns))?;
         let none = |tick: &u64, event: &'static str| (*tick, None, event, Vec::new());
         let mut rows: Vec<_> = self.resets.iter().map(|tick| none(tick, "reset")).collect();
@@ -224,6 +255,11 @@ impl Trajectory {
             let prices = prices.map_or_else(String::new, |prices| prices.0.map(|price| price.to_string()).join(" "));
             let cells = vec![(BUDGET, format!("{limit} {planned} {frame} {change}")), (PRICES, prices)];
             rows.push((*tick, None, "budget", cells));
+        }
+        for (tick, parameter) in &self.parameters {
+            let values: Vec<_> = parameter.values().iter().map(Real::to_string).collect();
+            let cells = vec![(PARAMETER, numbered_name(parameter)), (VALUES, values.join(" "))];
+            rows.push((*tick, None, "set", cells));
         }
         for (tick, tool, event) in &self.events {
             let (event, cells) = match event {
@@ -254,6 +290,33 @@ impl Trajectory {
     }
 }
 
+/// The name of a quantity by number.
+fn numbered_name(parameter: &Parameter) -> String {
+    match parameter {
+        Parameter::Gravity(_) => "gravity".into(),
+        Parameter::Damping(_) => "damping".into(),
+        Parameter::Stiffness { tissue, .. } => format!("stiffness.{tissue}"),
+        Parameter::Friction { tool, .. } => format!("friction.{tool}"),
+        Parameter::Resolution { threshold, .. } => format!("resolution.{}", threshold.name()),
+    }
+}
+
+/// The quantity of a [`numbered_name`] with these values; `None` where there is none.
+fn numbered(name: &str, values: &[Real]) -> Option<Parameter> {
+    let value = || <[Real; 1]>::try_from(values).ok().map(|[value]| value);
+    Some(match name.split_once('.') {
+        None if name == "gravity" => Parameter::Gravity(<[Real; 3]>::try_from(values).ok()?.into()),
+        None if name == "damping" => Parameter::Damping(value()?),
+        Some(("stiffness", tissue)) => Parameter::Stiffness { tissue: tissue.parse().ok()?, factor: value()? },
+        Some(("friction", tool)) => Parameter::Friction { tool: tool.parse().ok()?, coefficient: value()? },
+        Some(("resolution", name)) => Parameter::Resolution {
+            threshold: Threshold::ALL.into_iter().find(|threshold| threshold.name() == name)?,
+            value: value()?,
+        },
+        _ => return None,
+    })
+}
+
 /// What a row says.
 #[derive(Clone, Debug)]
 enum Row {
@@ -262,6 +325,7 @@ enum Row {
     Detach,
     Reset,
     Budget(Budget, Option<Prices>),
+    Set(Parameter),
 }
 
 impl Row {
@@ -301,6 +365,7 @@ impl Cells<'_> {
             "detach" => [1..2, none],
             "reset" => [none.clone(), none],
             "budget" if expected > BUDGET => [BUDGET..PRICES + 1, none],
+            "set" if expected > PARAMETER => [PARAMETER..VALUES + 1, none],
             _ => return Err(format!("event {event:?}: pose, attach, detach or reset is expected")),
         };
         let unused = |at: &usize| *at != EVENT && !used.iter().any(|range| range.contains(at));
@@ -314,6 +379,19 @@ impl Cells<'_> {
             let [limit, planned, frame, change] = self.whole_numbers(BUDGET)?;
             let prices = if self.fields[PRICES].is_empty() { None } else { Some(Prices(self.whole_numbers(PRICES)?)) };
             return Ok((tick, None, Row::Budget(Budget { limit, planned, frame, change }, prices)));
+        }
+        if event == "set" {
+            let values =
+                self.fields[VALUES].split_whitespace().map(|value| value.parse().ok().filter(|v: &Real| v.is_finite()));
+            let values: Option<Vec<Real>> = values.collect();
+            let parameter = values.and_then(|values| numbered(self.fields[PARAMETER], &values));
+            let parameter = parameter.ok_or_else(|| {
+                format!(
+                    "parameter {:?} with {:?}: gravity with three numbers, or damping, stiffness.N, friction.N or resolution.split, merge or reach with one",
+                    self.fields[PARAMETER], self.fields[VALUES]
+                )
+            })?;
+            return Ok((tick, None, Row::Set(parameter)));
         }
         let tool = self.fields[1].parse::<usize>().ok().filter(|tool| *tool < tools);
         let tool = tool.ok_or_else(|| {
@@ -378,6 +456,9 @@ impl Cells<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use palpate_core::geometry::primitives::{box_mesh, box_surface};
+    use palpate_core::model::body::BodyParts;
+    use palpate_core::model::{Body, Material};
 
     fn with_events(rows: &str) -> String {
         format!("{TRAJECTORY_HEADER},{EVENT_COLUMNS}\n{rows}")
@@ -440,6 +521,18 @@ mod tests {
         budgeted.write(&file).unwrap();
         let again = Trajectory::parse(&std::fs::read_to_string(&file).unwrap(), "t.csv", 1).unwrap();
         assert_eq!(again, budgeted);
+        let parameters = vec![
+            (7, Parameter::Stiffness { tissue: 1, factor: 0.3 }),
+            (41, Parameter::Gravity(Vec3::new(0.1, -2e-9, -9.81))),
+            (60, Parameter::Damping(0.5)),
+            (61, Parameter::Friction { tool: 0, coefficient: 0.7 }),
+            (62, Parameter::Resolution { threshold: Threshold::Reach, value: 2.0 }),
+        ];
+        let set = Trajectory { parameters, ..again.clone() };
+        set.write(&file).unwrap();
+        assert_eq!(Trajectory::parse(&std::fs::read_to_string(&file).unwrap(), "t.csv", 1).unwrap(), set);
+        assert_eq!(set.inputs(7).parameter, Some(Parameter::Stiffness { tissue: 1, factor: 0.3 }));
+        assert_eq!((set.inputs(8).parameter, set.last_tick()), (None, 62));
         // From a tick on; prices are told once.
         assert_eq!(again.inputs(40).budget, Budget::UNLIMITED);
         assert_eq!((again.inputs(41).budget, again.inputs(41).prices), (Budget::of(700), None));
@@ -455,12 +548,24 @@ mod tests {
         let pose = ToolEvent::Pose(PoseSample { sequence: 88, ..PoseSample::default() });
         let mut inputs = Inputs { lapsed: 2, reset: true, ..Inputs::default() };
         inputs.tools[1] = Some(pose);
-        let trajectory = Trajectory::recorded(64, &tools, &[(65, Inputs::default()), (68, inputs)]);
+        let body = Body::new(BodyParts::of_mesh(
+            "cube",
+            box_mesh(Vec3::repeat(0.1), [1; 3]),
+            box_surface(Vec3::repeat(0.1), [1; 3]),
+            Material::from_young(1e4, 0.3, 1e3),
+        ))
+        .unwrap();
+        let start = Snapshot { tick: 64, tools: tools.to_vec(), ..Snapshot::at_rest(&body, 0, 2) };
+        let trajectory = Trajectory::recorded(&start, &[(65, Inputs::default()), (68, inputs)]);
         let attach = ToolEvent::Attach { epoch: 9, period_ticks: 4, coupling };
         assert_eq!(trajectory.inputs(1).tools[1], Some(attach));
         // Two ticks were lost before it; it is the fourth, and one later than in the recording.
         let fifth = trajectory.inputs(5);
         assert_eq!((fifth.tools[1], fifth.reset, trajectory.last_tick()), (Some(pose), true, 5));
+        let parameters = vec![Parameter::Damping(0.5), Parameter::Stiffness { tissue: 0, factor: 2.0 }];
+        let set = Trajectory::recorded(&Snapshot { parameters: parameters.clone(), ..start }, &[(65, inputs)]);
+        assert_eq!([1, 2, 3].map(|tick| set.inputs(tick).parameter), [Some(parameters[0]), Some(parameters[1]), None]);
+        assert!(set.inputs(3).reset);
     }
 
     #[test]

@@ -6,7 +6,7 @@ use palpate_core::adaptation::Adapted;
 use palpate_core::contact::tool::{Coupling, MOST_TOOLS, PoseSample, ToolState};
 use palpate_core::math::Vec3;
 use palpate_core::model::step_class::TICK_NS;
-use palpate_core::simulation::{Budget, Inputs, MOST_LEVELS, Plan, Prices, Snapshot, TickFlags, ToolOutput};
+use palpate_core::simulation::{Budget, Inputs, MOST_LEVELS, Parameter, Plan, Prices, Snapshot, TickFlags, ToolOutput};
 use rustix::event::{EventfdFlags, eventfd};
 use rustix::fd::OwnedFd;
 use std::sync::Arc;
@@ -41,6 +41,8 @@ pub enum Command {
     },
     /// Back to the starting state.
     Reset,
+    /// A quantity gets another value.
+    Set(Parameter),
     /// Record from the next tick on.
     StartRecording(Box<RecordTap>),
     /// Stop recording.
@@ -224,7 +226,8 @@ pub fn mailboxes(
     room: impl Fn() -> Snapshot,
 ) -> std::io::Result<(SimulationEnds, ServerEnds)> {
     let (pose_in, pose_out) = (0..tools).map(|_| triple_buffer::triple_buffer(&None)).unzip();
-    let (command_in, command_out) = rtrb::RingBuffer::new(64);
+    // One request may set the stiffness of every tissue of every organ.
+    let (command_in, command_out) = rtrb::RingBuffer::new(256);
     let (retired_in, retired_out) = rtrb::RingBuffer::new(4);
     // The force output sends the newest; a burst of caught-up ticks fits.
     let (report_in, report_out) = rtrb::RingBuffer::new(64);

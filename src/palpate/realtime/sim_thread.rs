@@ -124,13 +124,14 @@ impl SimThread {
             prices: tells.then(|| self.governor.prices()),
             ..Inputs::default()
         };
-        // A command that cannot be taken now (its tool has an event already) waits for the next tick.
+        // A command that cannot be taken now (its tool has an event already, or a parameter is set) waits for the next tick.
         while let Ok(command) = self.ends.commands.peek() {
             let tool = match command {
                 Command::Attach { tool, .. } | Command::Detach { tool } => Some(*tool),
                 _ => None,
             };
-            if tool.is_some_and(|t| inputs.tools.get(t).is_none_or(Option::is_some)) {
+            let is_set = matches!(command, Command::Set(_)) && inputs.parameter.is_some();
+            if is_set || tool.is_some_and(|t| inputs.tools.get(t).is_none_or(Option::is_some)) {
                 break;
             }
             let Ok(command) = self.ends.commands.pop() else { break };
@@ -160,6 +161,7 @@ impl SimThread {
                 inputs.tools[tool] = Some(ToolEvent::Detach);
             }
             Command::Reset => inputs.reset = true,
+            Command::Set(parameter) => inputs.parameter = Some(parameter),
             Command::StartRecording(tap) => {
                 self.retire();
                 self.awaited = Some(tap);

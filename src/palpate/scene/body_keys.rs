@@ -130,6 +130,10 @@ pub struct MaterialKeys {
 #[serde(deny_unknown_fields)]
 #[garde(allow_unvalidated)]
 pub struct RegionKeys {
+    /// What its parameters are called by; left out: "region" and its number, from 1.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[garde(length(min = 1, max = 64))]
+    pub name: Option<String>,
     /// Centre of a ball at rest [m].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[garde(inner(inner(range(min = -1e3, max = 1e3))))]

@@ -8,6 +8,7 @@ mod elastic_keys;
 pub mod keys;
 pub mod obstacle_keys;
 pub mod organ_keys;
+pub mod parameters;
 pub mod prepared;
 pub mod tool_keys;
 pub mod unsettled;

@@ -6,7 +6,7 @@ use super::roles::Client;
 use super::{ServerError, Shared, lock, network, recorder};
 use crate::realtime::mailbox::Command;
 use palpate_core::contact::tool::Coupling;
-use palpate_core::simulation::TICK;
+use palpate_core::simulation::{Parameter, TICK};
 use palpate_proto::control_request::Request;
 use palpate_proto::{self as proto, Message, keys};
 use std::ops::RangeInclusive;
@@ -214,6 +214,12 @@ async fn carry_out(
             shared.command(Command::Reset)?;
             tracing::info!(who, "body reset");
         }
+        Request::Set(set) => {
+            let named = |p: &proto::Parameter| shared.scene.parameters_named(&p.name, &p.values);
+            let parameters = set.parameters.iter().map(named).collect::<Result<Vec<_>, _>>()?.concat();
+            shared.set(&parameters)?;
+            tracing::info!(who, ?parameters, "parameters set");
+        }
         Request::StartRecording(start) => {
             let path = shared.options.recordings.join(plain_name(&start.path)?);
             tracing::info!(who, "asks for a recording");
@@ -322,6 +328,19 @@ fn describe(shared: &Shared) -> proto::Session {
         name: shared.options.session.clone(),
         tick: shared.counters.tick.load(Ordering::Relaxed),
         surface_endpoint: shared.options.surface_endpoint.clone(),
+        parameters: describe_parameters(shared),
         ..session
     }
+}
+
+fn describe_parameters(shared: &Shared) -> Vec<proto::ParameterDescription> {
+    let set = lock(&shared.parameters);
+    let describe = |parameter: Parameter| {
+        let now = set.iter().find(|set| set.is_same_quantity(&parameter)).unwrap_or(&parameter);
+        let range = shared.ranges.of(&shared.body, now, &set)?;
+        let (least, most) = (*range.start(), *range.end());
+        let name = shared.scene.parameter_name(now);
+        Some(proto::ParameterDescription { name, values: now.values().to_vec(), least, most })
+    };
+    shared.scene.parameters().into_iter().filter_map(describe).collect()
 }

@@ -31,7 +31,7 @@ use crate::scene::Scene;
 use crate::wire;
 use health::{Health, Weight};
 use palpate_core::model::{Body, State};
-use palpate_core::simulation::{Simulation, Snapshot};
+use palpate_core::simulation::{Parameter, ParameterRanges, Simulation, Snapshot};
 use palpate_proto as proto;
 use palpate_proto::keys;
 use roles::Clients;
@@ -189,6 +189,9 @@ struct Shared {
     reset: State,
     options: Options,
     commands: Mutex<rtrb::Producer<Command>>,
+    /// What clients have changed of what the scene says.
+    parameters: Mutex<Vec<Parameter>>,
+    ranges: ParameterRanges,
     input: tool_input::ToolInput,
     holders: control::Holders,
     clients: Clients,
@@ -202,9 +205,28 @@ struct Shared {
 impl Shared {
     /// Sends a command to the simulation thread.
     fn command(&self, command: Command) -> Result<(), String> {
-        lock(&self.commands).push(command).map_err(|_| "the simulation is busy: try again".to_owned())
+        lock(&self.commands).push(command).map_err(|_| BUSY.to_owned())
+    }
+
+    /// Has the simulation thread set `parameters`, one a tick, where all are within their ranges.
+    fn set(&self, parameters: &[Parameter]) -> Result<(), String> {
+        let mut set = lock(&self.parameters);
+        let mut then = set.clone();
+        self.scene.check_parameters(&self.body, &self.ranges, parameters, &mut then)?;
+        let mut commands = lock(&self.commands);
+        if commands.slots() < parameters.len() {
+            return Err(BUSY.to_owned());
+        }
+        for parameter in parameters {
+            // There is room.
+            let _ = commands.push(Command::Set(*parameter));
+        }
+        *set = then;
+        Ok(())
     }
 }
+
+const BUSY: &str = "the simulation is busy: try again";
 
 /// A lock's content, whether or not another thread panicked holding it.
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
@@ -276,6 +298,8 @@ impl Server {
             measured,
             reset,
             commands: Mutex::new(commands),
+            parameters: Mutex::default(),
+            ranges: ParameterRanges::new(&body, &scene.settings()),
             session: wire::session::describe(&scene, &body),
             scene,
             body,

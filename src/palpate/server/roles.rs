@@ -34,9 +34,9 @@ pub enum Role {
     Viewer,
     /// Hold tools of its own.
     Operator,
-    /// Reset the body, and record; not touch.
+    /// Reset the body, set parameters, and record; not touch.
     Instructor,
-    /// Hold every tool, reset and record.
+    /// Hold every tool, reset, set parameters and record.
     Admin,
 }
 
@@ -55,7 +55,7 @@ impl Role {
         match self {
             Role::Viewer => &[],
             Role::Operator => &["attach", "detach"],
-            Role::Instructor => &["reset", "record"],
+            Role::Instructor => &["reset", "record", "set"],
             Role::Admin => &keys::ACTIONS,
         }
     }

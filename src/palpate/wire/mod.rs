@@ -7,7 +7,7 @@ use palpate_core::contact::safety::Limited;
 use palpate_core::contact::tool::{Coupling, MOST_TOOLS, Phase, PoseSample, ToolEvent, ToolState};
 use palpate_core::feedback::LocalModel;
 use palpate_core::math::{Bounds, Pose, Real, Vec3, normalized_quaternion};
-use palpate_core::simulation::{Budget, Inputs, Prices, TickFlags, ToolOutput};
+use palpate_core::simulation::{Budget, Inputs, Parameter, Prices, Threshold, TickFlags, ToolOutput};
 use palpate_proto as proto;
 use palpate_proto::Message;
 
@@ -244,10 +244,41 @@ pub fn inputs_to_message(tick: u64, inputs: &Inputs) -> proto::TickInputs {
         change: inputs.budget.change,
         prices: inputs.prices.map_or(vec![], |prices| prices.0.to_vec()),
         commands: u32::from(inputs.reset),
+        parameter: inputs.parameter.as_ref().map(recorded_parameter),
         tools: tools
             .filter_map(|(i, e)| e.as_ref().map(|e| proto::ToolInput { tool: i as u32, event: Some(event(e)) }))
             .collect(),
     }
+}
+
+fn recorded_parameter(parameter: &Parameter) -> proto::RecordedParameter {
+    use proto::recorded_parameter::Quantity;
+    let quantity = match *parameter {
+        Parameter::Gravity(_) => Quantity::Gravity(true),
+        Parameter::Damping(_) => Quantity::Damping(true),
+        Parameter::Stiffness { tissue, .. } => Quantity::Stiffness(tissue.into()),
+        Parameter::Friction { tool, .. } => Quantity::Friction(tool.into()),
+        Parameter::Resolution { threshold, .. } => Quantity::Resolution(threshold as u32),
+    };
+    proto::RecordedParameter { quantity: Some(quantity), values: parameter.values().to_vec() }
+}
+
+fn parameter_from_message(message: &proto::RecordedParameter) -> Option<Parameter> {
+    use proto::recorded_parameter::Quantity;
+    let values = message.values.as_slice();
+    if !values.iter().all(|value| value.is_finite()) {
+        return None;
+    }
+    let value = || <[Real; 1]>::try_from(values).ok().map(|[value]| value);
+    Some(match message.quantity? {
+        Quantity::Gravity(_) => Parameter::Gravity(<[Real; 3]>::try_from(values).ok()?.into()),
+        Quantity::Damping(_) => Parameter::Damping(value()?),
+        Quantity::Stiffness(tissue) => Parameter::Stiffness { tissue: tissue.try_into().ok()?, factor: value()? },
+        Quantity::Friction(tool) => Parameter::Friction { tool: tool.try_into().ok()?, coefficient: value()? },
+        Quantity::Resolution(number) => {
+            Parameter::Resolution { threshold: *Threshold::ALL.get(number as usize)?, value: value()? }
+        }
+    })
 }
 
 /// The inputs that a recording kept; `None` when the message contradicts the format.
@@ -267,6 +298,10 @@ pub fn inputs_from_message(message: &proto::TickInputs) -> Option<Inputs> {
             prices => Some(Prices(prices.try_into().ok()?)),
         },
         reset: message.commands & 1 == 1,
+        parameter: match &message.parameter {
+            None => None,
+            Some(parameter) => Some(parameter_from_message(parameter)?),
+        },
         tools: [None; MOST_TOOLS],
     };
     for tool in &message.tools {
@@ -389,7 +424,15 @@ mod tests {
                 },
                 buttons: 3,
             };
-            let mut inputs = Inputs { lapsed, budget, prices: Some(Prices::COMMON), reset: true, ..Inputs::default() };
+            let parameters = [
+                Parameter::Gravity(Vec3::new(numbers[0], numbers[1], numbers[2])),
+                Parameter::Stiffness { tissue: 3, factor: numbers[3] },
+                Parameter::Friction { tool: 7, coefficient: numbers[4] },
+                Parameter::Damping(numbers[5]),
+                Parameter::Resolution { threshold: Threshold::Merge, value: numbers[6] },
+            ];
+            let parameter = Some(parameters[epoch as usize % parameters.len()]);
+            let mut inputs = Inputs { lapsed, budget, prices: Some(Prices::COMMON), reset: true, parameter, ..Inputs::default() };
             inputs.tools[0] = Some(ToolEvent::Pose(sample));
             inputs.tools[3] = Some(ToolEvent::Attach { epoch, period_ticks: 14, coupling: Coupling { compliance: 2.5e-3, angular_compliance: 3.0 } });
             inputs.tools[7] = Some(ToolEvent::Detach);

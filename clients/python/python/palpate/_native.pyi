@@ -108,6 +108,13 @@ class Simulation:
         """
     def detach(self, tool: ToolName = 0) -> None:
         """Lets a tool go. Takes one tick."""
+    def set_parameters(self, parameters: "dict[str, Union[float, Sequence[float]]]") -> None:
+        """Sets parameters, each in a tick of its own: ``{"stiffness.nodule": 2.0, "gravity": [0, 0, -9.81]}``.
+
+        Names: "gravity" [m/s²], "damping" (part of the scene's), "stiffness.TISSUE" (factor on what the scene gives),
+        "friction.TOOL"; "stiffness" and "friction" alone mean all. Raises ``ValueError`` with the name and the range of one that is
+        refused, and sets none then.
+        """
     def step(self, pose: Optional[ArrayLike] = None, tool: ToolName = 0) -> Wrench:
         """One tick (1 ms), in which the tool gets a new pose, or nothing happens; the wrench after it."""
     @overload
@@ -203,7 +210,14 @@ class Connection:
 
     def session(self) -> "dict[str, Any]":
         """What the server simulates: name, version, tick, body, mass [kg], bounds and workspace [m], force_limit [N],
-        torque_limit [N·m], and tools with name, shape, radius [m] and taken."""
+        torque_limit [N·m], tools with name, shape, radius [m] and taken, and parameters that may be set, each with its
+        values, the least and the most."""
+    def set_parameters(self, parameters: "dict[str, Union[float, Sequence[float]]]") -> None:
+        """Sets parameters of the running simulation, all of them or none: ``{"stiffness.nodule": 2.0, "gravity": [0, 0, -9.81]}``.
+
+        ``session()["parameters"]`` has their names and ranges. Raises ``ConnectionError`` with the name and the range of one that is
+        refused.
+        """
     def attach(
         self,
         tool: str = "",

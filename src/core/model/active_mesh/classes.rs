@@ -6,6 +6,7 @@ use crate::ids::{Element, Node};
 use crate::math::Real;
 use crate::model::body::Body;
 use crate::model::element_pool::CLASSES;
+use crate::model::material::Material;
 use crate::model::step_class::{self, LONGEST_CONTACT_CLASS, SOFT_CONTACT_CLASS, Strained};
 
 impl ActiveMesh {
@@ -85,6 +86,11 @@ impl ActiveMesh {
         if body.stars().is_empty() { &[][..] } else { body.neighbours(n) }.iter().copied()
     }
 
+    /// What element `e` has of its material, and not the stars of its nodes.
+    pub fn jumps_material(&self, body: &Body, e: Element) -> Material {
+        body.of_jumps(self.material_of(body, e))
+    }
+
     /// Springs' share of `ω²` [1/s²] at the nodes of element `e`, at most.
     fn springs_at(&self, body: &Body, e: Element) -> Real {
         body.element(e).iter().map(|n| self.spring_at(*n)).fold(0.0, Real::max)
@@ -110,7 +116,7 @@ impl ActiveMesh {
     }
 
     fn step_of(&self, body: &Body, e: Element, strain: &[Real; 6], det: Real) -> Real {
-        let strained = Strained::of(&body.jumps_material(e), strain, det);
+        let strained = Strained::of(&self.jumps_material(body, e), strain, det);
         let springs = self.springs_at(body, e);
         step_class::stable_step(self.omega_squared[e.index()], strained, body.damping_time(), springs)
     }
@@ -157,7 +163,7 @@ impl ActiveMesh {
     pub(super) fn limit_strain(&mut self, body: &Body, e: Element, class: usize) {
         let springs = self.springs_at(body, e);
         let omega_squared = self.omega_squared[e.index()];
-        let material = body.jumps_material(e);
+        let material = self.jumps_material(body, e);
         let limit = step_class::strain_limit(class, &material, omega_squared, body.damping_time(), springs);
         self.pool.set_strain_limit(e, limit);
     }

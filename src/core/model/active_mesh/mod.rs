@@ -16,6 +16,7 @@ mod reshape;
 mod residual;
 mod saving;
 pub mod skin;
+mod stiffness;
 mod supports;
 
 pub use display::{Embedding, MOST_ASIDE};
@@ -25,6 +26,8 @@ pub use momentum::Momenta;
 pub use reshape::ChangeCost;
 pub use residual::Loads;
 use residual::NO_RESIDUAL;
+use stiffness::Materials;
+pub use stiffness::Stiffening;
 use supports::Supports;
 
 use super::active_set::ActiveSet;
@@ -33,6 +36,7 @@ use super::element::ElementConstants;
 use super::element_kernel::Padded;
 use super::element_pool::{CLASSES, ElementPool, StarPool};
 use super::interface::{InterfaceRow, Search};
+use super::material::Material;
 use super::state::State;
 use super::step_class::Residual;
 use super::sweeps::{self, Registers};
@@ -113,6 +117,9 @@ pub struct ActiveMesh {
     registers: Registers,
     supports: Supports,
     stiffest_spring: Real,
+    materials: Materials,
+    /// Factor on the viscosities and the Maxwell branches of all tissues.
+    pub damping: Real,
     work: Work,
 }
 
@@ -222,6 +229,8 @@ impl ActiveMesh {
             registers: Registers::best(),
             supports: Supports::new(body),
             stiffest_spring: 0.0,
+            materials: Materials::new(body),
+            damping: 1.0,
             work: Work {
                 search: Search::new(body),
                 on: Vec::with_capacity(slots),
@@ -473,12 +482,12 @@ impl ActiveMesh {
 /// Evaluations of a tetrahedron that take as long as one of a star of 14 neighbours: see the benchmarks.
 const STAR_EVALUATIONS: usize = 3;
 
-/// Rest gradients and weighted stiffness of element `e` with `active` active vertices.
-fn constants(body: &Body, e: Element, active: u8) -> ElementConstants {
+/// Rest gradients and weighted stiffness of element `e` of what it has of `material` with `active` active vertices.
+fn constants(body: &Body, material: &Material, e: Element, active: u8) -> ElementConstants {
     let [_, g1, g2, g3] = gradients(&body.corners(e));
     let factor = body.stiffness_factor(e);
     let weight = factor * body.volume(e) * Real::from(active) / 4.0;
-    let material = body.jumps_material(e);
+    let material = body.of_jumps(material);
     ElementConstants {
         gradient: [g1, g2, g3].map(Into::into),
         lambda: weight * material.lambda,

@@ -226,7 +226,7 @@ impl ActiveMesh {
             } else if now == 0 {
                 self.work.leaving.push(e);
             } else {
-                let constants = constants(body, e, now);
+                let constants = constants(body, self.material_of(body, e), e, now);
                 self.pool.set_stiffness(e, constants.lambda, constants.mu);
             }
         }
@@ -280,10 +280,10 @@ impl ActiveMesh {
         for i in 0..self.work.entering.len() {
             let e = self.work.entering[i];
             let slots = body.element(e).map(|n| self.slot[n.index()]);
-            let constants = constants(body, e, self.active_vertices[e.index()]);
+            let constants = constants(body, self.material_of(body, e), e, self.active_vertices[e.index()]);
             let (strain, det) = self.strain(&constants, &slots);
             let history = History { strain, det, branch: self.inherited_branches(body, e) };
-            self.omega_squared[e.index()] = step_class::omega_squared(body, e);
+            self.omega_squared[e.index()] = step_class::omega_squared(body, self.material_of(body, e), e);
             let class = self.class_strained(body, e, &strain, det);
             let taken = self.pool.insert(e, class, &slots, &constants, &history);
             debug_assert!(taken, "whoever plans a change asks for room first");

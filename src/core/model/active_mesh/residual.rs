@@ -127,7 +127,7 @@ impl ActiveMesh {
             Kind::Element(e) => {
                 let (class, history) = (self.pool.class_of(e)?, self.pool.history(e)?);
                 let slots = body.element(e).map(|n| self.slot[n.index()]);
-                let constants = constants(body, e, self.active_vertices[e.index()]);
+                let constants = constants(body, self.material_of(body, e), e, self.active_vertices[e.index()]);
                 self.list_forces(body, &slots, &constants, &history);
                 Some(class)
             }
@@ -150,7 +150,7 @@ impl ActiveMesh {
         history: &History,
     ) {
         let f = self.deformation(constants, slots);
-        let moduli = body.maxwell().iter().map(|b| b.modulus);
+        let moduli = body.maxwell().iter().map(|b| b.modulus * self.damping);
         let stress = constants.stress(&f, moduli, history);
         let forces = constants.forces(&f, &stress);
         let weighed = &mut self.work.weighed;

@@ -54,11 +54,11 @@ impl ActiveMesh {
                 let nodes = body.element(e);
                 let k = nodes.iter().filter(|n| self.set.is_active(**n)).count() as u8;
                 self.active_vertices[e.index()] = k;
-                let constants = constants(body, e, k);
+                let constants = constants(body, self.material_of(body, e), e, k);
                 let history = state.history.get(next).unwrap_or(&History::REST);
                 self.pool.insert(e, class, &nodes.map(|n| self.slot[n.index()]), &constants, history);
                 self.weigh(body, e, i64::from(k));
-                self.omega_squared[e.index()] = step_class::omega_squared(body, e);
+                self.omega_squared[e.index()] = step_class::omega_squared(body, self.material_of(body, e), e);
                 next += 1;
             }
         }
@@ -78,7 +78,7 @@ impl ActiveMesh {
         self.place_interface();
         if state.history.is_empty() {
             for &e in state.classes.iter().flatten() {
-                let constants = constants(body, e, self.active_vertices[e.index()]);
+                let constants = constants(body, self.material_of(body, e), e, self.active_vertices[e.index()]);
                 let (strain, det) = self.strain(&constants, &body.element(e).map(|n| self.slot[n.index()]));
                 self.pool.set_history(e, &History { strain, det, ..History::REST });
             }

@@ -1,6 +1,6 @@
 //! Whether the parts of a body fit together: what a damaged or a foreign file, or a fault of the preparation, may break.
 
-use super::parts::{BodyParts, finest_whole};
+use super::parts::{BodyParts, MixtureParts, finest_whole};
 use crate::geometry::locate::Host;
 use crate::hierarchy::Level;
 use crate::ids::NONE;
@@ -30,7 +30,13 @@ pub(super) fn check(parts: &BodyParts) -> Result<(), String> {
     {
         return Err("an element has no label".into());
     }
-    for m in &parts.materials {
+    let MixtureParts { tissues, of } = &parts.mixtures;
+    let known =
+        |mixed: &Vec<(u16, u8)>| !mixed.is_empty() && mixed.iter().all(|(t, _)| usize::from(*t) < tissues.len());
+    if !of.is_empty() && (of.len() != parts.materials.len() || !of.iter().all(known)) {
+        return Err("a material is mixed of what is not there".into());
+    }
+    for m in parts.materials.iter().chain(tissues) {
         let positive = m.mu > 0.0 && m.density > 0.0 && m.pressure_modulus() > 0.0 && m.phi >= 0.0 && m.psi >= 0.0;
         if !positive || ![m.pressure_modulus(), m.density, m.phi, m.psi].iter().all(|c| c.is_finite()) {
             return Err(format!("material {m:?} is not a stable solid"));

@@ -8,7 +8,7 @@ mod parts;
 pub mod patches;
 pub mod stars;
 
-pub use parts::{BodyParts, LabelParts, MaxwellBranch, Support, material_in, vertices_in};
+pub use parts::{BodyParts, LabelParts, MaxwellBranch, MixtureParts, Support, material_in, vertices_in};
 
 use super::constraint::MOST_PARTS;
 use super::csr::Csr;
@@ -435,16 +435,46 @@ impl Body {
         self.parts.levels.len() - 1
     }
 
-    /// Material of element `e`.
+    /// Material of element `e` as prepared.
     pub fn material_of(&self, e: Element) -> &Material {
-        let (r, place) = self.place_of_element(e);
-        material_in(&self.parts.materials, &self.parts.material_of[r], place)
+        &self.parts.materials[self.material_number(e)]
     }
 
-    /// Material under display vertex `v`, on the finest level that reaches there.
-    pub fn material_at(&self, v: Vertex) -> &Material {
+    /// Number of the material of element `e`.
+    pub fn material_number(&self, e: Element) -> usize {
+        let (r, place) = self.place_of_element(e);
+        usize::from(self.parts.material_of[r].get(place).copied().unwrap_or_default())
+    }
+
+    /// Number of the material under display vertex `v`, on the finest level that reaches there.
+    pub fn material_number_at(&self, v: Vertex) -> usize {
         let host = (0..self.levels().len()).rev().find_map(|r| self.embedding(r, v));
-        host.map_or(self.material(), |host| self.material_of(host.element))
+        host.map_or(0, |host| self.material_number(host.element))
+    }
+
+    /// Tissues that the materials are mixed of.
+    pub fn tissue_count(&self) -> usize {
+        let MixtureParts { tissues, of } = &self.parts.mixtures;
+        if of.is_empty() { self.parts.materials.len() } else { tissues.len() }
+    }
+
+    /// Whether there is some of tissue `t` in material number `m`.
+    pub fn has_tissue(&self, m: usize, t: usize) -> bool {
+        self.parts.mixtures.of.get(m).map_or(m == t, |mixed| mixed.iter().any(|(tissue, _)| usize::from(*tissue) == t))
+    }
+
+    /// Material number `m` where each tissue is so many times as stiff as prepared, (tissues).
+    pub fn mixed(&self, m: usize, stiffness: &[Real]) -> Material {
+        let prepared = self.parts.materials[m];
+        let MixtureParts { tissues, of } = &self.parts.mixtures;
+        let Some(mixed) = of.get(m) else { return prepared.stiffened(stiffness[m]) };
+        let factor = |(t, _): &(u16, u8)| stiffness[usize::from(*t)];
+        let first = factor(&mixed[0]);
+        if mixed.iter().all(|of| factor(of) == first) {
+            return prepared.stiffened(first);
+        }
+        let part = |of: &(u16, u8)| (u32::from(of.1), tissues[usize::from(of.0)].stiffened(factor(of)));
+        part(&mixed[0]).1.mixed(mixed[1..].iter().map(part))
     }
 
     /// Volume of element `e` inside the body [m³].
@@ -468,9 +498,9 @@ impl Body {
         &self.stars
     }
 
-    /// Material of element `e`, as far as the element has it and not the stars of its nodes.
-    pub fn jumps_material(&self, e: Element) -> Material {
-        stars::of_jumps(self.material_of(e), self.parts.stabilisation)
+    /// What elements of `material` have of it, and not the stars of their nodes.
+    pub fn of_jumps(&self, material: &Material) -> Material {
+        stars::of_jumps(material, self.parts.stabilisation)
     }
 
     /// Factor on the moduli of element `e`'s Maxwell branches over μ, from calibration.

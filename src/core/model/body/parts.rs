@@ -39,6 +39,16 @@ pub struct LabelParts {
     pub of: Vec<Vec<u16>>,
 }
 
+/// What the materials of a body are mixed of.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct MixtureParts {
+    /// Of each organ its tissue, and after it those of its regions, as each is alone.
+    pub tissues: Vec<Material>,
+    /// By material: its tissues, first the one around the others, and how many [`PARTS`](crate::model::material::PARTS) of it
+    /// each is. Empty: each material is a tissue of its own.
+    pub of: Vec<Vec<(u16, u8)>>,
+}
+
 /// What is saved of a body: its file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct BodyParts {
@@ -54,6 +64,8 @@ pub struct BodyParts {
     pub materials: Vec<Material>,
     /// Material of each element, per level (n_elements); an empty list stands for material 0 everywhere.
     pub material_of: Vec<Vec<u16>>,
+    /// What they are mixed of.
+    pub mixtures: MixtureParts,
     /// Labels that regions of the material go by.
     pub labels: LabelParts,
     /// Springs that hold regions in space, the same on every level.
@@ -84,6 +96,7 @@ impl BodyParts {
             levels,
             materials: vec![material],
             material_of: vec![Vec::new()],
+            mixtures: MixtureParts::default(),
             labels: LabelParts::default(),
             supports: Vec::new(),
             maxwell: Vec::new(),

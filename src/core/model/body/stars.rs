@@ -40,18 +40,22 @@ pub fn of_means(material: &Material, stabilisation: Real) -> Material {
     Material { lambda: material.lambda - jumps.lambda, mu: material.mu - jumps.mu, ..*material }
 }
 
-/// The geometric mean of materials by their weights: of μ and of λ + 2μ; all else is of the first. `None` without any.
+/// The geometric mean of the arithmetic and the harmonic mean of materials by their weights, of μ and of λ + 2μ each: that of two
+/// in equal parts is their geometric mean. All else is of the first. `None` without any.
 pub fn mean<'a>(materials: impl Iterator<Item = (&'a Material, Real)>) -> Option<Material> {
     let mut first = None;
-    let (mut weights, mut pressure, mut mu) = (0.0, 0.0, 0.0);
+    let (mut weights, mut sums, mut inverses) = (0.0, [0.0; 2], [0.0; 2]);
     for (material, weight) in materials {
         first.get_or_insert(*material);
         weights += weight;
-        pressure += weight * material.pressure_modulus().ln();
-        mu += weight * material.mu.ln();
+        for (i, modulus) in [material.mu, material.pressure_modulus()].into_iter().enumerate() {
+            sums[i] += weight * modulus;
+            inverses[i] += weight / modulus;
+        }
     }
-    let mu = (mu / weights).exp();
-    first.map(|first| Material { lambda: (pressure / weights).exp() - 2.0 * mu, mu, ..first })
+    // Roots, unlike logarithms, are the same on every machine.
+    let [mu, pressure] = [0, 1].map(|i| (sums[i] / inverses[i]).sqrt());
+    first.filter(|_| weights > 0.0).map(|first| Material { lambda: pressure - 2.0 * mu, mu, ..first })
 }
 
 /// The stars of all nodes of a body; none where tetrahedra have all of the energy.
@@ -142,7 +146,7 @@ fn star(body: &Body, n: Node, neighbours: &[Node]) -> (Star, Vec<[Real; 3]>) {
         let quarter = body.volume(e) / 4.0;
         volume += quarter;
         // With the mean of their deformation gradients it is no stiffer than the stiffest of them.
-        omega_squared = omega_squared.max(step_class::plain_omega_squared(body, e));
+        omega_squared = omega_squared.max(step_class::plain_omega_squared(body, body.material_of(e), e));
         for (m, g) in body.element(e).iter().zip(gradients(&body.corners(e))) {
             if let Some(i) = neighbours.iter().position(|other| other == m) {
                 gradient[i] += g * quarter;

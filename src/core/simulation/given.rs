@@ -1,0 +1,100 @@
+//! How a change of a [`Parameter`] is made, and taken back to what the settings give.
+
+use super::parameter::{Parameter, Threshold};
+use super::{Settings, Simulation};
+use crate::adaptation::Adaptivity;
+use crate::math::{Real, Vec3};
+use crate::model::Body;
+use crate::model::active_mesh::Stiffening;
+
+/// Values that the settings give to what may change.
+#[derive(Debug)]
+pub(super) struct Given {
+    gravity: Vec3,
+    /// By tool.
+    friction: Vec<Real>,
+    adaptivity: Option<Adaptivity>,
+}
+
+impl Given {
+    pub(super) fn by(settings: &Settings) -> Self {
+        Self {
+            gravity: settings.gravity,
+            friction: settings.tools.iter().map(|tool| tool.friction).collect(),
+            adaptivity: settings.adaptivity.clone(),
+        }
+    }
+}
+
+/// Most quantities that may have been changed in a session of `body` with `settings`.
+pub(super) fn most_parameters(body: &Body, settings: &Settings) -> usize {
+    2 + Threshold::ALL.len() + body.tissue_count() + settings.tools.len()
+}
+
+impl Simulation {
+    /// Quantities that have been changed since the settings, with their values.
+    pub fn parameters(&self) -> &[Parameter] {
+        &self.parameters
+    }
+
+    /// Gives a quantity another value; of a tissue or tool that is not there, nothing happens.
+    pub(super) fn set(&mut self, parameter: Parameter) {
+        if self.assume(parameter) {
+            // The body finds another balance, and the hand need not feel how.
+            self.tools.iter_mut().filter(|tool| tool.touches()).for_each(|tool| tool.begin_transition());
+        }
+    }
+
+    /// Elements go on taking over the stiffness of their tissues, or begin to.
+    pub(super) fn stiffen(&mut self) {
+        let wanted = self.parameters.iter().filter_map(|parameter| match parameter {
+            Parameter::Stiffness { tissue, factor } => Some((usize::from(*tissue), *factor)),
+            _ => None,
+        });
+        if self.mesh.begin_stiffening(&self.body, wanted) {
+            self.detection.forget_stiffness();
+        }
+        self.mesh.go_on_stiffening(&self.body);
+    }
+
+    /// False where there is no such quantity.
+    fn assume(&mut self, parameter: Parameter) -> bool {
+        match parameter {
+            Parameter::Gravity(gravity) => self.settings.gravity = gravity,
+            Parameter::Friction { tool, coefficient } if usize::from(tool) < self.settings.tools.len() => {
+                self.settings.tools[usize::from(tool)].friction = coefficient;
+            }
+            Parameter::Damping(factor) => self.mesh.damping = factor,
+            Parameter::Resolution { threshold, value } => match (&mut self.settings.adaptivity, threshold) {
+                (Some(adaptivity), Threshold::Split) => adaptivity.split = value,
+                (Some(adaptivity), Threshold::Merge) => adaptivity.merge = value,
+                (Some(adaptivity), Threshold::Reach) => adaptivity.reach = value,
+                (None, _) => return false,
+            },
+            // Stars are as stiff as prepared.
+            Parameter::Stiffness { tissue, .. }
+                if usize::from(tissue) < self.body.tissue_count() && self.body.stars().is_empty() => {}
+            _ => return false,
+        }
+        match self.parameters.iter_mut().find(|set| set.is_same_quantity(&parameter)) {
+            Some(set) => *set = parameter,
+            None => self.parameters.push(parameter),
+        }
+        true
+    }
+
+    /// Makes these all that has been changed, before a state is restored.
+    pub(super) fn assume_all(&mut self, parameters: &[Parameter], stiffening: &Stiffening) {
+        self.settings.gravity = self.given.gravity;
+        for (tool, friction) in self.settings.tools.iter_mut().zip(&self.given.friction) {
+            tool.friction = *friction;
+        }
+        self.settings.adaptivity.clone_from(&self.given.adaptivity);
+        self.mesh.damping = 1.0;
+        self.mesh.assume_stiffness(&self.body, stiffening);
+        self.parameters.clear();
+        parameters.iter().for_each(|parameter| {
+            self.assume(*parameter);
+        });
+    }
+}

@@ -1,0 +1,226 @@
+//! What changes while a body is touched: stiffness, gravity, friction and damping.
+
+use super::*;
+use palpate_core::model::element_pool::CLASSES;
+use palpate_core::model::step_class::{Strained, omega_squared, stable_step, step_of};
+use palpate_core::simulation::{Parameter, ParameterRanges, Threshold};
+
+/// A ball of another tissue below the middle of the top.
+const NODULE: &str =
+    "material.region=[{name='nodule', centre=[0.05,0.05,0.085], radius=0.012, youngs_modulus=20000.0}]";
+const DAMPED: &str = "material.damping_ratio=0.15";
+/// Of the rendered force [N/s].
+const SLEW: Real = 1000.0;
+
+/// A cube with a nodule, the whole `all` times and the nodule `nodule` times as stiff as above.
+fn with_nodule(cube: fn(&[&str]) -> Setup, all: Real, nodule: Real) -> Setup {
+    let base = format!("material.youngs_modulus={}", 1e4 * all);
+    let region = NODULE.replace("20000.0", &(2e4 * nodule).to_string());
+    cube(&[&base, &region, DAMPED, "safety.force_limit=100", &format!("safety.slew_limit={SLEW}")])
+}
+
+fn stiffness(tissue: u16, factor: Real) -> Parameter {
+    Parameter::Stiffness { tissue, factor }
+}
+
+/// Tick `i` of a press that is 3 mm deep from 0.3 s on.
+fn press(i: u64) -> Inputs {
+    let place = TOP + Vec3::z() * (0.022 - 0.005 * ease(i as Real * TICK, 0.0, 0.3));
+    inputs(&[Some(if i == 0 { attach() } else { at(place) })])
+}
+
+/// Presses, and sets one of `parameters` a tick from tick `WHEN` on; the force [N] at rest again, and its largest change in a
+/// tick from `WHEN` on.
+fn pressed(setup: &Setup, parameters: &[Parameter]) -> (Real, Real) {
+    let mut press = simulation(setup);
+    let (mut last, mut jump) = (0.0, 0.0 as Real);
+    for i in 0..1500u64 {
+        let parameter = i.checked_sub(WHEN).and_then(|k| parameters.get(k as usize).copied());
+        let force = press.advance(&Inputs { parameter, ..self::press(i) }).tools[0].state.force.z;
+        if i >= WHEN {
+            jump = jump.max((force - last).abs());
+        }
+        last = force;
+    }
+    (last, jump)
+}
+
+const WHEN: u64 = 500;
+
+/// In a tissue that changes alone, what points give way below the mesh's size is scaled by the mean of the tissues around: 3 %
+/// where, as here, nodes are half a nodule apart.
+#[test]
+fn tissues_made_stiffer_or_softer_under_a_tool_push_as_if_prepared_so() {
+    let cubes: [(fn(&[&str]) -> Setup, Real, Real); 5] =
+        [(cube, 8.0, 8.0), (cube, 0.5, 0.5), (adaptive_cube, 2.0, 2.0), (cube, 1.0, 4.0), (adaptive_cube, 3.0, 1.0)];
+    for (cube, all, nodule) in cubes {
+        let (expected, _) = pressed(&with_nodule(cube, all, nodule), &[]);
+        let changed = with_nodule(cube, 1.0, 1.0);
+        let (before, _) = pressed(&changed, &[]);
+        let (force, jump) = pressed(&changed, &[stiffness(0, all), stiffness(1, nodule)]);
+        let off = force / expected - 1.0;
+        println!("{all}, {nodule}: {before:.4} N to {force:.4} N, {:+.2} %; {jump:.4} N a tick", 100.0 * off);
+        assert!(off.abs() < if all == nodule { 0.001 } else { 0.04 }, "{force} N, prepared so {expected} N");
+        assert!((force / before - 1.0).abs() > 0.3 && jump <= SLEW * TICK * (1.0 + 1e-9), "{jump} N in a tick");
+    }
+}
+
+/// The script of a press in which everything changes, and the body is reset.
+fn all_change(i: u64) -> Inputs {
+    let parameter = match i {
+        350 => Some(stiffness(1, 6.0)),
+        351 => Some(stiffness(0, 0.5)),
+        400 => Some(Parameter::Gravity(Vec3::new(1.0, 0.0, -5.0))),
+        450 => Some(Parameter::Damping(0.3)),
+        470 => Some(Parameter::Friction { tool: 0, coefficient: 0.8 }),
+        480 => Some(Parameter::Resolution { threshold: Threshold::Split, value: 0.03 }),
+        799 => Some(stiffness(0, 10.0)),
+        900 => Some(stiffness(0, 1.0)),
+        _ => None,
+    };
+    let mut inputs = press(i);
+    if i > 470
+        && let Some(ToolEvent::Pose(sample)) = &mut inputs.tools[0]
+    {
+        sample.pose.position.x += 0.02 * ease(i as Real * TICK, 0.47, 0.9);
+    }
+    Inputs { parameter, reset: i == 800, ..inputs }
+}
+
+#[test]
+fn restored_after_any_change_it_goes_on_bit_for_bit() {
+    let setup = with_nodule(adaptive_cube, 1.0, 1.0);
+    let hashes = |simulation: &mut Simulation, from: u64| -> Vec<u64> {
+        let run = |i| {
+            simulation.advance(&all_change(i));
+            simulation.hash()
+        };
+        (from..1000).map(run).collect()
+    };
+    let whole = hashes(&mut simulation(&setup), 0);
+    let mut run = simulation(&setup);
+    let mut copy = simulation(&setup);
+    for i in 0..1000u64 {
+        if [350, 351, 355, 401, 460, 600, 800, 801, 802, 901].contains(&i) {
+            let snapshot = run.snapshot();
+            // Elements follow one after another, and are found half-way.
+            assert_eq!(snapshot.stiffening.reached < u32::MAX, [355, 800, 901].contains(&i), "tick {i}");
+            let restored = || {
+                let again = Simulation::new(setup.body.clone(), setup.settings.clone(), snapshot.clone()).unwrap();
+                again.with_reset_state(&setup.rest.body).unwrap()
+            };
+            assert_eq!(hashes(&mut restored(), i), whole[i as usize..], "from tick {i}");
+            // One that other changes have been made to takes over all the same.
+            copy.load(&snapshot);
+            assert_eq!(copy.hash(), run.hash());
+            assert_eq!(copy.advance(&all_change(i)).tools, restored().advance(&all_change(i)).tools, "from tick {i}");
+        }
+        run.advance(&all_change(i));
+    }
+    assert_eq!(run.parameters().len(), 6);
+}
+
+#[test]
+fn a_body_that_was_made_stiff_is_stable_after_a_reset() {
+    let setup = with_nodule(adaptive_cube, 1.0, 1.0);
+    let mut run = simulation(&setup);
+    for i in 0..1500u64 {
+        let parameter = [stiffness(0, 20.0), stiffness(1, 20.0)].get(i as usize).copied();
+        let outputs = run.advance(&Inputs { parameter, reset: i % 300 == 299, ..press(i % 300) });
+        assert!(!outputs.restored, "tick {i}");
+    }
+    assert!(fastest(&run) < 0.5, "{} m/s", fastest(&run));
+}
+
+#[test]
+fn gravity_that_is_set_acts_as_if_the_scene_had_it() {
+    let gravity = Vec3::new(0.0, 3.0, -9.81);
+    let falls = |simulation: &mut Simulation, parameter| {
+        for i in 0..1500u64 {
+            simulation.advance(&Inputs { parameter: if i == 0 { parameter } else { None }, ..Inputs::default() });
+        }
+        let (body, mesh) = (simulation.body().clone(), simulation.mesh());
+        let moved = |s: &Slot| mesh.position(*s) - body.rest(mesh.node(*s));
+        mesh.active().iter().map(moved).sum::<Vec3>() / mesh.active().len() as Real
+    };
+    let setup = cube(&[DAMPED]);
+    let mut with = setup.settings.clone();
+    with.gravity = gravity;
+    let expected = falls(&mut Simulation::new(setup.body.clone(), with, setup.rest.clone()).unwrap(), None);
+    let mut set = simulation(&setup);
+    let found = falls(&mut set, Some(Parameter::Gravity(gravity)));
+    assert!(expected.norm() > 1e-4 && found == expected, "{found:?} and {expected:?}");
+    assert_eq!(set.settings().gravity, gravity);
+}
+
+#[test]
+fn a_tool_made_rough_is_held_back_and_a_body_damped_less_swings_longer() {
+    let setup = cube(&[DAMPED, "tool.radius=0.015"]);
+    let sideways = |parameter: Option<Parameter>| {
+        let mut run = simulation(&setup);
+        let mut force = Vec3::zeros();
+        for i in 0..900u64 {
+            let t = i as Real * TICK;
+            let place = TOP + Vec3::new(0.03 * (t - 0.4).max(0.0), 0.0, 0.017 - 0.006 * ease(t, 0.0, 0.3));
+            let event = Some(if i == 0 { attach() } else { at(place) });
+            force = run.advance(&Inputs { parameter: parameter.filter(|_| i == 350), ..inputs(&[event]) }).tools[0]
+                .state
+                .physical_force;
+        }
+        force.x / force.z
+    };
+    let (smooth, rough) = (sideways(None), sideways(Some(Parameter::Friction { tool: 0, coefficient: 0.3 })));
+    println!("{smooth:.3} and {rough:.3} of the pressure");
+    assert!((smooth - rough - 0.3).abs() < 0.05);
+
+    let swings = |damping: Real| {
+        let mut run = simulation(&setup);
+        let parameter = Some(Parameter::Damping(damping));
+        run.mesh_mut().change_motion(|_, x, v| v.x = 5.0 * x.z);
+        run.advance(&Inputs { parameter, ..Inputs::default() });
+        let of = |run: &Simulation| energy(run.body(), run.mesh(), Vec3::zeros()).total();
+        let before = of(&run);
+        (0..200).for_each(|_| {
+            run.advance(&Inputs::default());
+        });
+        of(&run) / before
+    };
+    let left = [1.0, 0.5, 0.1].map(swings);
+    println!("after 0.2 s {left:.4?} of the energy");
+    assert!(left[0] < 0.6 * left[1] && left[1] < 0.6 * left[2] && left[2] < 1.0);
+}
+
+#[test]
+fn the_range_of_a_stiffness_ends_where_elements_can_no_longer_be_stepped() {
+    let setup = with_nodule(cube, 1.0, 1.0);
+    let ranges = ParameterRanges::new(&setup.body, &setup.settings);
+    let most = |tissue: u16, set: &[Parameter]| ranges.of(&setup.body, &stiffness(tissue, 1.0), set).map(|r| *r.end());
+    assert_eq!(most(0, &[]), Some(20.0));
+    assert_eq!(most(2, &[]), None);
+    let stiff = cube(&["material.youngs_modulus=1e6"]);
+    let ranges = ParameterRanges::new(&stiff.body, &stiff.settings);
+    let largest = *ranges.of(&stiff.body, &stiffness(0, 1.0), &[]).unwrap().end();
+    let levels = 0..=palpate_core::adaptation::finest_steppable(&stiff.body);
+    let of = |e| omega_squared(&stiff.body, &stiff.body.material_of(e).stiffened(largest), e);
+    let most = levels.flat_map(|r| stiff.body.elements_of(r)).map(of).fold(0.0, Real::max);
+    let step = stable_step(most, Strained::REST, stiff.body.damping_time(), 0.0);
+    println!("{largest:.3} times as stiff: {:.3} µs", 1e6 * step);
+    assert!((1.0..20.0).contains(&largest) && (step / step_of(CLASSES - 1) - 1.0).abs() < 1e-3);
+}
+
+#[test]
+fn a_lower_threshold_refines_more_and_the_given_one_coarsens_again() {
+    let setup = adaptive_cube(&[DAMPED]);
+    let mut run = simulation(&setup);
+    let split = |value| Some(Parameter::Resolution { threshold: Threshold::Split, value });
+    let elements =
+        [None, split(1e-3), split(setup.settings.adaptivity.as_ref().unwrap().split)].map(|mut parameter| {
+            (0..1000).for_each(|i| {
+                let pressed = press(run.tick().min(500));
+                run.advance(&Inputs { parameter: if i == 0 { parameter.take() } else { None }, ..pressed });
+            });
+            run.outputs().elements
+        });
+    println!("{elements:?} elements");
+    assert!(elements[1] > elements[0] * 5 / 4 && elements[2] < elements[1] * 9 / 10, "{elements:?}");
+}
