@@ -51,7 +51,8 @@ const WHEN: u64 = 500;
 /// where, as here, nodes are half a nodule apart.
 #[test]
 fn tissues_made_stiffer_or_softer_under_a_tool_push_as_if_prepared_so() {
-    let cubes: [(fn(&[&str]) -> Setup, Real, Real); 5] =
+    type Cube = (fn(&[&str]) -> Setup, Real, Real);
+    let cubes: [Cube; 5] =
         [(cube, 8.0, 8.0), (cube, 0.5, 0.5), (adaptive_cube, 2.0, 2.0), (cube, 1.0, 4.0), (adaptive_cube, 3.0, 1.0)];
     for (cube, all, nodule) in cubes {
         let (expected, _) = pressed(&with_nodule(cube, all, nodule), &[]);

@@ -49,6 +49,9 @@ const ACROSS: Real = 8.0;
 /// ... but not halved more often than this.
 const MOST_HALVINGS: u32 = 5;
 
+/// Materials, that of each element, per level, and of what they are mixed.
+pub(super) type Mixed = (Vec<Material>, Vec<Vec<u16>>, MixtureParts);
+
 /// The materials of a body of `levels` that is of `base` but for `inclusions`, of which later ones cover earlier ones: a
 /// list, for each level the place in it of each element's, or nothing where all are of the first, `base`, and what they are
 /// mixed of. An element partly inside is of a [`mixed_cell`] by volume, in steps of one in [`PARTS`]; `labels` say where they
@@ -61,7 +64,7 @@ pub(super) fn materials(
     inclusions: &[Inclusion],
     levels: &[Level],
     labels: &LabelParts,
-) -> Result<(Vec<Material>, Vec<Vec<u16>>, MixtureParts), PrepareError> {
+) -> Result<Mixed, PrepareError> {
     let mut has: Vec<i64> = labels.mixed_cells.iter().flatten().map(|(label, _)| *label).collect();
     has.sort_unstable();
     has.dedup();

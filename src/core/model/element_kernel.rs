@@ -280,7 +280,7 @@ unsafe fn add_star_forces_here<L: Lanes, const B: usize>(
         seen.alarm = false;
         // SAFETY: the caller's promise, and `at` is a multiple of the width below the number of lanes.
         unsafe {
-            for group in 0..groups {
+            for (group, p) in p.iter_mut().enumerate().take(groups) {
                 let at = group * L::WIDTH;
                 // F = Σ (x_j − x_0) ⊗ b_j.
                 let origin = L::gather(position, &node[0], at);
@@ -294,22 +294,22 @@ unsafe fn add_star_forces_here<L: Lanes, const B: usize>(
                         }
                     }
                 }
-                p[group] = law.stress(&f, &mut batch.blocks[index], memory, at, used, &mut seen);
+                *p = law.stress(&f, &mut batch.blocks[index], memory, at, used, &mut seen);
             }
             // f_j = −P b_j; the first is minus their sum, so that no force is left over.
             for (node, gradient) in node[1..].iter().zip(gradient) {
-                for group in 0..groups {
+                for (group, (p, sum)) in p.iter().zip(&mut sum).enumerate().take(groups) {
                     let at = group * L::WIDTH;
-                    let q = times(&p[group], &load3(gradient, at));
+                    let q = times(p, &load3(gradient, at));
                     for c in 0..3 {
-                        sum[group][c] = sum[group][c].sub(q[c]);
+                        sum[c] = sum[c].sub(q[c]);
                     }
                     L::subtract(force, node, at..used.min(at + L::WIDTH), &q);
                 }
             }
-            for group in 0..groups {
+            for (group, sum) in sum.iter().enumerate().take(groups) {
                 let at = group * L::WIDTH;
-                L::subtract(force, &node[0], at..used.min(at + L::WIDTH), &sum[group]);
+                L::subtract(force, &node[0], at..used.min(at + L::WIDTH), sum);
             }
         }
         if seen.alarm {
@@ -411,12 +411,12 @@ impl<L: Lanes, const B: usize> Law<L, B> {
             let mu = L::load(&block.mu, at);
             let mut pressure = half.mul(lambda).mul(trace.add(self.volume.mul(trace_change)));
             let branch = if B > 0 { L::load(&block.branch, at) } else { one };
-            for b in 0..B {
-                let share = branch.mul(self.share[b]);
+            for (memory, (share, decay)) in memory.iter_mut().zip(self.share.iter().zip(&self.decay)) {
+                let share = branch.mul(*share);
                 let mut d = e;
                 for c in 0..6 {
-                    let row = &mut memory[b].0[c];
-                    d[c] = L::load(row, at).add(change[c]).mul(self.decay[b]).add(fade).sub(fade);
+                    let row = &mut memory.0[c];
+                    d[c] = L::load(row, at).add(change[c]).mul(*decay).add(fade).sub(fade);
                     d[c].store(row, at);
                     s[c] = s[c].add(share.mul(d[c]));
                 }

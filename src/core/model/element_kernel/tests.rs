@@ -29,10 +29,12 @@ fn edges(x: &[Vec3], n: [u32; 4]) -> Mat3 {
     Mat3::from_columns(&[at(1) - at(0), at(2) - at(0), at(3) - at(0)])
 }
 
+type Constants = ElementConstants<Vec<[Real; 3]>>;
+
 /// Elements between random nodes, each of another stiffness: tetrahedra, or stars of three to nine neighbours.
 struct Soup {
     rest: Vec<Vec3>,
-    elements: Vec<(Vec<u32>, ElementConstants<Vec<[Real; 3]>>)>,
+    elements: Vec<(Vec<u32>, Constants)>,
 }
 
 impl Soup {
@@ -109,7 +111,7 @@ impl Soup {
     }
 }
 
-fn stiff(noise: &mut Noise, volume: Real, gradient: Vec<[Real; 3]>) -> ElementConstants<Vec<[Real; 3]>> {
+fn stiff(noise: &mut Noise, volume: Real, gradient: Vec<[Real; 3]>) -> Constants {
     let weight = volume * (0.5 + 0.4 * noise.next());
     let (lambda, mu) = (weight * (5e4 + 3e4 * noise.next()), weight * (2e3 + 1e3 * noise.next()));
     ElementConstants { gradient, lambda, mu, branch: 1.0 + 0.3 * noise.next() }
