@@ -41,20 +41,25 @@ fn pose(sequence: u32, position: Vec3) -> Option<ToolEvent> {
 /// All elements of the coarsest level that has enough of them, in one class of steps, a little strained.
 fn element_kernel(c: &mut Criterion) {
     let mut group = c.benchmark_group("element kernel");
-    for damping_ratio in ["0.0", "0.15"] {
-        let body = build(&load(&[&format!("material.damping_ratio={damping_ratio}")]));
+    let kinds = ["tetrahedra", "smoothed"].into_iter().flat_map(|kind| [(kind, "0.0"), (kind, "0.15")]);
+    for (kind, damping_ratio) in kinds {
+        let keys = [format!("material.damping_ratio={damping_ratio}"), format!("material.elements='{kind}'")];
+        let body = build(&load(&[&keys[0], &keys[1]]));
         let level = (0..body.levels().len()).find(|r| body.elements_of(*r).len() >= ELEMENTS).unwrap();
         let mut state = State::at_rest(&body, level);
         let all = state.classes.concat();
         let elements = all.len() as u64;
         state.classes = vec![Vec::new(); CLASSES];
         state.classes[0] = all;
+        let stars = state.stars.concat();
+        state.stars = vec![Vec::new(); CLASSES];
+        state.stars[0] = stars;
         let mut mesh = ActiveMesh::new(&body, &state, usize::MAX).unwrap();
         mesh.change_motion(|_, x, _| *x *= 1.01);
         let rates = Rates { volume: 0.1, shear: 0.1, decay: [0.98, 0.9], share: [0.2, 0.3] };
         group.throughput(Throughput::Elements(elements));
         for path in Simd::available() {
-            let name = format!("{path:?}, {} branches, {elements} elements", body.maxwell().len());
+            let name = format!("{kind}, {path:?}, {} branches, {elements} elements", body.maxwell().len());
             group.bench_function(name, |b| b.iter(|| mesh.add_forces(path, 0, black_box(&rates))));
         }
     }

@@ -202,6 +202,7 @@ fn run_and_press(more: &[&str]) -> [u32; 2] {
             700 => [
                 Parameter::Stiffness { tissue: 0, factor: 2.0 },
                 Parameter::Damping(0.5),
+                Parameter::Supports(0.5),
                 Parameter::Gravity(Vec3::x()),
             ]
             .into_iter()

@@ -11,7 +11,7 @@ use palpate_core::math::{Pose, Real, Vec3, is_finite};
 use palpate_core::model::active_set::Change;
 use palpate_core::model::element_kernel::Simd;
 use palpate_core::model::{ActiveMesh, Body, State};
-use palpate_core::simulation::{Budget, Inputs, MOST_FROZEN, Simulation};
+use palpate_core::simulation::{Budget, Inputs, MOST_FROZEN, Parameter, Simulation};
 use std::f64::consts::PI;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -468,4 +468,32 @@ fn session_and_surface_say_whose_what_is() {
     // A body of one says so, too.
     let [(one, _), _] = alone(&loaded);
     assert_eq!(palpate::wire::session::organs(&one, &Display::touched(&one).organs).len(), 1);
+}
+
+#[test]
+fn tissues_of_organs_and_regions_have_names_in_the_order_of_the_body() {
+    let given = [
+        "body.cells=[[3,3,3],[5,5,5]]",
+        "material.region=[{name='nodule', centre=[0.05,0.05,0.05], radius=0.02, youngs_modulus=3e4}]",
+        "organ=[{name='kidney', position=[0.3,0,0], body={source='box', cells=[[3,3,3],[5,5,5]]}, \
+          material={youngs_modulus=2e4, region=[{centre=[0.05,0.05,0.05], radius=0.02, youngs_modulus=4e4}]}}]",
+    ];
+    let loaded = LoadedScene::load(Path::new("cube"), &given.map(String::from)).unwrap();
+    let body = loaded.build(&mut |_, _, _| {}).unwrap();
+    let names = loaded.scene.tissues();
+    assert_eq!(names, ["cube", "nodule", "kidney", "kidney.region1"]);
+    let tissues = body.parts().mixtures.tissues.iter().map(|tissue| tissue.youngs_modulus().round());
+    assert_eq!(tissues.collect::<Vec<_>>(), [1e4, 3e4, 2e4, 4e4]);
+    // One that is named changes its own elements and those that have some of it, and no others.
+    for (t, name) in names.iter().enumerate() {
+        let named = loaded.scene.parameters_named(&format!("stiffness.{name}"), &[2.0]).unwrap();
+        assert_eq!(named, [Parameter::Stiffness { tissue: t as u16, factor: 2.0 }]);
+        let mut stiffness = [1.0; 4];
+        stiffness[t] = 2.0;
+        for (m, prepared) in body.parts().materials.iter().enumerate() {
+            let factor = body.mixed(m, &stiffness).mu / prepared.mu;
+            assert!((1.0..=2.0 + 1e-12).contains(&factor) && (body.has_tissue(m, t) || factor == 1.0), "{factor}");
+        }
+    }
+    assert_eq!(loaded.scene.parameters_named("stiffness", &[2.0]).unwrap().len(), 4);
 }

@@ -60,7 +60,7 @@ enum Command {
     Certificates(certificates_command::CertificatesArgs),
     /// Start a recording on a running server, and stop it again
     Record(RecordArgs),
-    /// Change stiffness, gravity, damping or friction of a running server, or list what they are
+    /// Change stiffness, gravity and more of a running server, or list what can be changed
     Set(set_command::SetArgs),
     /// List the servers that a server or a zenoh router knows
     List(list_command::ListArgs),

@@ -70,7 +70,11 @@ fn what_cannot_be_set_is_refused_with_its_name_and_range_and_the_session_lists_w
         ("stiffness", &[50.0][..], "stiffness.cube is 50: 0.05 to 20"),
         ("stiffness.cube", &[f64::NAN], "stiffness.cube is NaN"),
         ("stiffness.0", &[0.0], "stiffness.cube is 0: 0.05 to"),
-        ("stiffness.1", &[1.0], "no parameter of that name: there is gravity, damping, stiffness.cube, friction.left"),
+        (
+            "stiffness.1",
+            &[1.0],
+            "no parameter of that name: there is gravity, damping, supports, stiffness.cube, friction.left",
+        ),
         ("gravity", &[0.0, 0.0, -900.0], "gravity is -900: -100 to 100"),
         ("gravity", &[9.81], "gravity has 3 values, not 1"),
         ("friction.right", &[2.5], "friction.right is 2.5: 0 to 2"),
@@ -94,6 +98,7 @@ fn what_cannot_be_set_is_refused_with_its_name_and_range_and_the_session_lists_w
         [
             ("gravity", &[0.0, 1.0, -2.0][..], -100.0, 100.0),
             ("damping", &[1.0], 0.1, 1.0),
+            ("supports", &[1.0], 0.01, 1.0),
             ("stiffness.cube", &[1.0], 0.05, 20.0),
             ("friction.left", &[0.5], 0.0, 2.0),
             ("friction.right", &[0.5], 0.0, 2.0),

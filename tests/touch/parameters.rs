@@ -75,6 +75,7 @@ fn all_change(i: u64) -> Inputs {
         450 => Some(Parameter::Damping(0.3)),
         470 => Some(Parameter::Friction { tool: 0, coefficient: 0.8 }),
         480 => Some(Parameter::Resolution { threshold: Threshold::Split, value: 0.03 }),
+        490 => Some(Parameter::Supports(0.4)),
         799 => Some(stiffness(0, 10.0)),
         900 => Some(stiffness(0, 1.0)),
         _ => None,
@@ -88,9 +89,12 @@ fn all_change(i: u64) -> Inputs {
     Inputs { parameter, reset: i == 800, ..inputs }
 }
 
+/// Held by springs instead of nodes that do not move.
+const SPRINGS: &str = "hold=[{min=[0,0,0], max=[0.1,0.1,0], stiffness=1e6}]";
+
 #[test]
 fn restored_after_any_change_it_goes_on_bit_for_bit() {
-    let setup = with_nodule(adaptive_cube, 1.0, 1.0);
+    let setup = with_nodule(|more| adaptive_cube(&[&[SPRINGS], more].concat()), 1.0, 1.0);
     let hashes = |simulation: &mut Simulation, from: u64| -> Vec<u64> {
         let run = |i| {
             simulation.advance(&all_change(i));
@@ -118,7 +122,7 @@ fn restored_after_any_change_it_goes_on_bit_for_bit() {
         }
         run.advance(&all_change(i));
     }
-    assert_eq!(run.parameters().len(), 6);
+    assert_eq!(run.parameters().len(), 7);
 }
 
 #[test]
@@ -224,4 +228,26 @@ fn a_lower_threshold_refines_more_and_the_given_one_coarsens_again() {
         });
     println!("{elements:?} elements");
     assert!(elements[1] > elements[0] * 5 / 4 && elements[2] < elements[1] * 9 / 10, "{elements:?}");
+}
+
+/// A body on springs hangs by its weight over their stiffness.
+#[test]
+fn supports_made_softer_give_way_by_as_much_more() {
+    let setup = cube(&[SPRINGS, DAMPED]);
+    let mut run = simulation(&setup);
+    let mut settle = |parameters: [Option<Parameter>; 2]| {
+        for i in 0..2500 {
+            run.advance(&Inputs { parameter: parameters.get(i).copied().flatten(), ..Inputs::default() });
+            run.mesh_mut().change_motion(|_, _, v| *v *= 0.99);
+        }
+        let (body, mesh) = (run.body(), run.mesh());
+        let bottom = |s: &&Slot| body.rest(mesh.node(**s)).z == 0.0;
+        let down: Vec<Real> = mesh.active().iter().filter(bottom).map(|s| -mesh.position(*s).z).collect();
+        down.iter().sum::<Real>() / down.len() as Real
+    };
+    let hard = settle([Some(Parameter::Gravity(Vec3::new(0.0, 0.0, -2.0))), None]);
+    let soft = settle([Some(Parameter::Supports(0.2)), None]);
+    let weight = setup.body.mass() * 2.0 / 1e4;
+    println!("{:.3} mm and {:.3} mm of {:.3} mm", 1e3 * hard, 1e3 * soft, 1e3 * weight);
+    assert!((hard / weight - 1.0).abs() < 0.1 && (soft / hard - 5.0).abs() < 0.25);
 }

@@ -273,6 +273,9 @@ fn an_instructor_resets_and_records_and_does_not_touch() {
     let secured = Secured::start();
     let ines = secured.connect("ines");
     ines.control(reset()).unwrap();
+    ines.set_parameters([("stiffness".to_owned(), vec![1.5])]).unwrap();
+    let by_anna = secured.connect("anna").set_parameters([("stiffness".to_owned(), vec![1.0])]);
+    assert!(words(by_anna).contains("anna is operator on this server, and may not set"));
     ines.control(Request::StartRecording(proto::StartRecording { path: "lesson.mcap".into() })).unwrap();
     std::thread::sleep(Duration::from_millis(200));
     let recorded = ines.control(Request::StopRecording(proto::StopRecording {})).unwrap().recording.unwrap();

@@ -49,8 +49,14 @@ const ACROSS: Real = 8.0;
 /// ... but not halved more often than this.
 const MOST_HALVINGS: u32 = 5;
 
-/// Materials, that of each element, per level, and of what they are mixed.
-pub(super) type Mixed = (Vec<Material>, Vec<Vec<u16>>, MixtureParts);
+/// What a body is made of, as its parts have it.
+#[derive(Debug)]
+pub(super) struct Materials {
+    pub(super) list: Vec<Material>,
+    /// By level, the place in the list of each element's.
+    pub(super) of: Vec<Vec<u16>>,
+    pub(super) mixtures: MixtureParts,
+}
 
 /// The materials of a body of `levels` that is of `base` but for `inclusions`, of which later ones cover earlier ones: a
 /// list, for each level the place in it of each element's, or nothing where all are of the first, `base`, and what they are
@@ -64,7 +70,7 @@ pub(super) fn materials(
     inclusions: &[Inclusion],
     levels: &[Level],
     labels: &LabelParts,
-) -> Result<Mixed, PrepareError> {
+) -> Result<Materials, PrepareError> {
     let mut has: Vec<i64> = labels.mixed_cells.iter().flatten().map(|(label, _)| *label).collect();
     has.sort_unstable();
     has.dedup();
@@ -110,7 +116,7 @@ pub(super) fn materials(
         Some(index) => Err(PrepareError::EmptyInclusion(index + 1)),
         None => {
             let tissues = std::iter::once(base).chain(inclusions.iter().map(Inclusion::material)).collect();
-            Ok((list, of_levels, MixtureParts { tissues, of: mixtures }))
+            Ok(Materials { list, of: of_levels, mixtures: MixtureParts { tissues, of: mixtures } })
         }
     }
 }
@@ -274,7 +280,7 @@ mod tests {
         let levels = levels();
         let all = Reach::Box(Bounds::new(Vec3::repeat(-1.0), Vec3::repeat(1.0)));
         let half = Reach::Box(Bounds::new(Vec3::repeat(-1.0), Vec3::new(0.05, 1.0, 1.0)));
-        let (list, of, _) =
+        let Materials { list, of, .. } =
             materials(BASE, &[stiff(all, 3.0), stiff(half, 5.0)], &levels, &LabelParts::default()).unwrap();
         for (level, of) in levels.iter().zip(of) {
             let mut between = 0;
@@ -297,7 +303,7 @@ mod tests {
     #[test]
     fn a_body_without_inclusions_lists_nothing_and_an_inclusion_outside_is_refused() {
         let levels = levels();
-        let (list, of, _) = materials(BASE, &[], &levels, &LabelParts::default()).unwrap();
+        let Materials { list, of, .. } = materials(BASE, &[], &levels, &LabelParts::default()).unwrap();
         assert!(list == [BASE] && of.iter().all(Vec::is_empty) && of.len() == 3);
         let away = stiff(Reach::Ball(Vec3::repeat(0.3), 0.02), 2.0);
         let middle = stiff(Reach::Ball(Vec3::repeat(0.05), 0.02), 2.0);
@@ -328,7 +334,7 @@ mod tests {
         let labels = LabelParts { name: "region".into(), mixed_cells: vec![vec![(3, 60), (-5, 4)]], of };
         let by =
             |label: i64| Inclusion { place: Place::Labelled(label), ..stiff(Reach::Ball(Vec3::zeros(), 1.0), 2.0) };
-        let (list, of, _) = materials(BASE, &[by(-5)], &levels, &labels).unwrap();
+        let Materials { list, of, .. } = materials(BASE, &[by(-5)], &levels, &labels).unwrap();
         assert!(list.len() == 2 && of.iter().flatten().all(|m| *m == 1));
         let refused = |labels: &LabelParts| materials(BASE, &[by(3), by(4)], &levels, labels).unwrap_err().to_string();
         let e = refused(&labels);

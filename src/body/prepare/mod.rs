@@ -22,7 +22,7 @@ use crate::geometry::LabelledMesh;
 use crate::geometry::display::displayed;
 use calibration::{CalibrationError, calibrate};
 use holds::{Held, hold_regions};
-use inclusions::{Inclusion, materials};
+use inclusions::{Inclusion, Materials, materials};
 use labels::label_parts;
 use merge::MergeError;
 use palpate_core::geometry::{Moments, Surface, TetMesh};
@@ -274,7 +274,8 @@ pub fn prepare(recipe: &Recipe, progress: &mut dyn FnMut(&str, usize, usize)) ->
     let steps = levels.len() + 4;
     progress("holding regions", steps - 2, steps);
     let labels = label_parts(&levels, recipe.shape.labelled())?;
-    let (materials, material_of, mixtures) = materials(recipe.material, &recipe.inclusions, &levels, &labels)?;
+    let Materials { list: materials, of: material_of, mixtures } =
+        materials(recipe.material, &recipe.inclusions, &levels, &labels)?;
     let mut parts = BodyParts {
         name: recipe.name.clone(),
         surface,
@@ -407,7 +408,8 @@ pub fn refit(
         && (held.springs.iter().zip(body.supports()))
             .all(|(a, b)| a.vertex == b.vertex && alike(a.stiffness, b.stiffness * stiffer));
     let parts = body.parts();
-    let (materials, material_of, mixtures) = materials(material, inclusions, body.levels(), &parts.labels)?;
+    let Materials { list: materials, of: material_of, mixtures } =
+        materials(material, inclusions, body.levels(), &parts.labels)?;
     let same_in = |(level, (now, then)): (&Level, (&Vec<u16>, &Vec<u16>))| {
         (0..level.mesh.elements.len()).all(|e| {
             let (now, then) = (material_in(&materials, now, e), material_in(&parts.materials, then, e));

@@ -65,7 +65,7 @@ pub fn energy(body: &Body, mesh: &ActiveMesh, gravity: Vec3) -> Energy {
     }
     for hold in body.supports() {
         let stretch = mesh.vertex(hold.vertex) - body.surface().vertices[hold.vertex.index()];
-        sum.elastic += 0.5 * hold.stiffness * stretch.norm_squared();
+        sum.elastic += 0.5 * mesh.support_factor() * hold.stiffness * stretch.norm_squared();
     }
     sum
 }

@@ -28,7 +28,7 @@ impl Given {
 
 /// Most quantities that may have been changed in a session of `body` with `settings`.
 pub(super) fn most_parameters(body: &Body, settings: &Settings) -> usize {
-    2 + Threshold::ALL.len() + body.tissue_count() + settings.tools.len()
+    3 + Threshold::ALL.len() + body.tissue_count() + settings.tools.len()
 }
 
 impl Simulation {
@@ -40,6 +40,9 @@ impl Simulation {
     /// Gives a quantity another value; of a tissue or tool that is not there, nothing happens.
     pub(super) fn set(&mut self, parameter: Parameter) {
         if self.assume(parameter) {
+            if let Parameter::Supports(factor) = parameter {
+                self.mesh.set_support_factor(&self.body, factor);
+            }
             // The body finds another balance, and the hand need not feel how.
             self.tools.iter_mut().filter(|tool| tool.touches()).for_each(|tool| tool.begin_transition());
         }
@@ -65,6 +68,7 @@ impl Simulation {
                 self.settings.tools[usize::from(tool)].friction = coefficient;
             }
             Parameter::Damping(factor) => self.mesh.damping = factor,
+            Parameter::Supports(factor) => self.mesh.assume_support_factor(factor),
             Parameter::Resolution { threshold, value } => match (&mut self.settings.adaptivity, threshold) {
                 (Some(adaptivity), Threshold::Split) => adaptivity.split = value,
                 (Some(adaptivity), Threshold::Merge) => adaptivity.merge = value,
@@ -91,6 +95,7 @@ impl Simulation {
         }
         self.settings.adaptivity.clone_from(&self.given.adaptivity);
         self.mesh.damping = 1.0;
+        self.mesh.assume_support_factor(1.0);
         self.mesh.assume_stiffness(&self.body, stiffening);
         self.parameters.clear();
         parameters.iter().for_each(|parameter| {

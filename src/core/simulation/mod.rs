@@ -16,7 +16,7 @@ pub use crate::model::step_class::TICK;
 pub use crate::stepping::work::{Budget, Laps, Part, Prices};
 pub use inputs::{Inputs, Settings};
 pub use outputs::{MOST_LEVELS, Outputs, Plan, TickFlags, ToolOutput};
-pub use parameter::{DAMPING, FRICTION, GRAVITY, Parameter, STIFFNESS, Threshold};
+pub use parameter::{DAMPING, FRICTION, GRAVITY, Parameter, STIFFNESS, SUPPORTS, Threshold};
 pub use ranges::ParameterRanges;
 pub use snapshot::Snapshot;
 

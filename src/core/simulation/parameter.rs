@@ -25,6 +25,8 @@ pub enum Parameter {
     },
     /// Factor on the viscosities and the Maxwell branches of every tissue.
     Damping(Real),
+    /// Factor on the stiffness of all supports.
+    Supports(Real),
     /// When nodes are split and merged.
     Resolution {
         /// Which number of [`Adaptivity`](crate::adaptation::Adaptivity).
@@ -71,12 +73,12 @@ impl Threshold {
 impl Parameter {
     /// Whether `other` is a value of the same quantity.
     pub fn is_same_quantity(&self, other: &Parameter) -> bool {
-        use Parameter::{Damping, Friction, Gravity, Resolution, Stiffness};
+        use Parameter::{Damping, Friction, Gravity, Resolution, Stiffness, Supports};
         match (self, other) {
             (Stiffness { tissue: a, .. }, Stiffness { tissue: b, .. })
             | (Friction { tool: a, .. }, Friction { tool: b, .. }) => a == b,
             (Resolution { threshold: a, .. }, Resolution { threshold: b, .. }) => a == b,
-            (Gravity(_), Gravity(_)) | (Damping(_), Damping(_)) => true,
+            (Gravity(_), Gravity(_)) | (Damping(_), Damping(_)) | (Supports(_), Supports(_)) => true,
             _ => false,
         }
     }
@@ -88,6 +90,7 @@ impl Parameter {
             Parameter::Stiffness { factor: value, .. }
             | Parameter::Friction { coefficient: value, .. }
             | Parameter::Resolution { value, .. }
+            | Parameter::Supports(value)
             | Parameter::Damping(value) => std::slice::from_ref(value),
         }
     }
@@ -100,6 +103,8 @@ pub const FRICTION: RangeInclusive<Real> = 0.0..=2.0;
 /// Part of the body's damping: more would shorten the steps that the body was prepared for, and with less the error of a step
 /// adds energy.
 pub const DAMPING: RangeInclusive<Real> = 0.1..=1.0;
+/// Part of the supports' stiffness: with more, elements around them would need shorter steps, with less a body falls.
+pub const SUPPORTS: RangeInclusive<Real> = 0.01..=1.0;
 /// Factors on the stiffness of a tissue, as far as its elements can be stepped: a softer one is crushed by the forces that hands
 /// apply to the body as prepared, a stiffer one is better prepared so.
 pub const STIFFNESS: RangeInclusive<Real> = 0.05..=20.0;

@@ -1,7 +1,7 @@
 //! How far what may change can go, for whoever lets changes in.
 
 use super::Settings;
-use super::parameter::{DAMPING, FRICTION, GRAVITY, Parameter, STIFFNESS};
+use super::parameter::{DAMPING, FRICTION, GRAVITY, Parameter, STIFFNESS, SUPPORTS};
 use crate::adaptation::finest_steppable;
 use crate::math::Real;
 use crate::model::element_pool::CLASSES;
@@ -39,6 +39,7 @@ impl ParameterRanges {
             Parameter::Gravity(_) => Some(GRAVITY),
             Parameter::Friction { tool, .. } => (usize::from(*tool) < self.tools).then_some(FRICTION),
             Parameter::Damping(_) => Some(DAMPING),
+            Parameter::Supports(_) => Some(SUPPORTS),
             Parameter::Resolution { threshold, .. } => self.adapts.then(|| threshold.range()),
             Parameter::Stiffness { tissue, .. } => {
                 let t = usize::from(*tissue);

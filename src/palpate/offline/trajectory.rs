@@ -41,7 +41,7 @@ pub const EVENT_COLUMNS: &str = "event,period_s,coupling_m_per_N,angular_couplin
 /// And after those, where rows say the budget of a machine: four times, and what each part of a tick costs, separated by spaces.
 pub const BUDGET_COLUMNS: &str = "budget_ns,prices_ps";
 
-/// And after those, where rows set parameters: `gravity`, `damping`, `resolution.split` and so on, `stiffness.N` of the tissue or `friction.N` of the
+/// And after those, where rows set parameters: `gravity`, `damping`, `supports`, `resolution.split` and so on, `stiffness.N` of the tissue or `friction.N` of the
 /// tool of that number, and its values, separated by spaces.
 pub const PARAMETER_COLUMNS: &str = "parameter,values";
 
@@ -295,6 +295,7 @@ fn numbered_name(parameter: &Parameter) -> String {
     match parameter {
         Parameter::Gravity(_) => "gravity".into(),
         Parameter::Damping(_) => "damping".into(),
+        Parameter::Supports(_) => "supports".into(),
         Parameter::Stiffness { tissue, .. } => format!("stiffness.{tissue}"),
         Parameter::Friction { tool, .. } => format!("friction.{tool}"),
         Parameter::Resolution { threshold, .. } => format!("resolution.{}", threshold.name()),
@@ -307,6 +308,7 @@ fn numbered(name: &str, values: &[Real]) -> Option<Parameter> {
     Some(match name.split_once('.') {
         None if name == "gravity" => Parameter::Gravity(<[Real; 3]>::try_from(values).ok()?.into()),
         None if name == "damping" => Parameter::Damping(value()?),
+        None if name == "supports" => Parameter::Supports(value()?),
         Some(("stiffness", tissue)) => Parameter::Stiffness { tissue: tissue.parse().ok()?, factor: value()? },
         Some(("friction", tool)) => Parameter::Friction { tool: tool.parse().ok()?, coefficient: value()? },
         Some(("resolution", name)) => Parameter::Resolution {
@@ -387,7 +389,7 @@ impl Cells<'_> {
             let parameter = values.and_then(|values| numbered(self.fields[PARAMETER], &values));
             let parameter = parameter.ok_or_else(|| {
                 format!(
-                    "parameter {:?} with {:?}: gravity with three numbers, or damping, stiffness.N, friction.N or resolution.split, merge or reach with one",
+                    "parameter {:?} with {:?}: gravity with three numbers, or damping, supports, stiffness.N, friction.N or resolution.split, merge or reach with one",
                     self.fields[PARAMETER], self.fields[VALUES]
                 )
             })?;

@@ -30,6 +30,7 @@ impl Scene {
         match parameter {
             Parameter::Gravity(_) => "gravity".into(),
             Parameter::Damping(_) => "damping".into(),
+            Parameter::Supports(_) => "supports".into(),
             Parameter::Resolution { threshold, .. } => format!("resolution.{}", threshold.name()),
             Parameter::Stiffness { tissue, .. } => {
                 let names = self.tissues();
@@ -47,7 +48,8 @@ impl Scene {
         let stiffness = (0..self.tissues().len() as u16).map(|tissue| Parameter::Stiffness { tissue, factor: 1.0 });
         let friction =
             (0..).zip(&self.tool).map(|(tool, keys)| Parameter::Friction { tool, coefficient: keys.friction });
-        let others = [Parameter::Gravity(Vec3::from(self.world.gravity)), Parameter::Damping(1.0)];
+        let others =
+            [Parameter::Gravity(Vec3::from(self.world.gravity)), Parameter::Damping(1.0), Parameter::Supports(1.0)];
         let adaptivity = self.settings().adaptivity;
         let resolution = adaptivity.iter().flat_map(|Adaptivity { split, merge, reach, .. }| {
             let values = [*split, *merge, *reach];
@@ -67,7 +69,7 @@ impl Scene {
             let own = self.parameter_name(parameter);
             let number = match parameter {
                 Parameter::Stiffness { tissue: number, .. } | Parameter::Friction { tool: number, .. } => Some(*number),
-                Parameter::Gravity(_) | Parameter::Damping(_) | Parameter::Resolution { .. } => None,
+                _ => None,
             };
             let kind = own.split_once('.').map_or(own.as_str(), |(kind, _)| kind);
             let numbered = name.strip_prefix(kind).and_then(|rest| rest.strip_prefix('.')?.parse().ok());
@@ -88,6 +90,7 @@ impl Scene {
                     Parameter::Gravity(Vec3::from(<[Real; 3]>::try_from(values).map_err(|_| few())?))
                 }
                 Parameter::Damping(_) => Parameter::Damping(value()?),
+                Parameter::Supports(_) => Parameter::Supports(value()?),
                 Parameter::Resolution { threshold, .. } => Parameter::Resolution { threshold, value: value()? },
                 Parameter::Stiffness { tissue, .. } => Parameter::Stiffness { tissue, factor: value()? },
                 Parameter::Friction { tool, .. } => Parameter::Friction { tool, coefficient: value()? },

@@ -256,6 +256,7 @@ fn recorded_parameter(parameter: &Parameter) -> proto::RecordedParameter {
     let quantity = match *parameter {
         Parameter::Gravity(_) => Quantity::Gravity(true),
         Parameter::Damping(_) => Quantity::Damping(true),
+        Parameter::Supports(_) => Quantity::Supports(true),
         Parameter::Stiffness { tissue, .. } => Quantity::Stiffness(tissue.into()),
         Parameter::Friction { tool, .. } => Quantity::Friction(tool.into()),
         Parameter::Resolution { threshold, .. } => Quantity::Resolution(threshold as u32),
@@ -273,6 +274,7 @@ fn parameter_from_message(message: &proto::RecordedParameter) -> Option<Paramete
     Some(match message.quantity? {
         Quantity::Gravity(_) => Parameter::Gravity(<[Real; 3]>::try_from(values).ok()?.into()),
         Quantity::Damping(_) => Parameter::Damping(value()?),
+        Quantity::Supports(_) => Parameter::Supports(value()?),
         Quantity::Stiffness(tissue) => Parameter::Stiffness { tissue: tissue.try_into().ok()?, factor: value()? },
         Quantity::Friction(tool) => Parameter::Friction { tool: tool.try_into().ok()?, coefficient: value()? },
         Quantity::Resolution(number) => {
@@ -429,6 +431,7 @@ mod tests {
                 Parameter::Stiffness { tissue: 3, factor: numbers[3] },
                 Parameter::Friction { tool: 7, coefficient: numbers[4] },
                 Parameter::Damping(numbers[5]),
+                Parameter::Supports(numbers[5]),
                 Parameter::Resolution { threshold: Threshold::Merge, value: numbers[6] },
             ];
             let parameter = Some(parameters[epoch as usize % parameters.len()]);

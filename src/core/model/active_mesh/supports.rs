@@ -44,6 +44,8 @@ pub(super) struct Supports {
     changed: Vec<Element>,
     /// Springs of one element.
     carried: Vec<u32>,
+    /// Factor on the stiffness of all springs.
+    factor: Real,
 }
 
 impl Supports {
@@ -59,6 +61,7 @@ impl Supports {
             springs: Csr::new(body.surface().vertices.len(), by_vertex),
             changed: Vec::with_capacity(2 * springs),
             carried: Vec::with_capacity(2 * springs),
+            factor: 1.0,
         }
     }
 
@@ -85,6 +88,23 @@ impl Supports {
 }
 
 impl ActiveMesh {
+    /// Factor on the stiffness of all springs.
+    pub fn support_factor(&self) -> Real {
+        self.supports.factor
+    }
+
+    /// Makes all springs `factor` times as stiff as prepared, 1 at most: elements may keep their steps. Allocates nothing.
+    pub fn set_support_factor(&mut self, body: &Body, factor: Real) {
+        self.supports.factor = factor;
+        self.fold_all_supports(body);
+        self.weigh_supports();
+    }
+
+    /// The same before [`ActiveMesh::restore`], which folds them.
+    pub(crate) fn assume_support_factor(&mut self, factor: Real) {
+        self.supports.factor = factor;
+    }
+
     /// Folds all springs into the elements that carry them now.
     pub(super) fn fold_all_supports(&mut self, body: &Body) {
         let Self { supports, embedded, geomorph, .. } = self;
@@ -108,7 +128,7 @@ impl ActiveMesh {
         let Self { supports, embedded, extrapolated, .. } = self;
         supports.changed.sort_unstable();
         supports.changed.dedup();
-        let Supports { order, room, free, offset, springs, changed, carried } = supports;
+        let Supports { order, room, free, offset, springs, changed, carried, factor } = supports;
         order.retain(|(element, place)| {
             let stays = changed.binary_search(element).is_err();
             if !stays {
@@ -131,7 +151,7 @@ impl ActiveMesh {
                 let weights = &embedded[hold.vertex.index()].weights;
                 let rest = body.surface().vertices[hold.vertex.index()];
                 for (i, w) in weights.iter().enumerate() {
-                    let k = hold.stiffness * w;
+                    let k = *factor * hold.stiffness * w;
                     for (j, v) in weights.iter().enumerate() {
                         support.stiffness[i][j] += k * v;
                         support.bound[i][j] += (k * v).abs();
@@ -182,7 +202,7 @@ impl ActiveMesh {
 
     /// Supports follow the geomorph offsets of this tick.
     pub fn follow_offsets(&mut self, body: &Body) {
-        let Self { supports: Supports { room, offset, .. }, embedded, geomorph, .. } = self;
+        let Self { supports: Supports { room, offset, factor, .. }, embedded, geomorph, .. } = self;
         for &(_, place) in offset.iter() {
             let support = &mut room[place as usize];
             support.pull = support.rest;
@@ -191,7 +211,7 @@ impl ActiveMesh {
             let hold = body.supports()[h as usize];
             let (away, weights) = (&geomorph[hold.vertex.index()], &embedded[hold.vertex.index()].weights);
             for (pull, w) in room[place as usize].pull.iter_mut().zip(weights) {
-                (0..3).for_each(|c| pull[c] -= hold.stiffness * w * away[c]);
+                (0..3).for_each(|c| pull[c] -= *factor * hold.stiffness * w * away[c]);
             }
             *away != [0.0; 4]
         });
