@@ -55,8 +55,13 @@ fn pressed(body: &Arc<Body>) -> Simulation {
         let height = 0.062 - 3e-5 * f64::from(tick);
         let pose = Pose { position: Vec3::new(0.0, 0.0, height), ..Pose::default() };
         inputs.tools[0] = Some(ToolEvent::Pose(PoseSample { sequence: tick, pose, ..PoseSample::default() }));
-        inputs.parameter =
-            [Parameter::Damping(0.9), Parameter::Stiffness { tissue: 0, factor: 1.1 }].get(tick as usize - 1).copied();
+        inputs.parameter = [
+            Parameter::Damping(0.9),
+            Parameter::Stiffness { tissue: 0, factor: 1.1 },
+            Parameter::Friction { tool: 0, coefficient: 0.4 },
+        ]
+        .get(tick as usize - 1)
+        .copied();
         simulation.advance(&inputs);
         let Snapshot { body: State { interface, residual, geomorph, .. }, points, .. } = simulation.snapshot();
         let held = residual.iter().flatten().any(|e| *e != Vec3::zeros());

@@ -76,9 +76,9 @@ impl State {
         }
         let mut stars = vec![Vec::new(); CLASSES];
         if !body.stars().is_empty() {
-            nodes
-                .iter()
-                .for_each(|n| stars[step_class::class_of_rest(body, body.stars().of(*n).omega_squared)].push(*n));
+            nodes.iter().for_each(|n| {
+                stars[step_class::class_of_rest(body, step_class::omega_squared_of_star(body, *n))].push(*n)
+            });
         }
         Self {
             star_history: vec![History::REST; stars.iter().map(Vec::len).sum()],

@@ -8,7 +8,7 @@ use super::body::{Body, MaxwellBranch};
 use super::element_kernel::StrainLimit;
 use super::element_pool::CLASSES;
 use super::material::{COLLAPSE_ONSET, COLLAPSE_STIFFNESS, Material};
-use crate::ids::Element;
+use crate::ids::{Element, Node};
 use crate::math::Real;
 
 /// Length of a tick [s].
@@ -121,7 +121,7 @@ pub fn omega_squared(body: &Body, material: &Material, e: Element) -> Real {
 
 /// The same without Maxwell branches: a pressure wave crosses the element's smallest altitude. Where stars have a part of the
 /// stiffness, they have the same part of the masses.
-pub(super) fn plain_omega_squared(body: &Body, material: &Material, e: Element) -> Real {
+fn plain_omega_squared(body: &Body, material: &Material, e: Element) -> Real {
     let altitude = smallest_altitude(body, e);
     let wave_speed_squared = body.stiffness_factor(e) * material.pressure_modulus() / body.density(e);
     4.0 * wave_speed_squared / (SAFETY * SAFETY * altitude * altitude)
@@ -132,6 +132,13 @@ pub(super) fn plain_omega_squared(body: &Body, material: &Material, e: Element) 
 pub fn largest_omega_squared(class: usize, damping_time: Real) -> Real {
     let h = step_of(class);
     4.0 / (h * (h + 2.0 * damping_time))
+}
+
+/// [`omega_squared`] of the star of node `n`. With the mean of the deformation gradients around it is no stiffer than the
+/// stiffest element there.
+pub fn omega_squared_of_star(body: &Body, n: Node) -> Real {
+    let around = body.elements_around(n).iter().map(|e| plain_omega_squared(body, body.material_of(*e), *e));
+    around.fold(0.0, Real::max) * instantaneous(&body.stars().of(n).material, 1.0, body.maxwell())
 }
 
 /// Class of the longest stable step at rest of what has this `omega_squared` [1/s²].
@@ -151,7 +158,7 @@ fn smallest_altitude(body: &Body, e: Element) -> Real {
 
 /// Stiffness at once over that after relaxation, with the strain-difference term, of `material` with the branches `maxwell`,
 /// whose moduli over μ have the factor `branch`.
-pub(super) fn instantaneous(material: &Material, branch: Real, maxwell: &[MaxwellBranch]) -> Real {
+fn instantaneous(material: &Material, branch: Real, maxwell: &[MaxwellBranch]) -> Real {
     if maxwell.is_empty() {
         return 1.0;
     }

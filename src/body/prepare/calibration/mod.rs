@@ -132,8 +132,8 @@ pub fn calibrate(
         systems[l].bear(&load);
     }
 
-    let last = levels.len() - 1;
-    if elements == Elements::Smoothed {
+    let last = levels.len().saturating_sub(1);
+    if elements == Elements::Smoothed && !levels.is_empty() {
         // They answer alike as they are. The finest level's answer is that of plain ones, its energy that of its own: of the
         // second order in what is wrong with the answer.
         let guess = vec![ZERO; levels[last].mesh.nodes.len()];

@@ -73,7 +73,7 @@ impl ActiveMesh {
                     let used = body.elements_around(node).iter().filter(|e| self.pool.class_of(**e).is_some());
                     most = used.map(|e| self.omega_squared[e.index()]).fold(most, Real::max);
                     let stars = self.stars_around(body, node).filter(|n| self.stars.contains(*n));
-                    most = stars.map(|n| body.stars().of(n).omega_squared).fold(most, Real::max);
+                    most = stars.map(|n| self.star_omega_squared[n.index()]).fold(most, Real::max);
                 }
             }
         }
@@ -122,10 +122,9 @@ impl ActiveMesh {
     }
 
     fn step_of_star(&self, body: &Body, n: Node, strain: &[Real; 6], det: Real) -> Real {
-        let star = body.stars().of(n);
-        let strained = Strained::of(&star.material, strain, det);
-        let springs = self.springs_in_star(body, n);
-        step_class::stable_step(star.omega_squared, strained, body.damping_time(), springs)
+        let strained = Strained::of(&body.stars().of(n).material, strain, det);
+        let (omega_squared, springs) = (self.star_omega_squared[n.index()], self.springs_in_star(body, n));
+        step_class::stable_step(omega_squared, strained, body.damping_time(), springs)
     }
 
     /// Moves element `e` to the class of its longest stable step; lengthening asks for some margin, so that elements do
@@ -170,8 +169,9 @@ impl ActiveMesh {
 
     /// The same for the star of node `n`.
     pub(super) fn limit_strain_of_star(&mut self, body: &Body, n: Node, class: usize) {
-        let (star, springs) = (body.stars().of(n), self.springs_in_star(body, n));
-        let limit = step_class::strain_limit(class, &star.material, star.omega_squared, body.damping_time(), springs);
+        let (material, springs) = (&body.stars().of(n).material, self.springs_in_star(body, n));
+        let omega_squared = self.star_omega_squared[n.index()];
+        let limit = step_class::strain_limit(class, material, omega_squared, body.damping_time(), springs);
         self.stars.set_strain_limit(n, limit);
     }
 

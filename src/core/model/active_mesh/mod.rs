@@ -77,6 +77,8 @@ pub struct ActiveMesh {
     active_vertices: Vec<u8>,
     /// `ω²` at rest [1/s²] of the elements in use, the Maxwell branches' share included.
     omega_squared: Vec<Real>,
+    /// The same of the stars in use, by node; none where the body has no stars.
+    star_omega_squared: Vec<Real>,
     /// Node of each slot, where that is at rest [m], and its organ.
     node: Vec<Node>,
     rest: Vec<Vec3>,
@@ -196,6 +198,7 @@ impl ActiveMesh {
             slot: vec![Slot::NONE; body.node_count()],
             active_vertices: vec![0; body.element_count()],
             omega_squared: vec![0.0; body.element_count()],
+            star_omega_squared: vec![0.0; if plain { 0 } else { body.node_count() }],
             node: vec![Node::NONE; slots],
             rest: vec![Vec3::zeros(); slots],
             organ: vec![OrganId::NONE; slots],

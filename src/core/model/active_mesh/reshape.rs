@@ -305,6 +305,7 @@ impl ActiveMesh {
             self.note_star(body, n);
             let (strain, det) = self.strain(&constants, &self.work.star);
             let history = History { strain, det, branch: self.inherited_branches_of_star(body, n) };
+            self.star_omega_squared[n.index()] = step_class::omega_squared_of_star(body, n);
             let class = self.class_of_star_strained(body, n, &strain, det);
             let taken = self.stars.insert(n, class, &self.work.star, &constants, &history);
             debug_assert!(taken, "each is around a node with a slot");

@@ -68,6 +68,7 @@ impl ActiveMesh {
                 self.note_star(body, n);
                 let history = histories.next().unwrap_or(&History::REST);
                 self.stars.insert(n, class, &self.work.star, &body.stars().constants(n), history);
+                self.star_omega_squared[n.index()] = step_class::omega_squared_of_star(body, n);
             }
         }
         for i in 0..self.interface.len() {

@@ -19,7 +19,6 @@ use crate::ids::Node;
 use crate::math::{Real, Vec3};
 use crate::model::element::ElementConstants;
 use crate::model::material::Material;
-use crate::model::step_class;
 
 /// Largest `λ/μ` of what strain jumps are held by, that of ν = 0.3: near incompressibility volume is not to be held element by
 /// element [Puso & Solberg 2006], and up to there it does no harm.
@@ -79,8 +78,6 @@ pub struct Star {
     pub volume: Real,
     /// Its part of the material: of the geometric mean of the moduli μ and λ + 2μ around, by volume.
     pub material: Material,
-    /// `ω²` [1/s²] at rest as of [`step_class::omega_squared`]: its longest stable step is `2/ω`.
-    pub omega_squared: Real,
 }
 
 impl Stars {
@@ -141,12 +138,10 @@ impl Stars {
 /// The star of node `n` with these `neighbours`, and its gradients there.
 fn star(body: &Body, n: Node, neighbours: &[Node]) -> (Star, Vec<[Real; 3]>) {
     let mut gradient = vec![Vec3::zeros(); neighbours.len()];
-    let (mut volume, mut omega_squared) = (0.0, 0.0 as Real);
+    let mut volume = 0.0;
     for &e in body.elements_around(n) {
         let quarter = body.volume(e) / 4.0;
         volume += quarter;
-        // With the mean of their deformation gradients it is no stiffer than the stiffest of them.
-        omega_squared = omega_squared.max(step_class::plain_omega_squared(body, body.material_of(e), e));
         for (m, g) in body.element(e).iter().zip(gradients(&body.corners(e))) {
             if let Some(i) = neighbours.iter().position(|other| other == m) {
                 gradient[i] += g * quarter;
@@ -156,6 +151,5 @@ fn star(body: &Body, n: Node, neighbours: &[Node]) -> (Star, Vec<[Real; 3]>) {
     let around = body.elements_around(n).iter().map(|e| (body.material_of(*e), body.volume(*e)));
     // Every node is of an element.
     let material = of_means(&mean(around).unwrap_or(*body.material()), body.stabilisation());
-    omega_squared *= step_class::instantaneous(&material, 1.0, body.maxwell());
-    (Star { volume, material, omega_squared }, gradient.into_iter().map(|b| (b / volume).into()).collect())
+    (Star { volume, material }, gradient.into_iter().map(|b| (b / volume).into()).collect())
 }
