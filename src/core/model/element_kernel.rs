@@ -87,11 +87,12 @@ pub(super) struct Batch<'a> {
     pub over_limit: &'a mut Vec<u32>,
 }
 
-/// Adds the forces of the tetrahedra of `batch` to `force` [N] and stores what they remember. `position` [m].
+/// Adds the forces of the elements of `batch`, tetrahedra or `STARS`, to `force` [N] and stores what they remember.
+/// `position` [m].
 ///
 /// # Safety
 /// `path` must be available; every node number of `batch` must lie within `position` and `force`.
-pub(super) unsafe fn add_forces(
+pub(super) unsafe fn add_forces<const STARS: bool>(
     path: Simd,
     batch: Batch<'_>,
     rates: &Rates,
@@ -102,10 +103,10 @@ pub(super) unsafe fn add_forces(
     unsafe {
         match path {
             #[cfg(target_arch = "x86_64")]
-            Simd::Avx512 => add_forces_avx512(batch, rates, position, force),
+            Simd::Avx512 => add_forces_avx512::<STARS>(batch, rates, position, force),
             #[cfg(target_arch = "x86_64")]
-            Simd::Avx2 => add_forces_avx2(batch, rates, position, force),
-            _ => add_forces_with::<Plain>(batch, rates, position, force),
+            Simd::Avx2 => add_forces_avx2::<STARS>(batch, rates, position, force),
+            _ => add_forces_with::<Plain, STARS>(batch, rates, position, force),
         }
     }
 }
@@ -114,85 +115,48 @@ pub(super) unsafe fn add_forces(
 /// The CPU must have AVX-512F; node numbers must lie within the fields.
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,avx512f")]
-unsafe fn add_forces_avx512(batch: Batch<'_>, rates: &Rates, x: &[Padded], f: &mut [Padded]) -> Extremes {
-    // SAFETY: passed on.
-    unsafe { add_forces_with::<super::lanes::Avx512>(batch, rates, x, f) }
-}
-
-/// # Safety
-/// The CPU must have AVX2; node numbers must lie within the fields.
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-unsafe fn add_forces_avx2(batch: Batch<'_>, rates: &Rates, x: &[Padded], f: &mut [Padded]) -> Extremes {
-    // SAFETY: passed on.
-    unsafe { add_forces_with::<super::lanes::Avx2>(batch, rates, x, f) }
-}
-
-/// # Safety
-/// `L` must run on this CPU; node numbers must lie within the fields.
-#[inline(always)]
-unsafe fn add_forces_with<L: Lanes>(batch: Batch<'_>, rates: &Rates, x: &[Padded], f: &mut [Padded]) -> Extremes {
-    // SAFETY: passed on.
-    unsafe {
-        match batch.branches {
-            0 => add_forces_here::<L, 0>(batch, rates, x, f),
-            1 => add_forces_here::<L, 1>(batch, rates, x, f),
-            _ => add_forces_here::<L, 2>(batch, rates, x, f),
-        }
-    }
-}
-
-/// As [`add_forces`], of stars.
-///
-/// # Safety
-/// As of [`add_forces`].
-pub(super) unsafe fn add_star_forces(
-    path: Simd,
+unsafe fn add_forces_avx512<const STARS: bool>(
     batch: Batch<'_>,
     rates: &Rates,
-    position: &[Padded],
-    force: &mut [Padded],
+    x: &[Padded],
+    f: &mut [Padded],
 ) -> Extremes {
-    // SAFETY: the caller's promise.
-    unsafe {
-        match path {
-            #[cfg(target_arch = "x86_64")]
-            Simd::Avx512 => add_star_forces_avx512(batch, rates, position, force),
-            #[cfg(target_arch = "x86_64")]
-            Simd::Avx2 => add_star_forces_avx2(batch, rates, position, force),
-            _ => add_star_forces_with::<Plain>(batch, rates, position, force),
-        }
-    }
-}
-
-/// # Safety
-/// The CPU must have AVX-512F; node numbers must lie within the fields.
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2,avx512f")]
-unsafe fn add_star_forces_avx512(batch: Batch<'_>, rates: &Rates, x: &[Padded], f: &mut [Padded]) -> Extremes {
     // SAFETY: passed on.
-    unsafe { add_star_forces_with::<super::lanes::Avx512>(batch, rates, x, f) }
+    unsafe { add_forces_with::<super::lanes::Avx512, STARS>(batch, rates, x, f) }
 }
 
 /// # Safety
 /// The CPU must have AVX2; node numbers must lie within the fields.
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
-unsafe fn add_star_forces_avx2(batch: Batch<'_>, rates: &Rates, x: &[Padded], f: &mut [Padded]) -> Extremes {
+unsafe fn add_forces_avx2<const STARS: bool>(
+    batch: Batch<'_>,
+    rates: &Rates,
+    x: &[Padded],
+    f: &mut [Padded],
+) -> Extremes {
     // SAFETY: passed on.
-    unsafe { add_star_forces_with::<super::lanes::Avx2>(batch, rates, x, f) }
+    unsafe { add_forces_with::<super::lanes::Avx2, STARS>(batch, rates, x, f) }
 }
 
 /// # Safety
 /// `L` must run on this CPU; node numbers must lie within the fields.
 #[inline(always)]
-unsafe fn add_star_forces_with<L: Lanes>(batch: Batch<'_>, rates: &Rates, x: &[Padded], f: &mut [Padded]) -> Extremes {
+unsafe fn add_forces_with<L: Lanes, const STARS: bool>(
+    batch: Batch<'_>,
+    rates: &Rates,
+    x: &[Padded],
+    f: &mut [Padded],
+) -> Extremes {
     // SAFETY: passed on.
     unsafe {
-        match batch.branches {
-            0 => add_star_forces_here::<L, 0>(batch, rates, x, f),
-            1 => add_star_forces_here::<L, 1>(batch, rates, x, f),
-            _ => add_star_forces_here::<L, 2>(batch, rates, x, f),
+        match (STARS, batch.branches) {
+            (false, 0) => add_forces_here::<L, 0>(batch, rates, x, f),
+            (false, 1) => add_forces_here::<L, 1>(batch, rates, x, f),
+            (false, _) => add_forces_here::<L, 2>(batch, rates, x, f),
+            (true, 0) => add_star_forces_here::<L, 0>(batch, rates, x, f),
+            (true, 1) => add_star_forces_here::<L, 1>(batch, rates, x, f),
+            (true, _) => add_star_forces_here::<L, 2>(batch, rates, x, f),
         }
     }
 }

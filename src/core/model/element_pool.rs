@@ -84,17 +84,8 @@ impl ElementPool {
     }
 }
 
-impl StarPool {
-    /// An empty pool for the stars of nodes `0..total_nodes`, as [`ElementPool::new`], with at most `spokes` neighbours each.
-    ///
-    /// # Panics
-    /// As [`ElementPool::new`].
-    pub fn of_stars(total_nodes: usize, capacity: usize, nodes: usize, spokes: usize, branches: usize) -> Self {
-        Self::with_spokes(total_nodes, capacity, nodes, spokes, branches)
-    }
-}
-
 impl<Id: Kind> Pool<Id> {
+    /// As [`ElementPool::new`], of elements with at most `spokes` nodes beside the first.
     pub(super) fn with_spokes(total: usize, capacity: usize, nodes: usize, spokes: usize, branches: usize) -> Self {
         assert!(branches <= MAX_BRANCHES, "at most {MAX_BRANCHES} branches");
         assert!(total < Id::NONE.index(), "too many elements");
@@ -343,9 +334,9 @@ impl<Id: Kind> Pool<Id> {
         // class has an element.
         unsafe {
             if Id::HAS_STAR {
-                element_kernel::add_star_forces(path, batch, rates, position, force)
+                element_kernel::add_forces::<true>(path, batch, rates, position, force)
             } else {
-                element_kernel::add_forces(path, batch, rates, position, force)
+                element_kernel::add_forces::<false>(path, batch, rates, position, force)
             }
         }
     }

@@ -1,9 +1,12 @@
 //! Trajectories: what happens to each tool, tick by tick, as a table that people and programs write.
 
+mod numbered;
+
 use crate::output::Output;
+use numbered::{numbered, numbered_name};
 use palpate_core::contact::tool::{Coupling, MOST_TOOLS, Phase, PoseSample, ToolEvent, ToolState};
 use palpate_core::math::{Pose, Real, Vec3, normalized_quaternion};
-use palpate_core::simulation::{Budget, Inputs, Parameter, Prices, Snapshot, TICK, Threshold};
+use palpate_core::simulation::{Budget, Inputs, Parameter, Prices, Snapshot, TICK};
 use std::io;
 use std::path::Path;
 
@@ -290,35 +293,6 @@ impl Trajectory {
     }
 }
 
-/// The name of a quantity by number.
-fn numbered_name(parameter: &Parameter) -> String {
-    match parameter {
-        Parameter::Gravity(_) => "gravity".into(),
-        Parameter::Damping(_) => "damping".into(),
-        Parameter::Supports(_) => "supports".into(),
-        Parameter::Stiffness { tissue, .. } => format!("stiffness.{tissue}"),
-        Parameter::Friction { tool, .. } => format!("friction.{tool}"),
-        Parameter::Resolution { threshold, .. } => format!("resolution.{}", threshold.name()),
-    }
-}
-
-/// The quantity of a [`numbered_name`] with these values; `None` where there is none.
-fn numbered(name: &str, values: &[Real]) -> Option<Parameter> {
-    let value = || <[Real; 1]>::try_from(values).ok().map(|[value]| value);
-    Some(match name.split_once('.') {
-        None if name == "gravity" => Parameter::Gravity(<[Real; 3]>::try_from(values).ok()?.into()),
-        None if name == "damping" => Parameter::Damping(value()?),
-        None if name == "supports" => Parameter::Supports(value()?),
-        Some(("stiffness", tissue)) => Parameter::Stiffness { tissue: tissue.parse().ok()?, factor: value()? },
-        Some(("friction", tool)) => Parameter::Friction { tool: tool.parse().ok()?, coefficient: value()? },
-        Some(("resolution", name)) => Parameter::Resolution {
-            threshold: Threshold::ALL.into_iter().find(|threshold| threshold.name() == name)?,
-            value: value()?,
-        },
-        _ => return None,
-    })
-}
-
 /// What a row says.
 #[derive(Clone, Debug)]
 enum Row {
@@ -461,6 +435,7 @@ mod tests {
     use palpate_core::geometry::primitives::{box_mesh, box_surface};
     use palpate_core::model::body::BodyParts;
     use palpate_core::model::{Body, Material};
+    use palpate_core::simulation::Threshold;
 
     fn with_events(rows: &str) -> String {
         format!("{TRAJECTORY_HEADER},{EVENT_COLUMNS}\n{rows}")

@@ -186,7 +186,7 @@ impl ActiveMesh {
         let mut mesh = Self {
             set: ActiveSet::uniform(body, 0),
             pool: ElementPool::new(body.element_count(), capacity, slots, branches),
-            stars: StarPool::of_stars(body.node_count(), of_stars, slots, body.stars().most_neighbours(), branches),
+            stars: StarPool::with_spokes(body.node_count(), of_stars, slots, body.stars().most_neighbours(), branches),
             motion: Motion {
                 position: vec![[0.0; 4]; slots],
                 velocity: vec![[0.0; 4]; slots],

@@ -76,7 +76,7 @@ pub struct Stars {
 pub struct Star {
     /// A quarter of the volume of the elements around [m³].
     pub volume: Real,
-    /// Its part of the material: of the geometric mean of the moduli μ and λ + 2μ around, by volume.
+    /// Its part of the [`mean`] of the materials around, by volume.
     pub material: Material,
 }
 
