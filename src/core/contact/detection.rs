@@ -9,6 +9,7 @@ pub use super::dent::measure;
 use super::dent::{Dents, Load, share_areas};
 use super::nearby::Nearby;
 use super::posed::{Posed, posed};
+use super::samples::{Ball, Hold, Samples};
 use super::shape::{MOST_PARTS, Shape};
 use super::tool::{MOST_POINTS, ToolState};
 use super::touchable::{FASTEST_SURFACE, MARGIN, Touchable};
@@ -48,6 +49,8 @@ pub struct Workspace {
     seen: Visited,
     /// Whether dents below the mesh's size are restored.
     restores: bool,
+    /// Balls touch by samples, where they do.
+    samples: Option<Samples>,
     /// Part of the way to what it stands for now that a point's area goes in a tick.
     followed: Real,
     /// No display edge is longer at rest [m].
@@ -80,6 +83,7 @@ impl Workspace {
             near: Vec::with_capacity(surface.vertices.len()),
             seen: Visited::new(surface.triangles.len()),
             restores: true,
+            samples: None,
             followed: TAKEN_FOLLOWED,
             longest_edge: longest,
             changed: false,
@@ -91,6 +95,11 @@ impl Workspace {
     /// For comparison: points without compliance.
     pub(crate) fn restore_no_dents(&mut self) {
         self.restores = false;
+    }
+
+    /// For comparison: balls touch by samples.
+    pub(crate) fn touch_by_samples(&mut self, body: &Body) {
+        self.samples = Some(Samples::new(body));
     }
 
     /// What is where may have changed at once.
@@ -206,8 +215,22 @@ pub fn detect(
         }
     }
     let on = &Touchable { body, mesh, vertices: &work.vertices, longest_edge: work.longest_edge };
-    near_vertices(on, &touch, &work.near, candidates);
+    // The pose is where the coupling's springs are as long as the last force and torque made them.
+    let allowed_for = Pushed { force: -tool.physical_force, torque: -tool.physical_torque };
     work.seen.clear();
+    if let (Some(samples), [at], Some(_)) = (&mut work.samples, &all[..parts], all[0].part.ball_radius()) {
+        let moves = [start[0].frame.at(Vec3::zeros()), end[0].frame.at(Vec3::zeros())];
+        let ball = Ball { at, moves, margin };
+        let (seen, around) = (&mut work.seen, work.near.iter().flat_map(|v| body.triangles_around(*v)));
+        let around = around.copied().filter(|t| seen.visit(t.index()));
+        work.memory.clear();
+        samples.find(on, &ball, memory, around);
+        let hold = Hold { rigid, allowed_for, changed: work.changed };
+        samples.constrain(on, &ball, &hold, memory, Found { constraints, points_of_action }, &mut work.memory);
+        std::mem::swap(memory, &mut work.memory);
+        return;
+    }
+    near_vertices(on, &touch, &work.near, candidates);
     near_triangles(on, &touch, &work.near, &mut work.seen, candidates);
 
     follow_sunk(on, &all[..parts], margin, candidates);
@@ -224,8 +247,6 @@ pub fn detect(
     dents.share_discs(on, &all[..parts], candidates, memory, &mut work.loads);
     dents.take_off_what_is_shown(&work.loads);
     let first = constraints.len() as u32;
-    // The pose is where the coupling's springs are as long as the last force and torque made them.
-    let allowed_for = Pushed { force: -tool.physical_force, torque: -tool.physical_torque };
     for (i, candidate) in candidates.iter().enumerate() {
         let (n, core) = (candidate.normal, candidate.core);
         let [start, end] = [&start, &end].map(|posed| posed[candidate.part as usize].frame.at(core));

@@ -18,9 +18,9 @@ pub const MOST_OBSTACLES: usize = 8;
 /// Most contact points of one tool: what bounds the cost of a tick.
 pub const MOST_POINTS: usize = 64;
 
-/// Active nodes that a surface point can hang on. Three display vertices with four nodes each make twelve; where some of
-/// these are interface nodes, their masters take their places.
-pub const MOST_ROW_NODES: usize = 40;
+/// Active nodes that a surface point can hang on. Of a lattice there are 51 to 57 within two lattice constants of a place on a flat
+/// face.
+pub const MOST_ROW_NODES: usize = 64;
 
 /// A surface point as an affine combination of active nodes.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -44,6 +44,14 @@ impl Row {
             self.len += 1;
         } else if let Some(entry) = self.entries.iter_mut().max_by(|a, b| a.1.total_cmp(&b.1)) {
             entry.1 += weight;
+        }
+    }
+
+    /// Adds the node in `slot`, which is not among them and for which there is room.
+    pub fn push(&mut self, slot: Slot, weight: Real) {
+        if let Some(entry) = self.entries.get_mut(self.len as usize) {
+            *entry = (slot, weight);
+            self.len += 1;
         }
     }
 

@@ -153,6 +153,28 @@ impl Search {
         }
     }
 
+    /// Active nodes around the place `origin` at rest [m], each with its squared distance [m²]: at least those up to `radius` [m] away
+    /// that can be reached from what stands for the nodes `from` over neighbours that are as near.
+    pub fn within(
+        &mut self,
+        body: &Body,
+        set: &ActiveSet,
+        origin: Vec3,
+        from: impl Iterator<Item = Node>,
+        radius: Real,
+    ) -> &[(Real, Node)] {
+        self.begin(origin);
+        from.for_each(|n| self.stand_in(body, set, n));
+        let mut looked = 0;
+        while let Some(&(distance, n)) = self.found.get(looked) {
+            if distance < radius * radius {
+                body.neighbours(n).iter().for_each(|v| self.stand_in(body, set, *v));
+            }
+            looked += 1;
+        }
+        &self.found
+    }
+
     /// The row of node `n`, which is not active.
     pub fn row(&mut self, body: &Body, set: &ActiveSet, n: Node) -> InterfaceRow<Node> {
         self.begin(body.rest(n));

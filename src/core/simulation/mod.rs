@@ -228,6 +228,11 @@ impl Simulation {
         self.detection.restore_no_dents();
     }
 
+    /// For comparison: balls touch by samples on them instead of places of the displayed surface.
+    pub fn touch_by_samples(&mut self) {
+        self.detection.touch_by_samples(&self.body);
+    }
+
     /// The body, where the tools touch it, standing still, and its display vertices [m]: for questions about a copy.
     pub fn contacts(&mut self) -> (&mut ActiveMesh, &[Constraint], &[Vec3]) {
         self.tools.iter_mut().for_each(|tool| tool.previous = tool.pose);
