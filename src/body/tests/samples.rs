@@ -114,9 +114,13 @@ fn evenness(forces: &[Vec3]) -> [Real; 4] {
 
 #[test]
 fn slides() {
-    for (spacing, nu, radius, depth) in
-        [(0.0125, 0.45, 0.01, 1e-3), (0.0125, 0.45, 0.01, 3e-3), (0.0125, 0.3, 0.04, 3e-3), (0.0125, 0.49, 0.01, 3e-3), (0.018, 0.45, 0.003, 1e-3)]
-    {
+    for (spacing, nu, radius, depth) in [
+        (0.0125, 0.45, 0.01, 1e-3),
+        (0.0125, 0.45, 0.01, 3e-3),
+        (0.0125, 0.3, 0.04, 3e-3),
+        (0.0125, 0.49, 0.01, 3e-3),
+        (0.018, 0.45, 0.003, 1e-3),
+    ] {
         for elements in [Elements::Tetrahedra, Elements::Smoothed] {
             let body = block(spacing, elements, nu, 5e3, 20);
             for samples in [false, true] {
@@ -127,7 +131,10 @@ fn slides() {
                 let [mean, range, step, aside] = evenness(&forces);
                 println!(
                     "a {:.1} nu {nu} R {:.0} depth {:.1} {elements:?} samples {samples}: over Hertz {:+.1} % range {range:.1} % step {step:.2} % aside {aside:.1} %",
-                    1e3 * spacing, 1e3 * radius, 1e3 * depth, 100.0 * (mean / hertz - 1.0)
+                    1e3 * spacing,
+                    1e3 * radius,
+                    1e3 * depth,
+                    100.0 * (mean / hertz - 1.0)
                 );
             }
         }
@@ -141,7 +148,8 @@ fn edge() {
         for samples in [false, true] {
             let mut simulation = with_ball(&body, 0.01, samples);
             let forces = slide(&mut simulation, 0.01, 1e-3, Vec3::new(0.185, 0.097, SIZE.z), Vec3::new(0.03, 0.0, 0.0));
-            let shown: Vec<String> = forces.iter().step_by(20).map(|f| format!("{:.1}/{:.1}", 1e3 * f.z, 1e3 * f.x)).collect();
+            let shown: Vec<String> =
+                forces.iter().step_by(20).map(|f| format!("{:.1}/{:.1}", 1e3 * f.z, 1e3 * f.x)).collect();
             let step = forces.windows(2).map(|w| (w[1] - w[0]).norm()).fold(0.0, Real::max);
             for (i, w) in forces.windows(2).enumerate().filter(|(_, w)| (w[1] - w[0]).norm() > 2.5e-4) {
                 println!("{i}: {:.2?} {:.2?}", (w[0] * 1e3).as_slice(), (w[1] * 1e3).as_slice());

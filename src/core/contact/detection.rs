@@ -5,7 +5,6 @@
 //! place in the middle of the tick.
 
 use super::candidate::{ALIKE, Candidate, Sheet, Touch, follow_sunk, near_triangles, near_vertices, sunk_depth};
-pub use super::dent::measure;
 use super::dent::{Dents, Load, share_areas};
 use super::nearby::Nearby;
 use super::posed::{Posed, posed};
@@ -49,8 +48,7 @@ pub struct Workspace {
     seen: Visited,
     /// Whether dents below the mesh's size are restored.
     restores: bool,
-    /// Balls touch by samples, where they do.
-    samples: Option<Samples>,
+    samples: Samples,
     /// Part of the way to what it stands for now that a point's area goes in a tick.
     followed: Real,
     /// No display edge is longer at rest [m].
@@ -83,7 +81,7 @@ impl Workspace {
             near: Vec::with_capacity(surface.vertices.len()),
             seen: Visited::new(surface.triangles.len()),
             restores: true,
-            samples: None,
+            samples: Samples::new(body),
             followed: TAKEN_FOLLOWED,
             longest_edge: longest,
             changed: false,
@@ -95,11 +93,6 @@ impl Workspace {
     /// For comparison: points without compliance.
     pub(crate) fn restore_no_dents(&mut self) {
         self.restores = false;
-    }
-
-    /// For comparison: balls touch by samples.
-    pub(crate) fn touch_by_samples(&mut self, body: &Body) {
-        self.samples = Some(Samples::new(body));
     }
 
     /// What is where may have changed at once.
@@ -214,18 +207,19 @@ pub fn detect(
             work.near.push(v);
         }
     }
-    let on = &Touchable { body, mesh, vertices: &work.vertices, longest_edge: work.longest_edge };
+    let on = &Touchable { body, mesh, vertices: &work.vertices };
     // The pose is where the coupling's springs are as long as the last force and torque made them.
     let allowed_for = Pushed { force: -tool.physical_force, torque: -tool.physical_torque };
     work.seen.clear();
-    if let (Some(samples), [at], Some(_)) = (&mut work.samples, &all[..parts], all[0].part.ball_radius()) {
+    if let ([at], Some(_)) = (&all[..parts], all[0].part.ball_radius()) {
+        let samples = &mut work.samples;
         let moves = [start[0].frame.at(Vec3::zeros()), end[0].frame.at(Vec3::zeros())];
         let ball = Ball { at, moves, margin };
         let (seen, around) = (&mut work.seen, work.near.iter().flat_map(|v| body.triangles_around(*v)));
         let around = around.copied().filter(|t| seen.visit(t.index()));
         work.memory.clear();
         samples.find(on, &ball, memory, around);
-        let hold = Hold { rigid, allowed_for, changed: work.changed };
+        let hold = Hold { rigid, allowed_for, restores: work.restores };
         samples.constrain(on, &ball, &hold, memory, Found { constraints, points_of_action }, &mut work.memory);
         std::mem::swap(memory, &mut work.memory);
         return;
@@ -244,7 +238,6 @@ pub fn detect(
     work.loads.extend(candidates.iter().map(|c| Load::new(on, c, memory, work.followed)));
     let dents = &mut work.dents[id.index()];
     dents.show(on, candidates, &mut work.loads);
-    dents.share_discs(on, &all[..parts], candidates, memory, &mut work.loads);
     dents.take_off_what_is_shown(&work.loads);
     let first = constraints.len() as u32;
     for (i, candidate) in candidates.iter().enumerate() {
@@ -299,8 +292,6 @@ pub fn detect(
             rate: (moved + slack - slack_end + share * (shift - shift_end)) / TICK,
             first,
             compliance,
-            radius: load.radius,
-            disc: load.disc,
             firming,
             tool: id,
             point: candidate.point,
@@ -329,8 +320,6 @@ pub fn detect(
             shift: shift_end,
             dent: 0.0,
             taken: load.taken,
-            distance: known.map_or(0.0, |m| m.distance),
-            mesh_softened: load.mesh_softened,
             normal: n,
             tangential,
             anchor,

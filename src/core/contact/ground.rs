@@ -74,8 +74,6 @@ pub fn lie(
             rate: (moved + closing.slack - closing.slack_end + shift - closing.shift_end) / TICK,
             first: constraints.len() as u32,
             compliance,
-            radius: 0.0,
-            disc: 0.0,
             firming: Firming::NEVER,
             tool: id,
             point,

@@ -27,9 +27,8 @@ fn scaled_bessel(x: Real) -> Real {
 
 const LARGE: Real = 3.75;
 const NEAR: [Real; 7] = [1.0, 3.5156229, 3.0899424, 1.2067492, 0.2659732, 0.0360768, 0.0045813];
-const FAR: [Real; 9] = [
-    0.39894228, 0.01328592, 0.00225319, -0.00157565, 0.00916281, -0.02057706, 0.02635537, -0.01647633, 0.00392377,
-];
+const FAR: [Real; 9] =
+    [0.39894228, 0.01328592, 0.00225319, -0.00157565, 0.00916281, -0.02057706, 0.02635537, -0.01647633, 0.00392377];
 
 /// Variance [m²] of the normal distribution that gives way under itself as much as a uniform load on a disc of this `area` [m²] does
 /// on the average: the disc's `16/(3πs)` for its radius `s` [Johnson 1985, 3.4] and `ψ(0; √2 σ) = √π/(2σ)` for two equal ones.

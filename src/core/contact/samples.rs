@@ -69,8 +69,10 @@ struct Sample {
     triangle: Triangle,
     /// Barycentric weights there.
     weights: [Real; 3],
-    /// Where that is [m].
+    /// Where that is displayed [m], ...
     displayed: Vec3,
+    /// ... and where the row is.
+    place: Vec3,
     row: Row,
     /// What is remembered of it.
     known: Option<u32>,
@@ -297,8 +299,7 @@ impl Samples {
             triangle = end.triangle;
             let area = PI * ring * ring * if i == 0 { 0.25 } else { 1.0 / 3.0 } / cos;
             let width = (area / PI).sqrt();
-            let beyond =
-                if end.beyond > 0.0 { end.beyond } else { view.margin(on, end.triangle, centre + arm, width) };
+            let beyond = if end.beyond > 0.0 { end.beyond } else { view.margin(on, end.triangle, centre + arm, width) };
             let part = part_before(beyond / width);
             let area = if part > LEAST_PART { part * area } else { 0.0 };
             let known = known.map(|k| k + i as u32);
@@ -312,6 +313,7 @@ impl Samples {
                 triangle: end.triangle,
                 weights: end.weights,
                 displayed: corners.iter().zip(end.weights).map(|(c, w)| c * w).sum(),
+                place: centre + arm,
                 row: Row::EMPTY,
                 known,
                 multiplier: known.map_or(0.0, |k| memory[k as usize].multiplier),
@@ -344,7 +346,10 @@ impl Samples {
             let corners = on.body.triangle(sample.triangle);
             let place: Vec3 = corners.iter().zip(sample.weights).map(|(v, w)| rest(*v) * w).sum();
             match self.around.row(place, support * spacing(sample.triangle, sample.weights)) {
-                Some(row) => sample.row = row,
+                Some(row) => {
+                    sample.row = row;
+                    sample.place = row.interpolate(&on.mesh.motion.position);
+                }
                 None => sample.area = 0.0,
             }
         }
@@ -397,8 +402,8 @@ fn shown_variance(on: &Touchable, spacing: Real) -> Real {
 pub(super) struct Hold<'a> {
     pub(super) rigid: Rigid<'a>,
     pub(super) allowed_for: Pushed,
-    /// The resolution is another than in the last tick.
-    pub(super) changed: bool,
+    /// Whether dents below the mesh's size are restored.
+    pub(super) restores: bool,
 }
 
 impl Samples {
@@ -426,7 +431,7 @@ impl Samples {
         memory: &mut Vec<PointMemory>,
     ) {
         let Rigid { id, friction, state: tool, horizon, .. } = hold.rigid;
-        let (radius, centre) = (ball.at.part.radius(), ball.at.middle());
+        let radius = ball.at.part.radius();
         let [start, end] = ball.moves;
         let first = out.constraints.len() as u32;
         for (i, sample) in self.found.iter().enumerate() {
@@ -435,10 +440,10 @@ impl Samples {
             let mut compliance = [0.0; MOST_POINTS];
             // Filled in once for both.
             for (j, (g, other)) in compliance.iter_mut().zip(&self.found).enumerate() {
-                *g = if j < i {
-                    out.constraints[first as usize + j].compliance[i]
-                } else {
-                    self.between(sample, other)
+                *g = match j {
+                    _ if !hold.restores => 0.0,
+                    j if j < i => out.constraints[first as usize + j].compliance[i],
+                    _ => self.between(sample, other),
                 };
             }
             let nu = self.discs[sample.disc as usize].nu;
@@ -452,8 +457,6 @@ impl Samples {
                 rate: 0.0,
                 first,
                 compliance,
-                radius: (sample.area / PI).sqrt(),
-                disc: 0.0,
                 firming: Firming::NEVER,
                 tool: id,
                 point,
@@ -467,7 +470,8 @@ impl Samples {
                     multiplier: Vec3::zeros(),
                     mean_multiplier: Vec3::zeros(),
                 },
-                arm: centre + sample.arm - middle_pose(tool).position,
+                // The mesh shows the place above the tool's own; as it is pushed through the ball's centre, that makes no moment.
+                arm: ball.at.middle() + sample.arm - middle_pose(tool).position,
                 coupling: tool.coupling,
                 allowed_for: hold.allowed_for,
                 horizon,
@@ -477,13 +481,9 @@ impl Samples {
                 let dent: Real = compliance.iter().zip(&self.found).map(|(g, other)| g * other.multiplier).sum();
                 // The mean over its disc of where the tool is.
                 let flat = radius - sample.area / (4.0 * PI * radius);
-                let place = sample.row.interpolate(&on.mesh.motion.position);
+                let place = sample.place;
                 let overlap = n.dot(&(start - place)) - dent + flat;
-                // What is touched moves within a tick, but does not jump with the nodes that show it.
-                let shift = match known.filter(|m| hold.changed && m.multiplier > 0.0) {
-                    Some(_) => overlap,
-                    None => known.map_or(0.0, |m| m.shift),
-                };
+                let shift = known.map_or(0.0, |m| m.shift);
                 let Closing { slack, slack_end, shift_end } = Closing::new(known, overlap - shift, shift, moved);
                 constraint.offset = n.dot(&start) + flat - slack - shift;
                 constraint.rate = (moved + slack - slack_end + shift - shift_end) / TICK;
@@ -493,7 +493,7 @@ impl Samples {
                     constraint.friction.coefficient = friction;
                     let stuck = known.filter(|m| m.multiplier > 0.0);
                     let tangential = stuck.map_or(Vec3::zeros(), |m| m.tangential - n * n.dot(&m.tangential));
-                    let anchor = match stuck.filter(|_| !hold.changed) {
+                    let anchor = match stuck {
                         // The samples have moved over the surface: the anchor goes along by as much.
                         Some(m) => tool.previous.to_world(m.anchor) + sample.displayed - displayed(on, m),
                         None => place,
@@ -506,7 +506,7 @@ impl Samples {
                 }
             }
             out.constraints.push(constraint);
-            out.points_of_action.push(centre + sample.arm);
+            out.points_of_action.push(sample.place);
             memory.push(remembered);
         }
     }

@@ -30,7 +30,7 @@ use crate::contact::safety;
 use crate::contact::shape::{MOST_PARTS, Part as ShapePart};
 use crate::contact::tool::{MOST_POINTS, MOST_TOOLS, Phase, ToolState};
 use crate::contact::wrench::{self, Wrench};
-use crate::ids::{ToolId, Vertex};
+use crate::ids::ToolId;
 use crate::math::{Real, Vec3};
 use crate::model::active_mesh::{Loads, Stiffening};
 use crate::model::constraint::PointMemory;
@@ -228,11 +228,6 @@ impl Simulation {
         self.detection.restore_no_dents();
     }
 
-    /// For comparison: balls touch by samples on them instead of places of the displayed surface.
-    pub fn touch_by_samples(&mut self) {
-        self.detection.touch_by_samples(&self.body);
-    }
-
     /// The body, where the tools touch it, standing still, and its display vertices [m]: for questions about a copy.
     pub fn contacts(&mut self) -> (&mut ActiveMesh, &[Constraint], &[Vec3]) {
         self.tools.iter_mut().for_each(|tool| tool.previous = tool.pose);
@@ -373,16 +368,9 @@ impl Simulation {
 
     /// Tools that touch what now hangs on other elements follow their force slowly for a while.
     fn begin_transitions(&mut self) {
-        let first_triangle = self.body.surface().vertices.len() as u32;
-        let per_part = self.body.points_of_a_part();
-        for ((tool, points), of) in self.tools.iter_mut().zip(&self.points).zip(&self.settings.tools) {
-            let parts = of.shape.parts().len() as u32;
-            let by_part = |point: u32| points.binary_search_by_key(&point, |p| p.point).is_ok();
-            let touched = |point: u32| (0..parts).any(|part| by_part(point + part * per_part));
-            let concerned = |v: &Vertex| {
-                touched(v.0) || self.body.triangles_around(*v).iter().any(|t| touched(first_triangle + t.0))
-            };
-            if !points.is_empty() && self.mesh.reembedded().iter().any(concerned) {
+        for (tool, points) in self.tools.iter_mut().zip(&self.points) {
+            let mut corners = points.iter().flat_map(|p| self.body.corners_of_point(p.point));
+            if corners.any(|v| self.mesh.reembedded().contains(&v)) {
                 tool.begin_transition();
             }
         }
@@ -493,7 +481,6 @@ impl Simulation {
 
     fn render_forces(&mut self) {
         let stood_still = self.outputs.plan.taken < self.outputs.plan.needed;
-        let per_part = self.body.points_of_a_part();
         let mut constraints = self.constraints.as_slice();
         for (i, (tool, points)) in self.tools.iter_mut().zip(&mut self.points).enumerate() {
             let own;
@@ -510,7 +497,6 @@ impl Simulation {
             tool.update_proxy(physical.force, physical.torque);
             // What the solver found is where the next tick starts.
             let solved = Solved { constraints: own, at: solved_at, moved: !stood_still };
-            detection::measure(own, points, per_part);
             friction::remember(&self.mesh, &solved, tool, points);
             let limited = safety::render(tool, &physical, &self.settings.limits, TICK);
             self.outputs.tools[i] = ToolOutput { state: *tool, contact_points, limited };
@@ -523,9 +509,6 @@ impl Simulation {
                 let middle = wrench::middle_pose(&state);
                 (self.outputs.obstacles[i], _) =
                     wrench::wrench_on(id, &middle, &self.constraints, &self.points_of_action);
-            }
-            if let Form::Parts(_) = of.shape {
-                detection::measure(own, points, per_part);
             }
             let solved = Solved { constraints: own, at: state.pose, moved: !stood_still };
             friction::remember(&self.mesh, &solved, &state, points);
