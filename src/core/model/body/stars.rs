@@ -8,10 +8,10 @@
 //! `U = Σ_n V_n [W(F̄_n; λ, μ) − α W(F̄_n; λ_s, μ)] + α Σ_t V_t W(F_t; λ_s, μ)`,
 //! `V_n = Σ_{t∋n} V_t/4`, `F̄_n = Σ_{t∋n} (V_t/4) F_t / V_n`, `λ_s = min(λ, 1.5 μ)`.
 //!
-//! `α` is a number of each level. Uniform strain has its exact energy whatever it is; jumps have the part `α` of theirs, which holds the modes that means do
-//! not see [Puso & Solberg 2006], and of what they have against volume change hardly any. As the law is linear in its moduli,
-//! both sums are elements of that law, viscosity and Maxwell branches included: tetrahedra of `αλ_s, αμ`, and stars of
-//! `λ − αλ_s, (1−α)μ`. Both step by themselves, with the same part of the masses as of the stiffness.
+//! `α` is a number of each level. Uniform strain has its exact energy whatever it is; jumps have the part `α` of theirs, which
+//! holds the modes that means do not see [Puso & Solberg 2006], and of what they have against volume change hardly any. As the
+//! law is linear in its moduli, both sums are elements of that law, viscosity and Maxwell branches included: tetrahedra of
+//! `αλ_s, αμ`, and stars of `λ − αλ_s, (1−α)μ`. Both step by themselves, with the same part of the masses as of the stiffness.
 
 use super::Body;
 use crate::geometry::tet_mesh::gradients;
