@@ -4,6 +4,7 @@
 use palpate_body::prepare::inclusions::Inclusion;
 use palpate_body::prepare::region::Reach;
 use palpate_body::prepare::{Elements, Recipe, Region, Shape, prepare};
+use palpate_core::adaptation::Adaptivity;
 use palpate_core::contact::safety::ForceLimits;
 use palpate_core::contact::tool::Following;
 use palpate_core::geometry::primitives::{box_mesh, box_surface};
@@ -337,4 +338,33 @@ fn smoothed_levels_swing_and_fade_alike_as_asked() {
         assert!((frequency / finest.0 - 1.0).abs() < 0.03, "{frequency} Hz");
         assert!((ratio / finest.1 - 1.0).abs() < 0.05 && (ratio / zeta - 1.0).abs() < 0.1, "{ratio}");
     }
+}
+
+#[test]
+fn a_bar_of_two_smoothed_elements_is_refined_where_it_bends_under_its_weight() {
+    let size = Vec3::new(0.2, 0.04, 0.04);
+    let body = Arc::new(body(cover(size, &[0.02, 0.0125]), size, 0.45, true, 0.1));
+    let refined = |weight: Real| {
+        let settings = Settings {
+            gravity: Vec3::z() * -weight,
+            adaptivity: Some(Adaptivity::default()),
+            ..simulation(&body, State::at_rest(&body, 0)).settings().clone()
+        };
+        let mut bar = Simulation::new(body.clone(), settings, Snapshot::at_rest(&body, 0, 0)).unwrap();
+        let [settled, later] = [2000, 500].map(|ticks| {
+            for _ in 0..ticks {
+                bar.advance(&Inputs::default());
+                bar.mesh_mut().change_motion(|_, _, v| *v *= 0.98);
+            }
+            let fine = bar.mesh().active().iter().map(|slot| bar.mesh().node(*slot)).filter(|n| body.level_of(*n) == 1);
+            fine.collect::<Vec<Node>>()
+        });
+        assert!(settled.iter().all(|n| later.contains(n)), "what was refined is merged again");
+        let farthest = settled.iter().map(|n| body.rest(*n).x).fold(0.0, Real::max);
+        println!("under {weight} m/s²: {} fine nodes, as far as {farthest} m", settled.len());
+        (settled.len(), farthest)
+    };
+    assert_eq!(refined(0.1).0, 0);
+    let (fine, farthest) = refined(4.0);
+    assert!(fine > 20 && farthest < 0.5 * size.x, "{fine} nodes, as far as {farthest} m");
 }
