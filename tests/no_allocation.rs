@@ -353,7 +353,6 @@ fn memory_grows_no_faster_than_nodes() {
             material_of: vec![Vec::new(); prepared.levels().len()],
             supports: prepared.supports().to_vec(),
             maxwell: prepared.maxwell().to_vec(),
-            stabilisation: prepared.stabilisation(),
             slowest_mode: prepared.slowest_mode(),
             organs: vec![],
         };

@@ -231,8 +231,8 @@ fn files_that_are_no_prepared_bodies_are_refused_with_what_to_do() {
         (bytes[..10].to_vec(), "cut off"),
         (bytes[..bytes.len() - 1].to_vec(), "cut off"),
         ([bytes.clone(), vec![0]].concat(), "added to"),
-        (changed(8, 9), "format 9, this palpate reads format 6: update palpate"),
-        (changed(8, 0), "format 0, this palpate reads format 6: prepare it again"),
+        (changed(8, 9), "format 9, this palpate reads format 7: update palpate"),
+        (changed(8, 0), "format 0, this palpate reads format 7: prepare it again"),
         (changed(bytes.len() / 2, bytes[bytes.len() / 2] ^ 1), "checksum"),
     ] {
         let e = refused(&bytes);

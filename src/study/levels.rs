@@ -3,7 +3,6 @@
 //! The nodes of all levels stand in one array, coarsest level first, so that a node is one number whatever its level.
 
 use super::laws::{Element, Spring};
-use palpate_body::prepare::Elements;
 use palpate_body::prepare::calibration::{CalibrationError, calibrate};
 use palpate_core::geometry::TetMesh;
 use palpate_core::geometry::primitives::box_mesh;
@@ -159,7 +158,7 @@ impl Levels {
             let nodes = 0..level.mesh.nodes.len();
             level.fixed = nodes.filter(|n| self.fixed[first + n]).map(|n| n as u32).collect();
         }
-        let calibration = calibrate(&self.tied, |_, _| self.material, &[], Elements::Tetrahedra)?;
+        let calibration = calibrate(&self.tied, |_, _| self.material, &[])?;
         self.tied.iter_mut().zip(calibration.factors).for_each(|(level, factor)| level.stiffness_factor = factor);
         Ok(self)
     }

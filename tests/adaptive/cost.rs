@@ -19,7 +19,6 @@ fn without_finest(body: &Body) -> Arc<Body> {
         labels: LabelParts::default(),
         supports: body.supports().to_vec(),
         maxwell: body.maxwell().to_vec(),
-        stabilisation: body.stabilisation(),
         slowest_mode: body.slowest_mode(),
         organs: vec![],
     };

@@ -85,7 +85,7 @@ fn check(whole: &BodyParts, next: &BodyParts) -> Result<(), MergeError> {
             of_second: next.levels.len(),
         });
     }
-    if whole.stabilisation != next.stabilisation {
+    if whole.is_smoothed() != next.is_smoothed() {
         return Err(MergeError::Elements { first: whole.organs[0].name.clone(), second: next.name.clone() });
     }
     let (mut vertex, mut triangle) = (0, 0);
@@ -183,6 +183,7 @@ fn append_level(to: &mut Level, from: Level, coarser: Count, own: Count, finer: 
     to.spacing = to.spacing.min(from.spacing);
     to.altitude = to.altitude.min(from.altitude);
     to.least_mass = to.least_mass.min(from.least_mass);
+    to.stabilisation = to.stabilisation.min(from.stabilisation);
     let behind = |first: u32| {
         move |host: Host| Host { element: if host.element == NONE { NONE } else { host.element + first }, ..host }
     };

@@ -20,6 +20,7 @@ pub mod thin_walls;
 use crate::cover::{CoverError, cover_within};
 use crate::geometry::LabelledMesh;
 use crate::geometry::display::displayed;
+use calibration::stabilisation::{self, FINEST, Stabilised};
 use calibration::{CalibrationError, calibrate};
 use holds::{Held, hold_regions};
 use inclusions::{Inclusion, Materials, materials};
@@ -166,23 +167,10 @@ pub enum Elements {
     #[default]
     Tetrahedra,
     /// Linear tetrahedra and the means of their deformation gradients at nodes
-    /// ([`palpate_core::model::body::stars`]), without any factor.
+    /// ([`palpate_core::model::body::stars`]), without any factor. The levels are made to sag alike by the part of the energy of
+    /// strain jumps that each keeps.
     Smoothed,
 }
-
-impl Elements {
-    /// Part α of the energy of strain jumps that tetrahedra keep.
-    pub fn stabilisation(self) -> Real {
-        match self {
-            Elements::Tetrahedra => 1.0,
-            Elements::Smoothed => SMOOTHED,
-        }
-    }
-}
-
-/// Measured in statics: with this, covers and structured meshes of cubes, bars and plates at ν of 0.3 to 0.49 come nearest to the
-/// continuum in bending, torsion and under presses together. With less, presses come out too soft; with more, bending too stiff.
-const SMOOTHED: Real = 0.35;
 
 /// Why a recipe makes no body.
 #[derive(Debug, thiserror::Error)]
@@ -287,7 +275,6 @@ pub fn prepare(recipe: &Recipe, progress: &mut dyn FnMut(&str, usize, usize)) ->
         labels,
         supports: Vec::new(),
         maxwell: Vec::new(),
-        stabilisation: recipe.elements.stabilisation(),
         slowest_mode: 0.0,
         organs: Vec::new(),
     };
@@ -350,22 +337,33 @@ fn calibrated(
     progress: &mut dyn FnMut(&str, usize, usize),
 ) -> Result<Body, PrepareError> {
     let steps = parts.levels.len() + 4;
-    parts.stabilisation = elements.stabilisation();
     progress("calibrating levels", steps - 1, steps);
     parts.supports = held.springs;
     parts.levels.iter_mut().zip(held.fixed).for_each(|(level, fixed)| level.fixed = fixed);
     let springs: Vec<(u32, Real)> = parts.supports.iter().map(|h| (h.vertex.0, h.stiffness)).collect();
-    let material = |level: usize, element: usize| *material_in(&parts.materials, &parts.material_of[level], element);
     // A level of a region alone can bear no load that moves the body: the finest whole one, as soft as it was made to
     // agree with that, is what the others are to agree with.
     let whole = parts.levels.iter().take_while(|level| level.is_whole()).count();
+    parts.slowest_mode = match elements {
+        Elements::Tetrahedra => soften(&mut parts, whole, &springs)?,
+        Elements::Smoothed => stabilise(&mut parts, whole, &springs)?,
+    };
+    parts.maxwell = maxwell_branches(damping_ratio, parts.slowest_mode, parts.slowest_mode);
+    Ok(Body::new(parts)?)
+}
+
+/// Gives elements their factors, of which the first `whole` levels cover the body. Angular frequency of the slowest mode
+/// [rad/s].
+fn soften(parts: &mut BodyParts, whole: usize, springs: &[(u32, Real)]) -> Result<Real, CalibrationError> {
+    parts.levels.iter_mut().for_each(|level| level.stabilisation = 1.0);
+    let material = |level: usize, element: usize| *material_in(&parts.materials, &parts.material_of[level], element);
     let agreed = (whole < parts.levels.len()).then(|| parts.levels[whole - 1].stiffness_factor.clone());
     let damped = if agreed.is_some() { parts.levels[whole - 1].branch_factor[0] } else { 1.0 };
     let material_of = |level: usize, element: usize| match &agreed {
         Some(factors) if level + 1 == whole => calibration::scaled(material(level, element), factors[element]),
         _ => material(level, element),
     };
-    let mut calibration = calibrate(&parts.levels[..whole], material_of, &springs, elements)?;
+    let mut calibration = calibrate(&parts.levels[..whole], material_of, springs)?;
     if let Some(agreed) = agreed {
         calibration.factors[whole - 1] = agreed;
     }
@@ -373,9 +371,22 @@ fn calibrated(
     for (level, (stiffness, branch)) in parts.levels.iter_mut().zip(factors) {
         (level.stiffness_factor, level.branch_factor) = (stiffness, vec![damped * branch; level.mesh.elements.len()]);
     }
-    parts.maxwell = maxwell_branches(damping_ratio, calibration.slowest_mode, calibration.slowest_mode);
-    parts.slowest_mode = calibration.slowest_mode;
-    Ok(Body::new(parts)?)
+    Ok(calibration.slowest_mode)
+}
+
+/// Gives levels their stabilisation, of which the first `whole` cover the body. Angular frequency of the slowest mode [rad/s].
+fn stabilise(parts: &mut BodyParts, whole: usize, springs: &[(u32, Real)]) -> Result<Real, CalibrationError> {
+    let agreed = Some(parts.levels[whole - 1].stabilisation).filter(|alpha| whole < parts.levels.len() && *alpha < 1.0);
+    for level in &mut parts.levels {
+        let ones = vec![1.0; level.mesh.elements.len()];
+        (level.stiffness_factor, level.branch_factor, level.stabilisation) = (ones.clone(), ones, FINEST);
+    }
+    parts.levels[whole - 1].stabilisation = agreed.unwrap_or(FINEST);
+    let material = |level: usize, element: usize| *material_in(&parts.materials, &parts.material_of[level], element);
+    let Stabilised { stabilisation, slowest_mode } =
+        stabilisation::stabilise(&parts.levels[..whole], material, springs)?;
+    parts.levels.iter_mut().zip(stabilisation).for_each(|(level, alpha)| level.stabilisation = alpha);
+    Ok(slowest_mode)
 }
 
 /// `body` under another `name`, of another `material` but for `inclusions` and of other `elements`, held by other regions, damped
@@ -419,7 +430,7 @@ pub fn refit(
         })
     };
     let same_proportions = body.levels().iter().zip(material_of.iter().zip(&parts.material_of)).all(same_in);
-    let same_softness = same_holds && same_proportions && body.stabilisation() == elements.stabilisation();
+    let same_softness = same_holds && same_proportions && body.is_smoothed() == (elements == Elements::Smoothed);
     let slowest_mode = body.slowest_mode() * (stiffer / denser).sqrt();
     let maxwell = maxwell_branches(damping_ratio, slowest_mode, slowest_mode);
     if same_softness

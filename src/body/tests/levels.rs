@@ -1,7 +1,10 @@
 //! Levels of smoothed elements answer alike, and as the continuum where that is known, in every load: the core's own forces,
 //! in small strain, without any factor.
 
+use palpate_body::prepare::inclusions::Inclusion;
+use palpate_body::prepare::region::Reach;
 use palpate_body::prepare::{Elements, Recipe, Region, Shape, prepare};
+use palpate_core::adaptation::Adaptivity;
 use palpate_core::contact::safety::ForceLimits;
 use palpate_core::contact::tool::Following;
 use palpate_core::geometry::primitives::{box_mesh, box_surface};
@@ -18,13 +21,24 @@ const YOUNGS_MODULUS: Real = 1e4;
 
 /// A box of `size`, held at x = 0 or free.
 fn body(shape: Shape, size: Vec3, nu: Real, held: bool, zeta: Real) -> Body {
+    layered_body(shape, size, nu, held, zeta, None)
+}
+
+/// The same with a `layer` ten times as stiff.
+fn layered_body(shape: Shape, size: Vec3, nu: Real, held: bool, zeta: Real, layer: Option<Bounds>) -> Body {
+    let stiff = |layer| Inclusion {
+        place: Reach::Box(layer).into(),
+        youngs_modulus: 10.0 * YOUNGS_MODULUS,
+        poisson_ratio: nu,
+        density: 1000.0,
+    };
     let bounds = Bounds::new(Vec3::repeat(-1e-6), Vec3::new(1e-6, size.y, size.z) + Vec3::y() * 1e-6);
     let exact = matches!(shape, Shape::Meshes { .. });
     let recipe = Recipe {
         name: "box".into(),
         shape,
         material: Material::from_young(YOUNGS_MODULUS, nu, 1000.0),
-        inclusions: vec![],
+        inclusions: layer.map(stiff).into_iter().collect(),
         holds: if held { vec![Region { bounds, stiffness: None, exact }] } else { vec![] },
         elements: Elements::Smoothed,
         damping_ratio: zeta,
@@ -33,7 +47,8 @@ fn body(shape: Shape, size: Vec3, nu: Real, held: bool, zeta: Real) -> Body {
 }
 
 fn cover(size: Vec3, spacings: &[Real]) -> Shape {
-    let cells = size * (20.0 / size.max());
+    // As dense as surfaces are shown: between supports farther apart, the finer a level the more it would give way.
+    let cells = size / (0.4 * spacings[spacings.len() - 1]);
     Shape::closed(box_surface(size, [cells.x as u32, cells.y as u32, cells.z as u32]), spacings.to_vec())
 }
 
@@ -94,7 +109,7 @@ fn work(body: &Body, mesh: &mut ActiveMesh, load: &[Vec3]) -> Real {
         slots.iter().zip(&fixed).map(|(s, f)| if *f { Vec3::zeros() } else { handed[s.index()] }).collect();
     let (mut u, mut r, mut p) = (vec![Vec3::zeros(); slots.len()], load.clone(), load.clone());
     let (mut square, enough) = (dot(&r, &r), 1e-7 * dot(&load, &load));
-    for _ in 0..2000 {
+    for _ in 0..10_000 {
         if square < enough {
             return dot(&u, &load);
         }
@@ -115,15 +130,21 @@ fn work(body: &Body, mesh: &mut ActiveMesh, load: &[Vec3]) -> Real {
 
 type Load<'a> = (&'a str, Box<dyn Fn(&Body, &ActiveMesh) -> Vec<Vec3>>);
 
-/// Own weight in three directions, an end pulled aside, a press.
+/// Own weight in three directions; an end pulled along, aside and turned; a press.
 fn loads(size: Vec3) -> Vec<Load<'static>> {
     let mut all: Vec<Load> = vec![];
     for (axis, name) in [(0, "hanging"), (1, "bending y"), (2, "bending z")] {
         all.push((name, Box::new(move |b, m| on_masses(b, m, &|_| Vec3::ith(axis, 1.0)))));
     }
-    let pull =
-        move |x: &Vec3, area: &Vec3| if x.x > 0.999 * size.x { Vec3::y() * area.x.max(0.0) } else { Vec3::zeros() };
-    all.push(("end aside", Box::new(move |b, m| on_surface(b, m, &pull))));
+    let mut at_end = |name, direction: fn(Vec3) -> Vec3| {
+        let traction = move |x: &Vec3, area: &Vec3| {
+            if x.x > 0.999 * size.x { direction(x - size / 2.0) * area.x.max(0.0) } else { Vec3::zeros() }
+        };
+        all.push((name, Box::new(move |b: &Body, m: &ActiveMesh| on_surface(b, m, &traction)) as _));
+    };
+    at_end("end pulled", |_| Vec3::x());
+    at_end("end aside", |_| Vec3::y());
+    at_end("twist", |x| Vec3::x().cross(&x));
     let press = move |x: &Vec3, area: &Vec3| {
         let away = x - size / 2.0;
         let inside = x.z > 0.999 * size.z && away.x.abs() < 0.0151 && away.y.abs() < 0.0151;
@@ -133,10 +154,10 @@ fn loads(size: Vec3) -> Vec<Load<'static>> {
     all
 }
 
-/// Half of the body in the nodes of level 1, the other half in their children.
+/// Half of the body in the nodes of the level before the finest, the other half in their children.
 fn halves(body: &Body, size: Vec3) -> State {
     let far = |n: &Node| body.rest(*n).x > 0.5 * size.x && !body.children(*n).is_empty();
-    let (split, kept): (Vec<Node>, Vec<Node>) = body.nodes_of(1).partition(far);
+    let (split, kept): (Vec<Node>, Vec<Node>) = body.nodes_of(body.finest() - 1).partition(far);
     let nodes = kept.into_iter().chain(split.iter().flat_map(|n| body.children(*n).iter().copied()));
     State::at_rest_on(body, nodes.collect()).unwrap()
 }
@@ -144,6 +165,7 @@ fn halves(body: &Body, size: Vec3) -> State {
 /// Work of each load on each level over that on the finest − 1, and of a mixed set.
 fn compared(name: &str, body: &Body, size: Vec3, most: &[Real], most_mixed: Real) {
     let finest = body.finest();
+    println!("{name}: α {:.3?}", body.levels().iter().map(|l| l.stabilisation).collect::<Vec<_>>());
     for (what, load) in loads(size) {
         let work = |state: &State| {
             let mut mesh = ActiveMesh::new(body, state, usize::MAX).unwrap();
@@ -167,11 +189,21 @@ fn smoothed_levels_answer_alike_up_to_incompressible() {
     let cube = Vec3::repeat(0.1);
     for nu in [0.3, 0.49] {
         let body = body(cover(cube, &[0.0333, 0.02, 0.0125]), cube, nu, true, 0.0);
-        compared(&format!("cube, ν = {nu}"), &body, cube, &[0.1, 0.05], 0.05);
+        compared(&format!("cube, ν = {nu}"), &body, cube, &[0.1, 0.04], 0.04);
     }
-    let bar = Vec3::new(0.2, 0.04, 0.04);
-    let body = body(cover(bar, &[0.03, 0.018, 0.01]), bar, 0.45, true, 0.0);
-    compared("bar 5:1, ν = 0.45", &body, bar, &[0.18, 0.08], 0.08);
+    // The coarsest of these is wider than 2/3 of the bar.
+    let (bar, spacings) = (Vec3::new(0.2, 0.04, 0.04), [0.03, 0.018, 0.01]);
+    let of_bar = body(cover(bar, &spacings), bar, 0.45, true, 0.0);
+    compared("bar 5:1, ν = 0.45", &of_bar, bar, &[0.1, 0.05], 0.04);
+    let slender = Vec3::new(0.3, 0.03, 0.03);
+    let of_slender = body(cover(slender, &[0.0135, 0.0085]), slender, 0.45, true, 0.0);
+    compared("bar 10:1, ν = 0.45", &of_slender, slender, &[0.05], 0.03);
+    let across = Bounds::new(Vec3::new(0.067, -1.0, -1.0), Vec3::new(0.133, 1.0, 1.0));
+    let of_layer = |layer| layered_body(cover(bar, &spacings), bar, 0.3, true, 0.0, Some(layer));
+    compared("bar 5:1 with a stiff layer across", &of_layer(across), bar, &[0.1, 0.05], 0.04);
+    // Elements that are wider than a layer cannot show how it bends the bar.
+    let along = Bounds::new(Vec3::repeat(-1.0), Vec3::new(1.0, 1.0, 0.013));
+    compared("bar 5:1 with a stiff layer along", &of_layer(along), bar, &[0.3, 0.15], 0.08);
 }
 
 #[test]
@@ -306,4 +338,33 @@ fn smoothed_levels_swing_and_fade_alike_as_asked() {
         assert!((frequency / finest.0 - 1.0).abs() < 0.03, "{frequency} Hz");
         assert!((ratio / finest.1 - 1.0).abs() < 0.05 && (ratio / zeta - 1.0).abs() < 0.1, "{ratio}");
     }
+}
+
+#[test]
+fn a_bar_of_two_smoothed_elements_is_refined_where_it_bends_under_its_weight() {
+    let size = Vec3::new(0.2, 0.04, 0.04);
+    let body = Arc::new(body(cover(size, &[0.02, 0.0125]), size, 0.45, true, 0.1));
+    let refined = |weight: Real| {
+        let settings = Settings {
+            gravity: Vec3::z() * -weight,
+            adaptivity: Some(Adaptivity::default()),
+            ..simulation(&body, State::at_rest(&body, 0)).settings().clone()
+        };
+        let mut bar = Simulation::new(body.clone(), settings, Snapshot::at_rest(&body, 0, 0)).unwrap();
+        let [settled, later] = [2000, 500].map(|ticks| {
+            for _ in 0..ticks {
+                bar.advance(&Inputs::default());
+                bar.mesh_mut().change_motion(|_, _, v| *v *= 0.98);
+            }
+            let fine = bar.mesh().active().iter().map(|slot| bar.mesh().node(*slot)).filter(|n| body.level_of(*n) == 1);
+            fine.collect::<Vec<Node>>()
+        });
+        assert!(settled.iter().all(|n| later.contains(n)), "what was refined is merged again");
+        let farthest = settled.iter().map(|n| body.rest(*n).x).fold(0.0, Real::max);
+        println!("under {weight} m/s²: {} fine nodes, as far as {farthest} m", settled.len());
+        (settled.len(), farthest)
+    };
+    assert_eq!(refined(0.1).0, 0);
+    let (fine, farthest) = refined(4.0);
+    assert!(fine > 20 && farthest < 0.5 * size.x, "{fine} nodes, as far as {farthest} m");
 }

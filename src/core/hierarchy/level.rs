@@ -32,6 +32,9 @@ pub struct Level {
     /// Factor on the shear moduli of each element's Maxwell branches over μ (n_elements), which makes the level damp smooth
     /// motion as the finest one does: where coarse linear tetrahedra lock, less of what they store is shear.
     pub branch_factor: Vec<Real>,
+    /// Part α of the energy of strain jumps that tetrahedra keep, 0 < α ≤ 1; 1: they have all energy. See
+    /// [`stars`](crate::model::body::stars).
+    pub stabilisation: Real,
     /// Nearest node of the next coarser level (n_nodes); empty on level 0.
     pub parent: Vec<u32>,
     /// Where each node lies in the next coarser level (n_nodes); empty on level 0.
@@ -59,6 +62,7 @@ impl Level {
             least_mass: 0.0,
             stiffness_factor: vec![1.0; elements],
             branch_factor: vec![1.0; elements],
+            stabilisation: 1.0,
             parent: Vec::new(),
             coarser_host: Vec::new(),
             finer_host: Vec::new(),

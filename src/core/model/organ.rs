@@ -37,6 +37,8 @@ pub struct OrganLevel {
     pub spacing: Real,
     /// As [`Level::least_mass`] [kg].
     pub least_mass: Real,
+    /// As [`Level::stabilisation`].
+    pub stabilisation: Real,
 }
 
 /// An organ, with what follows from it.
@@ -66,6 +68,7 @@ impl OrganParts {
             elements: level.mesh.elements.len() as u32,
             spacing: level.spacing,
             least_mass: level.least_mass,
+            stabilisation: level.stabilisation,
         };
         Self {
             name: name.to_owned(),

@@ -115,7 +115,7 @@ pub fn class_in(body: &Body, stable: Real) -> usize {
 /// `ω²` [1/s²] of element `e` of `material` at rest, its Maxwell branches at their stiffest: `2/ω` is its longest stable step,
 /// with the safety factor.
 pub fn omega_squared(body: &Body, material: &Material, e: Element) -> Real {
-    let jumps = body.of_jumps(material);
+    let jumps = body.of_jumps(material, e);
     plain_omega_squared(body, material, e) * instantaneous(&jumps, body.branch_factor(e), body.maxwell())
 }
 

@@ -29,15 +29,14 @@ mod matrix;
 mod rigid;
 mod softness;
 mod solver;
+pub mod stabilisation;
 mod system;
 
-use super::Elements;
 use block::{Block, ZERO, add_scaled, columns, product};
 use load::{balanced_load, weight};
 use matrix::weights_of;
 use palpate_core::hierarchy::Level;
 use palpate_core::math::{Mat3, Real, Vec3};
-use palpate_core::model::body::stars;
 use palpate_core::model::material::Material;
 use rayon::prelude::*;
 use rigid::{holds_firmly, mean_motion};
@@ -113,47 +112,15 @@ pub fn calibrate(
     levels: &[Level],
     material: impl Fn(usize, usize) -> Material + Sync,
     holds: &[(u32, Real)],
-    elements: Elements,
 ) -> Result<Calibration, CalibrationError> {
     let mut factors: Vec<Vec<Real>> = levels.iter().map(|level| vec![1.0; level.mesh.elements.len()]).collect();
-    // All levels bear the same load, or their answers could not be compared.
-    let held = levels.iter().all(|level| holds_firmly(level, holds));
-    let mut systems: Vec<System> =
-        (0..levels.len()).map(|l| System::new(levels, l, &material, held.then_some(holds))).collect();
-    let mut load = Vec::new();
-    for l in (0..levels.len()).rev() {
-        load = match systems.get(l + 1) {
-            Some(finer) if finer.is_tied() => finer.to_coarser(&load),
-            _ if held => weight(&levels[l]),
-            _ => balanced_load(&levels[l]),
-        };
-        // What fixed nodes bear does not reach the body.
-        load.iter_mut().enumerate().filter(|(n, _)| systems[l].is_fixed(*n)).for_each(|(_, load)| *load = ZERO);
-        systems[l].bear(&load);
-    }
-
+    let mut systems = loaded(levels, &material, holds);
     let last = levels.len().saturating_sub(1);
-    if elements == Elements::Smoothed && !levels.is_empty() {
-        // They answer alike as they are. The finest level's answer is that of plain ones, its energy that of its own: of the
-        // second order in what is wrong with the answer.
-        let guess = vec![ZERO; levels[last].mesh.nodes.len()];
-        let answer = answer(&systems, last, &systems[last].load, guess, TOLERANCE)?;
-        let softer = softer_by(&levels[last], |e| material(last, e), elements.stabilisation(), &answer.deforming);
-        let slowest_mode = slowest_mode(&systems[last], &answer.deforming, &softer);
-        return Ok(Calibration { factors, branch_factors: vec![1.0; levels.len()], slowest_mode });
-    }
-    let mut answers: Vec<Answer> = Vec::new();
-    for (l, level) in levels.iter().enumerate() {
-        let mut guess = vec![ZERO; level.mesh.nodes.len()];
-        if let Some(coarser) = answers.last() {
-            systems[l].add_from_coarser(&coarser.displacement, &mut guess);
-        }
-        answers.push(answer(&systems, l, &systems[l].load, guess, TOLERANCE)?);
-    }
+    let mut answers = answers(&systems)?;
     let mut branch_factors = vec![1.0; levels.len()];
     let Some(finest) = answers.pop() else { return Ok(Calibration { factors, branch_factors, slowest_mode: 0.0 }) };
     let sheared = part_of_shear(&levels[last], |e| material(last, e), &factors[last], &finest.displacement);
-    let slowest_mode = slowest_mode(&systems[last], &finest.deforming, &Mat3::zeros());
+    let slowest_mode = slowest_mode(&systems[last], &finest.deforming);
     let wanted = at_coarser_nodes(levels, finest.deforming);
     // Coarse elements are too stiff already; none is to be stiffer than the finest.
     let stiffest = |l: usize| mean_modulus(levels, levels.len() - 1, &material) / mean_modulus(levels, l, &material);
@@ -181,6 +148,44 @@ pub fn calibrate(
         factors[l] = all(factor);
     }
     Ok(Calibration { factors, branch_factors, slowest_mode })
+}
+
+/// The equations of all levels, under the weight of the finest along each axis.
+fn loaded<'a>(
+    levels: &'a [Level],
+    material: &(impl Fn(usize, usize) -> Material + Sync),
+    holds: &'a [(u32, Real)],
+) -> Vec<System<'a>> {
+    // All levels bear the same load, or their answers could not be compared.
+    let held = levels.iter().all(|level| holds_firmly(level, holds));
+    let mut systems: Vec<System> = (0..levels.len())
+        .map(|l| System::new(levels, l, material, levels[l].stabilisation, held.then_some(holds)))
+        .collect();
+    let mut load = Vec::new();
+    for l in (0..levels.len()).rev() {
+        load = match systems.get(l + 1) {
+            Some(finer) if finer.is_tied() => finer.to_coarser(&load),
+            _ if held => weight(&levels[l]),
+            _ => balanced_load(&levels[l]),
+        };
+        // What fixed nodes bear does not reach the body.
+        load.iter_mut().enumerate().filter(|(n, _)| systems[l].is_fixed(*n)).for_each(|(_, load)| *load = ZERO);
+        systems[l].bear(&load);
+    }
+    systems
+}
+
+/// The answers of all levels to their loads.
+fn answers(systems: &[System]) -> Result<Vec<Answer>, CalibrationError> {
+    let mut answers: Vec<Answer> = Vec::new();
+    for (l, system) in systems.iter().enumerate() {
+        let mut guess = vec![ZERO; system.load.len()];
+        if let Some(coarser) = answers.last() {
+            system.add_from_coarser(&coarser.displacement, &mut guess);
+        }
+        answers.push(answer(systems, l, &system.load, guess, TOLERANCE)?);
+    }
+    Ok(answers)
 }
 
 /// The nearest factor within the range.
@@ -242,46 +247,10 @@ pub(super) fn scaled(material: Material, factor: Real) -> Material {
     Material { lambda: factor * material.lambda, mu: factor * material.mu, ..material }
 }
 
-/// How much less energy smoothed elements of `stabilisation` α have than plain ones in the displacements `u` of `level`, for
-/// each two axes: [`stars`], in small strain.
-fn softer_by(level: &Level, material: impl Fn(usize) -> Material + Sync, stabilisation: Real, u: &[Block]) -> Mat3 {
-    // `∫ ε_i : C : ε_j` of displacement gradients along axes i and j.
-    let energy = |gradients: &[Mat3; 3], material: &Material| {
-        let strain = gradients.map(|g| (g + g.transpose()) * 0.5);
-        Mat3::from_fn(|i, j| {
-            let (a, b) = (&strain[i], &strain[j]);
-            material.lambda * a.trace() * b.trace() + 2.0 * material.mu * a.dot(b)
-        })
-    };
-    let mut means = vec![([Mat3::zeros(); 3], 0.0); level.mesh.nodes.len()];
-    let mut around = vec![Vec::new(); level.mesh.nodes.len()];
-    let mut softer = Mat3::zeros();
-    for (e, nodes) in level.mesh.elements.iter().enumerate() {
-        let (weights, volume) = weights_of(&level.mesh.corners(e));
-        let (material, volume) = (material(e), volume * level.fraction[e]);
-        let along = |n: u32, axis: usize| Vec3::from(u[n as usize].map(|row| row[axis]));
-        let gradient = |axis| nodes.iter().zip(weights).map(|(n, g)| along(*n, axis) * g.transpose()).sum();
-        let gradients: [Mat3; 3] = std::array::from_fn(gradient);
-        let jumps = stars::of_jumps(&material, stabilisation);
-        softer += (energy(&gradients, &material) - energy(&gradients, &jumps)) * volume;
-        for n in nodes {
-            let (mean, sum) = &mut means[*n as usize];
-            mean.iter_mut().zip(gradients).for_each(|(mean, g)| *mean += g * (volume / 4.0));
-            *sum += volume / 4.0;
-            around[*n as usize].push((material, volume));
-        }
-    }
-    for ((mean, volume), around) in means.into_iter().zip(around) {
-        let Some(material) = stars::mean(around.iter().map(|(material, volume)| (material, *volume))) else { continue };
-        softer -= energy(&mean.map(|g| g / volume), &stars::of_means(&material, stabilisation)) * volume;
-    }
-    softer
-}
-
 /// The slowest mode [rad/s] among the combinations of the answers `u` to the loads along the three axes: the largest
-/// eigenvalue of `K⁻¹M`, `K_ij = u_i·f_j`, of which `softer` is taken away, `M_ij = Σ m u_i·u_j`.
-fn slowest_mode(system: &System, deforming: &[Block], softer: &Mat3) -> Real {
-    let (mut k, mut m) = (-softer, Mat3::zeros());
+/// eigenvalue of `K⁻¹M`, `K_ij = u_i·f_j`, `M_ij = Σ m u_i·u_j`.
+fn slowest_mode(system: &System, deforming: &[Block]) -> Real {
+    let (mut k, mut m) = (Mat3::zeros(), Mat3::zeros());
     for ((u, f), mass) in deforming.iter().zip(&system.load).zip(&system.level.node_mass) {
         // Rows are components, columns axes.
         let (u, f) = (columns(u).transpose(), columns(f).transpose());
@@ -356,7 +325,7 @@ fn respond<'a>(
     factors: &[Real],
     guess: Vec<Block>,
 ) -> Result<Answer, CalibrationError> {
-    systems[l].set_material(levels, l, &|l, e| scaled(material(l, e), factors[e]));
+    systems[l].set_material(levels, l, &|l, e| scaled(material(l, e), factors[e]), 1.0);
     answer(systems, l, &systems[l].load, guess, TOLERANCE)
 }
 

@@ -41,6 +41,7 @@ impl<'a> System<'a> {
         levels: &'a [Level],
         l: usize,
         material: &(impl Fn(usize, usize) -> Material + Sync),
+        stabilisation: Real,
         holds: Option<&'a [(u32, Real)]>,
     ) -> Self {
         let level = &levels[l];
@@ -49,7 +50,7 @@ impl<'a> System<'a> {
         if holds.is_some() {
             level.fixed.iter().for_each(|n| fixed[*n as usize] = true);
         }
-        let mut rows = Rows::elastic(level, |e| material(l, e), &fixed);
+        let mut rows = Rows::elastic(level, |e| material(l, e), stabilisation, &fixed);
         for &(vertex, stiffness) in holds.unwrap_or_default() {
             let (nodes, weights) = row(&level.embedding[vertex as usize], &level.mesh);
             for (a, weight_a) in nodes.iter().zip(weights) {
@@ -93,15 +94,16 @@ impl<'a> System<'a> {
         system
     }
 
-    /// Makes level `l`, which this is of, of another material.
+    /// Makes level `l`, which this is of, of another material and stabilisation.
     pub(super) fn set_material(
         &mut self,
         levels: &'a [Level],
         l: usize,
         material: &(impl Fn(usize, usize) -> Material + Sync),
+        stabilisation: Real,
     ) {
         let load = std::mem::take(&mut self.load);
-        *self = System { load, ..System::new(levels, l, material, self.holds) };
+        *self = System { load, ..System::new(levels, l, material, stabilisation, self.holds) };
     }
 
     /// Sets the load, less what the holds bear while the body moves on them as a whole: what is left deforms it.

@@ -7,7 +7,7 @@ fn factors(
     material: impl Fn(usize, usize) -> Material + Sync,
     holds: &[(u32, Real)],
 ) -> Result<Vec<Vec<Real>>, CalibrationError> {
-    calibrate(levels, material, holds, Elements::Tetrahedra).map(|c| c.factors)
+    calibrate(levels, material, holds).map(|c| c.factors)
 }
 
 /// Mean factor of each level, one over the mean softness.
@@ -296,7 +296,7 @@ fn a_slender_coarsest_level_is_solved_directly() {
     assert!(middle.len() > 10);
     for fixed in [vec![], middle] {
         levels[0].fixed = fixed.clone();
-        let system = System::new(&levels, 0, &|_, _| jelly(), Some(&holds));
+        let system = System::new(&levels, 0, &|_, _| jelly(), 1.0, Some(&holds));
         let load = load::weight(&levels[0]);
         let u = system.direct.as_ref().unwrap().correction(&load);
         let (mut left, mut whole) = (0.0, 0.0);
@@ -315,7 +315,7 @@ fn a_slender_coarsest_level_is_solved_directly() {
     let cube = box_surface(Vec3::repeat(0.1), [4; 3]);
     let (compact, holds) = (covers(&cube, &[0.014]), clamp(&cube, 1e6));
     assert!(compact[0].mesh.nodes.len() > 700);
-    assert!(System::new(&compact, 0, &|_, _| jelly(), Some(&holds)).direct.is_none());
+    assert!(System::new(&compact, 0, &|_, _| jelly(), 1.0, Some(&holds)).direct.is_none());
 }
 
 #[test]

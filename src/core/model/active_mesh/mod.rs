@@ -490,7 +490,7 @@ fn constants(body: &Body, material: &Material, e: Element, active: u8) -> Elemen
     let [_, g1, g2, g3] = gradients(&body.corners(e));
     let factor = body.stiffness_factor(e);
     let weight = factor * body.volume(e) * Real::from(active) / 4.0;
-    let material = body.of_jumps(material);
+    let material = body.of_jumps(material, e);
     ElementConstants {
         gradient: [g1, g2, g3].map(Into::into),
         lambda: weight * material.lambda,

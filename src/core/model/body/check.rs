@@ -42,9 +42,6 @@ pub(super) fn check(parts: &BodyParts) -> Result<(), String> {
             return Err(format!("material {m:?} is not a stable solid"));
         }
     }
-    if !(parts.stabilisation > 0.0 && parts.stabilisation <= 1.0) {
-        return Err(format!("a stabilisation of {} is not above 0 and at most 1", parts.stabilisation));
-    }
     if parts.surface.triangles.is_empty() || parts.surface.triangles.iter().flatten().any(|v| *v as usize >= vertices) {
         return Err("a display triangle names a vertex that does not exist".into());
     }
@@ -56,6 +53,15 @@ pub(super) fn check(parts: &BodyParts) -> Result<(), String> {
     }
     if !(parts.surface.vertices.iter().all(finite) && parts.slowest_mode >= 0.0 && parts.slowest_mode.is_finite()) {
         return Err("a display vertex or the slowest mode is no finite number".into());
+    }
+    let organs = || parts.organs.iter().flat_map(|organ| &organ.levels).map(|level| level.stabilisation);
+    let stabilisations = || parts.levels.iter().map(|level| level.stabilisation).chain(organs());
+    if !stabilisations().all(|alpha| alpha > 0.0 && alpha <= 1.0) {
+        return Err("a stabilisation is not above 0 and at most 1".into());
+    }
+    // A star of no stiffness would have no step.
+    if stabilisations().any(|alpha| alpha < 1.0) && stabilisations().any(|alpha| alpha == 1.0) {
+        return Err("some levels are of smoothed elements and others are not".into());
     }
     for (i, level) in parts.levels.iter().enumerate() {
         let (nodes, elements) = (level.mesh.nodes.len(), level.mesh.elements.len());

@@ -28,7 +28,7 @@ use patches::Patches;
 use stars::Stars;
 
 /// First bytes of a body file: name and format version.
-const MAGIC: &[u8; 12] = b"palpate-bdy\x0a";
+const MAGIC: &[u8; 12] = b"palpate-bdy\x0b";
 
 /// How much stiffer one element around a node is than another where the material counts as heterogeneous.
 const CONTRAST: Real = 1.25;
@@ -447,9 +447,15 @@ impl Body {
         self.parts.levels[r].stiffness_factor[place]
     }
 
-    /// Part `α` of the energy of strain jumps that tetrahedra keep, 1 where they have all energy: see [`stars`].
-    pub fn stabilisation(&self) -> Real {
-        self.parts.stabilisation
+    /// Part `α` of the energy of strain jumps that the tetrahedra around node `n` keep, 1 where they have all energy: see
+    /// [`stars`].
+    pub fn stabilisation(&self, n: Node) -> Real {
+        self.organ_level(n).stabilisation
+    }
+
+    /// True where [`Body::stars`] have a part of the energy.
+    pub fn is_smoothed(&self) -> bool {
+        self.parts.is_smoothed()
     }
 
     /// The nodes' stars, which have the rest.
@@ -457,9 +463,9 @@ impl Body {
         &self.stars
     }
 
-    /// What elements of `material` have of it, and not the stars of their nodes.
-    pub fn of_jumps(&self, material: &Material) -> Material {
-        stars::of_jumps(material, self.parts.stabilisation)
+    /// What element `e` has of its `material`, and not the stars of its nodes.
+    pub fn of_jumps(&self, material: &Material, e: Element) -> Material {
+        stars::of_jumps(material, self.stabilisation(self.element(e)[0]))
     }
 
     /// Factor on the moduli of element `e`'s Maxwell branches over μ, from calibration.

@@ -72,9 +72,6 @@ pub struct BodyParts {
     pub supports: Vec<Support>,
     /// Maxwell branches of every material, at most two.
     pub maxwell: Vec<MaxwellBranch>,
-    /// Part of the energy of strain jumps that tetrahedra keep, 0 < α ≤ 1; 1: they have all energy. See
-    /// [`super::stars`].
-    pub stabilisation: Real,
     /// Angular frequency of the slowest mode [rad/s], as calibration found it; 0 when nothing moves.
     pub slowest_mode: Real,
     /// The organs, where there are several; empty: the body is one.
@@ -100,10 +97,14 @@ impl BodyParts {
             labels: LabelParts::default(),
             supports: Vec::new(),
             maxwell: Vec::new(),
-            stabilisation: 1.0,
             slowest_mode: 0.0,
             organs: Vec::new(),
         }
+    }
+
+    /// True where [`stars`](super::stars) have a part of the energy.
+    pub fn is_smoothed(&self) -> bool {
+        self.levels.iter().any(|level| level.stabilisation < 1.0)
     }
 
     /// As [`Body::mass_moments`](super::Body::mass_moments).

@@ -8,10 +8,10 @@
 //! `U = Σ_n V_n [W(F̄_n; λ, μ) − α W(F̄_n; λ_s, μ)] + α Σ_t V_t W(F_t; λ_s, μ)`,
 //! `V_n = Σ_{t∋n} V_t/4`, `F̄_n = Σ_{t∋n} (V_t/4) F_t / V_n`, `λ_s = min(λ, 1.5 μ)`.
 //!
-//! Uniform strain has its exact energy whatever `α`; jumps have the part `α` of theirs, which holds the modes that means do
-//! not see [Puso & Solberg 2006], and of what they have against volume change hardly any. As the law is linear in its moduli,
-//! both sums are elements of that law, viscosity and Maxwell branches included: tetrahedra of `αλ_s, αμ`, and stars of
-//! `λ − αλ_s, (1−α)μ`. Both step by themselves, with the same part of the masses as of the stiffness.
+//! `α` is a number of each level. Uniform strain has its exact energy whatever it is; jumps have the part `α` of theirs, which
+//! holds the modes that means do not see [Puso & Solberg 2006], and of what they have against volume change hardly any. As the
+//! law is linear in its moduli, both sums are elements of that law, viscosity and Maxwell branches included: tetrahedra of
+//! `αλ_s, αμ`, and stars of `λ − αλ_s, (1−α)μ`. Both step by themselves, with the same part of the masses as of the stiffness.
 
 use super::Body;
 use crate::geometry::tet_mesh::gradients;
@@ -83,7 +83,7 @@ pub struct Star {
 impl Stars {
     /// Of all nodes of `body`.
     pub(super) fn new(body: &Body) -> Self {
-        if body.stabilisation() >= 1.0 {
+        if !body.is_smoothed() {
             return Self::default();
         }
         let mut all = Self { first: vec![0], ..Self::default() };
@@ -150,6 +150,6 @@ fn star(body: &Body, n: Node, neighbours: &[Node]) -> (Star, Vec<[Real; 3]>) {
     }
     let around = body.elements_around(n).iter().map(|e| (body.material_of(*e), body.volume(*e)));
     // Every node is of an element.
-    let material = of_means(&mean(around).unwrap_or(*body.material()), body.stabilisation());
+    let material = of_means(&mean(around).unwrap_or(*body.material()), body.stabilisation(n));
     (Star { volume, material }, gradient.into_iter().map(|b| (b / volume).into()).collect())
 }
