@@ -25,7 +25,7 @@ fn block(spacing: Real, elements: Elements, nu: Real, young: Real, cells: u32) -
     prepare(&recipe, &mut |_, _, _| {}).unwrap().into()
 }
 
-fn with_ball(body: &Arc<Body>, radius: Real, samples: bool) -> Simulation {
+fn with_ball(body: &Arc<Body>, radius: Real, level: usize) -> Simulation {
     let settings = Settings {
         gravity: Vec3::zeros(),
         tools: vec![Tool { name: "ball".into(), shape: Shape::ball(radius), friction: 0.0 }],
@@ -35,10 +35,7 @@ fn with_ball(body: &Arc<Body>, radius: Real, samples: bool) -> Simulation {
         adaptivity: None,
         most_elements: body.element_count(),
     };
-    let mut simulation = Simulation::new(body.clone(), settings, Snapshot::at_rest(body, 0, 1)).unwrap();
-    if samples {
-        simulation.touch_by_samples();
-    }
+    let mut simulation = Simulation::new(body.clone(), settings, Snapshot::at_rest(body, level, 1)).unwrap();
     let mut inputs = Inputs::default();
     inputs.tools[0] = Some(ToolEvent::Attach { epoch: 1, period_ticks: 1, coupling: Coupling::RIGID });
     simulation.advance(&inputs);
@@ -68,21 +65,40 @@ fn presses(simulation: &mut Simulation, radius: Real, at: [Real; 2], depths: &[R
     forces
 }
 
+/// Depth [m] and force [N] of a frictionless ball of 20 mm on this block at ν = 0.35: elements of third order, Newton's method
+/// (NGSolve 6.2).
+const CONTINUUM: [(Real, Real); 3] = [(2.5e-4, 8.30e-3), (5e-4, 0.02320), (1e-3, 0.0642)];
+
+/// From four to eight radii of the contact between nodes down to two. Nothing of contact was fitted to it.
 #[test]
-fn table() {
-    let depths = [2.5e-4, 5e-4, 1e-3];
-    let expected = [8.30e-3, 0.02320, 0.0642];
-    for spacing in [0.018, 0.013, 0.009] {
-        for elements in [Elements::Tetrahedra, Elements::Smoothed] {
-            let body = block(spacing, elements, 0.35, 1e4, 20);
-            for samples in [false, true] {
-                let mut simulation = with_ball(&body, 0.02, samples);
-                let forces = presses(&mut simulation, 0.02, [0.1, 0.1], &depths);
-                let off: Vec<String> =
-                    forces.iter().zip(expected).map(|(f, e)| format!("{:+.1}", 100.0 * (f / e - 1.0))).collect();
-                println!("{:.1} mm {elements:?} samples {samples}: {off:?}", 1e3 * spacing);
-            }
+fn a_ball_is_pushed_back_as_by_the_continuum_by_both_kinds_of_elements() {
+    for (spacing, elements) in [
+        (0.018, Elements::Tetrahedra),
+        (0.013, Elements::Tetrahedra),
+        (0.018, Elements::Smoothed),
+        (0.009, Elements::Smoothed),
+    ] {
+        let body = block(spacing, elements, 0.35, 1e4, 20);
+        let forces = presses(&mut with_ball(&body, 0.02, 0), 0.02, [0.1, 0.1], &CONTINUUM.map(|c| c.0));
+        for (force, (depth, expected)) in forces.iter().zip(CONTINUUM) {
+            let off = 100.0 * (force / expected - 1.0);
+            println!("{elements:?} {:.0} mm, {:.2} mm deep: {off:+.1} %", 1e3 * spacing, 1e3 * depth);
+            assert!(off.abs() < 6.0);
         }
+    }
+}
+
+/// A display of a few triangles is touched as one of many: what is touched are the nodes' fields, not the triangles.
+#[test]
+fn the_force_does_not_depend_on_the_display() {
+    let force = |cells| {
+        let body = block(0.0125, Elements::Smoothed, 0.45, 5e3, cells);
+        presses(&mut with_ball(&body, 0.01, 0), 0.01, [0.093, 0.096], &[1e-3, 3e-3])
+    };
+    let (coarse, fine) = (force(7), force(35));
+    for (a, b) in coarse.iter().zip(&fine) {
+        println!("{a:.5} N on {} vertices, {b:.5} N on {}", 6 * 7 * 7 * 5 / 3, 6 * 35 * 35 * 5 / 3);
+        assert!((a / b - 1.0).abs() < 0.01);
     }
 }
 
@@ -112,49 +128,37 @@ fn evenness(forces: &[Vec3]) -> [Real; 4] {
     [mean, 100.0 * (high - low) / mean, 100.0 * step / mean, 100.0 * aside / mean]
 }
 
+/// Slides of 20 mm aslant over a cover, from far below to about the spacing of its nodes, up to nearly incompressible.
 #[test]
-fn slides() {
-    for (spacing, nu, radius, depth) in [
-        (0.0125, 0.45, 0.01, 1e-3),
-        (0.0125, 0.45, 0.01, 3e-3),
-        (0.0125, 0.3, 0.04, 3e-3),
-        (0.0125, 0.49, 0.01, 3e-3),
-        (0.018, 0.45, 0.003, 1e-3),
-    ] {
+fn a_ball_that_slides_keeps_its_force() {
+    for (spacing, nu, radius, depth) in
+        [(0.0125, 0.45, 0.01, 1e-3), (0.0125, 0.3, 0.04, 3e-3), (0.0125, 0.49, 0.01, 3e-3), (0.018, 0.45, 0.003, 1e-3)]
+    {
         for elements in [Elements::Tetrahedra, Elements::Smoothed] {
             let body = block(spacing, elements, nu, 5e3, 20);
-            for samples in [false, true] {
-                let mut simulation = with_ball(&body, radius, samples);
-                let from = Vec3::new(0.09, 0.095, SIZE.z);
-                let forces = slide(&mut simulation, radius, depth, from, Vec3::new(0.018, 0.009, 0.0));
-                let hertz = 4.0 / 3.0 * 5e3 / (1.0 - nu * nu) * radius.sqrt() * depth.powf(1.5);
-                let [mean, range, step, aside] = evenness(&forces);
-                println!(
-                    "a {:.1} nu {nu} R {:.0} depth {:.1} {elements:?} samples {samples}: over Hertz {:+.1} % range {range:.1} % step {step:.2} % aside {aside:.1} %",
-                    1e3 * spacing,
-                    1e3 * radius,
-                    1e3 * depth,
-                    100.0 * (mean / hertz - 1.0)
-                );
-            }
+            let from = Vec3::new(0.09, 0.095, SIZE.z);
+            let forces = slide(&mut with_ball(&body, radius, 0), radius, depth, from, Vec3::new(0.018, 0.009, 0.0));
+            let hertz = 4.0 / 3.0 * 5e3 / (1.0 - nu * nu) * radius.sqrt() * depth.powf(1.5);
+            let [mean, range, step, aside] = evenness(&forces);
+            println!(
+                "{elements:?} a {:.1} mm, nu {nu}, R {:.0} mm, {:.1} mm deep: {:+.1} % over Hertz, range {range:.1} %, step {step:.2} %, aside {aside:.1} %",
+                1e3 * spacing,
+                1e3 * radius,
+                1e3 * depth,
+                100.0 * (mean / hertz - 1.0)
+            );
+            assert!(range < 5.0 && step < 0.1 && aside < 2.0);
         }
     }
 }
 
+/// The ball's axis goes over the edge and 4 mm beyond; 0.05 mm a tick.
 #[test]
-fn edge() {
-    for spacing in [0.0125] {
-        let body = block(spacing, Elements::Smoothed, 0.3, 5e3, 20);
-        for samples in [false, true] {
-            let mut simulation = with_ball(&body, 0.01, samples);
-            let forces = slide(&mut simulation, 0.01, 1e-3, Vec3::new(0.185, 0.097, SIZE.z), Vec3::new(0.03, 0.0, 0.0));
-            let shown: Vec<String> =
-                forces.iter().step_by(20).map(|f| format!("{:.1}/{:.1}", 1e3 * f.z, 1e3 * f.x)).collect();
-            let step = forces.windows(2).map(|w| (w[1] - w[0]).norm()).fold(0.0, Real::max);
-            for (i, w) in forces.windows(2).enumerate().filter(|(_, w)| (w[1] - w[0]).norm() > 2.5e-4) {
-                println!("{i}: {:.2?} {:.2?}", (w[0] * 1e3).as_slice(), (w[1] * 1e3).as_slice());
-            }
-            println!("a {:.1} samples {samples}: mN {shown:?} largest step {:.2} mN", 1e3 * spacing, 1e3 * step);
-        }
-    }
+fn over_an_edge_the_force_goes_to_zero_without_a_leap() {
+    let body = block(0.0125, Elements::Smoothed, 0.3, 5e3, 20);
+    let from = Vec3::new(0.185, 0.097, SIZE.z);
+    let forces = slide(&mut with_ball(&body, 0.01, 0), 0.01, 1e-3, from, Vec3::new(0.03, 0.0, 0.0));
+    let step = forces.windows(2).map(|w| (w[1] - w[0]).norm()).fold(0.0, Real::max);
+    println!("{:.4} N inside, largest step {:.4} N", forces[0].z, step);
+    assert!(forces.last().unwrap().norm() == 0.0 && step < 0.06 * forces[0].z);
 }

@@ -43,7 +43,7 @@ struct Disc {
     ahead: Vec3,
     /// Of the outermost samples from the axis [m].
     cap: Real,
-    /// How far from the axis the surface may overlap the ball [m].
+    /// How far from the axis the surface of the mesh may overlap the ball [m].
     reach: Real,
     /// As [`Material::half_space`], with what large strain adds [m²/N].
     compliance: Real,
@@ -320,13 +320,12 @@ impl Samples {
             });
         }
         let spacing = self.hang(on, first, middle.triangle, cap);
-        let shown = shown_variance(on, spacing);
-        self.discs.push(Disc { ahead: view.ahead, cap, reach: cap, compliance, shown, nu: material.poisson_ratio() });
-        // Where it comes fast it overlaps the surface around the disc of its last load, too.
+        let shown = shown_variance(on, corners[0], spacing);
+        // Of the mesh, which does not show the dent, the ball overlaps more than its disc.
         let along = |v: Vec3| view.ahead.dot(&v);
-        let overlap = radius - along(self.found[first].displayed - centre) - self.dent(view.ahead * radius, view.ahead)
-            + along(ball.moves[1] - ball.moves[0]).abs();
-        self.discs[number as usize].reach = cap.max((2.0 * radius * overlap.max(0.0)).sqrt());
+        let depth = along(self.found[first].displayed - centre) - along(ball.moves[1] - ball.moves[0]).abs();
+        let reach = cap.max((radius * radius - depth.clamp(0.0, radius).powi(2)).sqrt());
+        self.discs.push(Disc { ahead: view.ahead, cap, reach, compliance, shown, nu: material.poisson_ratio() });
     }
 
     /// Gives the samples from the `first` on their rows; returns the spacing of the nodes under the `middle` one [m].
@@ -376,25 +375,26 @@ fn still_ahead(on: &Touchable, ball: &Ball, known: &[PointMemory], first: u32) -
 }
 
 impl Disc {
-    /// True for a place `away` from the ball's centre [m] that is within `reach` [m] of the axis, ahead.
+    /// True for a place `away` from the ball's centre [m] that is within `reach` [m] of the axis, ahead or, of a ball that is half in, beside.
     fn covers(&self, away: Vec3, reach: Real) -> bool {
         let along = self.ahead.dot(&away);
-        along > 0.0 && (away - self.ahead * along).norm() < reach
+        along > -0.5 * away.norm() && (away - self.ahead * along).norm() < reach
     }
 }
 
 /// Support of a row over the spacing of the nodes: with less the lattice is felt, with more rows have no room and thin bodies no depth.
 /// Elements that are softer in their shortest waves need a wider one.
 fn support(on: &Touchable) -> Real {
-    if on.body.stabilisation() < 1.0 { 2.0 } else { 1.75 }
+    if on.body.stars().is_empty() { 1.75 } else { 2.0 }
 }
 
-/// Variance of a load as the mesh shows it [m²], on nodes of this `spacing` [m]: that of the rows, less what the lattice's short waves are
+/// Variance of a load as the mesh shows it [m²], `under` which nodes are of this `spacing` [m]: that of the rows, less what the lattice's short waves are
 /// too soft by. Their stiffness is `C k² (1 + c a²k²)`, `c = −.167 + .145 α` for the part α that strain jumps keep, from the
 /// symbol of the infinite body-centred lattice; it does not depend on Poisson's ratio.
-fn shown_variance(on: &Touchable, spacing: Real) -> Real {
+fn shown_variance(on: &Touchable, under: Vertex, spacing: Real) -> Real {
     let deviation = DEVIATION * support(on);
-    (deviation * deviation - (0.167 - 0.145 * on.body.stabilisation())) * spacing * spacing
+    let node = on.mesh.node(on.mesh.embedding(under).slots[0]);
+    (deviation * deviation - (0.167 - 0.145 * on.body.stabilisation(node))) * spacing * spacing
 }
 
 /// What stays the same for all samples of a tool.

@@ -8,7 +8,7 @@
 //! `½ k (J − 0.6)²` where `J = det F < 0.6`, `k = 8(λ + 2μ)`: the force then rises monotonically and the body
 //! recovers.
 
-use crate::math::{Mat3, Real, symmetric};
+use crate::math::{Mat3, Real};
 use serde::{Deserialize, Serialize};
 
 /// `J` below which the compression term acts.
