@@ -150,7 +150,8 @@ pub fn calibrate(
     Ok(Calibration { factors, branch_factors, slowest_mode })
 }
 
-/// The equations of all levels, under the weight of the finest along each axis.
+/// The equations of all levels, under the weight of the finest along each axis; of a body that nothing holds under its
+/// [`balanced_load`].
 fn loaded<'a>(
     levels: &'a [Level],
     material: &(impl Fn(usize, usize) -> Material + Sync),
@@ -158,21 +159,24 @@ fn loaded<'a>(
 ) -> Vec<System<'a>> {
     // All levels bear the same load, or their answers could not be compared.
     let held = levels.iter().all(|level| holds_firmly(level, holds));
-    let mut systems: Vec<System> = (0..levels.len())
-        .map(|l| System::new(levels, l, material, levels[l].stabilisation, held.then_some(holds)))
-        .collect();
+    let system = |l: usize| System::new(levels, l, material, levels[l].stabilisation, held.then_some(holds));
+    let mut systems: Vec<System> = (0..levels.len()).map(system).collect();
+    bear(&mut systems, if held { weight } else { balanced_load });
+    systems
+}
+
+/// Puts the finest level's load on all levels.
+fn bear(systems: &mut [System], load_of: fn(&Level) -> Vec<Block>) {
     let mut load = Vec::new();
-    for l in (0..levels.len()).rev() {
+    for l in (0..systems.len()).rev() {
         load = match systems.get(l + 1) {
             Some(finer) if finer.is_tied() => finer.to_coarser(&load),
-            _ if held => weight(&levels[l]),
-            _ => balanced_load(&levels[l]),
+            _ => load_of(systems[l].level),
         };
         // What fixed nodes bear does not reach the body.
         load.iter_mut().enumerate().filter(|(n, _)| systems[l].is_fixed(*n)).for_each(|(_, load)| *load = ZERO);
         systems[l].bear(&load);
     }
-    systems
 }
 
 /// The answers of all levels to their loads.
