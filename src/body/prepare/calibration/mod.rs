@@ -116,7 +116,7 @@ pub fn calibrate(
     let mut factors: Vec<Vec<Real>> = levels.iter().map(|level| vec![1.0; level.mesh.elements.len()]).collect();
     let mut systems = loaded(levels, &material, holds);
     let last = levels.len().saturating_sub(1);
-    let mut answers = answers(&systems)?;
+    let mut answers = answers(&systems, TOLERANCE)?;
     let mut branch_factors = vec![1.0; levels.len()];
     let Some(finest) = answers.pop() else { return Ok(Calibration { factors, branch_factors, slowest_mode: 0.0 }) };
     let sheared = part_of_shear(&levels[last], |e| material(last, e), &factors[last], &finest.displacement);
@@ -179,15 +179,15 @@ fn bear(systems: &mut [System], load_of: fn(&Level) -> Vec<Block>) {
     }
 }
 
-/// The answers of all levels to their loads.
-fn answers(systems: &[System]) -> Result<Vec<Answer>, CalibrationError> {
+/// The answers of all levels to their loads, as exactly as `tolerance` asks ([`solve`]).
+fn answers(systems: &[System], tolerance: Real) -> Result<Vec<Answer>, CalibrationError> {
     let mut answers: Vec<Answer> = Vec::new();
     for (l, system) in systems.iter().enumerate() {
         let mut guess = vec![ZERO; system.load.len()];
         if let Some(coarser) = answers.last() {
             system.add_from_coarser(&coarser.displacement, &mut guess);
         }
-        answers.push(answer(systems, l, &system.load, guess, TOLERANCE)?);
+        answers.push(answer(systems, l, &system.load, guess, tolerance)?);
     }
     Ok(answers)
 }

@@ -47,7 +47,7 @@ pub fn stabilise(
 ) -> Result<Stabilised, CalibrationError> {
     let mut stabilisation: Vec<Real> = levels.iter().map(|level| level.stabilisation).collect();
     let mut systems = loaded(levels, &material, holds);
-    let mut answers = answers(&systems)?;
+    let mut answers = answers(&systems, TOLERANCE)?;
     let Some(finest) = answers.pop() else { return Ok(Stabilised { stabilisation, slowest_mode: 0.0 }) };
     let slowest_mode = systems.last().map_or(0.0, |system| slowest_mode(system, &finest.deforming));
     for (l, now) in answers.into_iter().enumerate() {
@@ -58,6 +58,9 @@ pub fn stabilise(
     }
     Ok(Stabilised { stabilisation, slowest_mode })
 }
+
+/// How exactly [`agreement`] is solved for ([`solve`](super::solver::solve)): whole per cents are shown.
+const ROUGH: Real = 1e-4;
 
 /// The loads of [`agreement`].
 pub const LOADS: [&str; 6] =
@@ -95,7 +98,7 @@ fn compliances(systems: &[System]) -> Result<Vec<[Real; 3]>, CalibrationError> {
         // What deforms the body is kept with its sign turned.
         system.load.iter().zip(u).map(|(f, u)| -(0..3).map(|i| f[i][axis] * u[i][axis]).sum::<Real>()).sum()
     };
-    let answers = answers(systems)?;
+    let answers = answers(systems, ROUGH)?;
     Ok(systems.iter().zip(&answers).map(|(s, a)| [0, 1, 2].map(|axis| work(s, &a.deforming, axis))).collect())
 }
 
