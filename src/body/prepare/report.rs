@@ -1,11 +1,14 @@
 //! What a prepared body is like, level by level: sizes, shape, steps, and what may be wrong with it.
 
+use super::calibration::CalibrationError;
+use super::calibration::stabilisation::{LOADS, agreement};
 use palpate_core::geometry::Moments;
 use palpate_core::geometry::tet_mesh::FACES;
 use palpate_core::hierarchy::Level;
 use palpate_core::ids::{NONE, Node};
 use palpate_core::math::{Real, Vec3};
 use palpate_core::model::Body;
+use palpate_core::model::body::material_in;
 use palpate_core::model::element_pool::CLASSES;
 use palpate_core::model::step_class::{Strained, omega_squared, stable_step, step_of};
 use std::collections::BTreeMap;
@@ -43,6 +46,10 @@ pub struct LevelReport {
     pub stiffest: (usize, Vec3),
     /// Smallest, mean and largest factor on the stiffness.
     pub factor: (Real, Real, Real),
+    /// Part α of the energy of strain jumps that tetrahedra keep ([`palpate_core::model::body::stars`]).
+    pub stabilisation: Real,
+    /// Of smoothed elements, how much more it gives way than the finest whole level under each of [`LOADS`], as a part.
+    pub agreement: Option<[Real; LOADS.len()]>,
     /// Most negative weight of any row on the level's elements: of display vertices and of nodes of its neighbours.
     pub extrapolation: Real,
     /// Memory of the level in the body [bytes], about.
@@ -70,8 +77,14 @@ pub struct Report {
 /// Looks at `body`.
 pub fn report(body: &Body) -> Report {
     let wanted = body.mass_moments();
-    let levels: Vec<LevelReport> = (0..body.levels().len()).map(|r| level_report(body, r, &wanted)).collect();
+    let mut levels: Vec<LevelReport> = (0..body.levels().len()).map(|r| level_report(body, r, &wanted)).collect();
     let mut warnings = Vec::new();
+    if body.is_smoothed() {
+        match agreement_of(body) {
+            Ok(all) => levels.iter_mut().zip(all).for_each(|(level, one)| level.agreement = Some(one)),
+            Err(error) => warnings.push(format!("its levels are not compared: {error}")),
+        }
+    }
     for (r, level) in levels.iter().enumerate() {
         for (what, error) in [("volume", level.volume), ("centre of mass", level.centre), ("inertia", level.inertia)] {
             if level.whole && error.abs() > TOLERANCE {
@@ -79,6 +92,18 @@ pub fn report(body: &Body) -> Report {
                 let few = if what == "inertia" && error > 0.0 { "; of a finer mesh it is less" } else { "" };
                 warnings.push(format!("level {r}: its {what} is {:+.1} % off the body's{few}", 100.0 * error));
             }
+        }
+        let off = level.agreement.iter().flat_map(|all| all.iter().enumerate());
+        if let Some((load, off)) =
+            off.filter(|(_, off)| off.abs() > MOST_OFF).max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))
+        {
+            warnings.push(format!(
+                "level {r} is too coarse for this body: it gives way {:.0} % {} than the finest under a {}; leave it out, \
+                 or make it finer",
+                100.0 * off.abs(),
+                if *off > 0.0 { "more" } else { "less" },
+                LOADS[load]
+            ));
         }
         let nested = shared_places(body, r);
         if nested > MOST_SHARED {
@@ -130,10 +155,24 @@ fn level_report(body: &Body, r: usize, wanted: &Moments) -> LevelReport {
         step: stable_step(stiffest.1, Strained::REST, body.damping_time(), 0.0),
         stiffest: (stiffest.0, middle(stiffest.0)),
         factor: spread(&level.stiffness_factor),
+        stabilisation: level.stabilisation,
+        agreement: None,
         extrapolation: worst_row(body, r),
         memory: memory(level),
     }
 }
+
+/// How levels of smoothed elements agree.
+fn agreement_of(body: &Body) -> Result<Vec<[Real; LOADS.len()]>, CalibrationError> {
+    let parts = body.parts();
+    let whole = parts.levels.iter().take_while(|level| level.is_whole()).count();
+    let springs: Vec<(u32, Real)> = parts.supports.iter().map(|hold| (hold.vertex.0, hold.stiffness)).collect();
+    let material = |level: usize, e: usize| *material_in(&parts.materials, &parts.material_of[level], e);
+    agreement(&parts.levels[..whole], material, &springs)
+}
+
+/// How much more or less than the finest a level may give way under any load before users are told, as a part.
+const MOST_OFF: Real = 0.1;
 
 /// Part of the next coarser level's nodes that have a node of level `r` at their place.
 fn shared_places(body: &Body, r: usize) -> Real {
@@ -201,6 +240,7 @@ fn memory(level: &Level) -> usize {
 
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let smoothed = self.levels.iter().any(|level| level.agreement.is_some());
         let header = [
             "level",
             "spacing",
@@ -213,7 +253,7 @@ impl fmt::Display for Report {
             "dihedral",
             "altitude",
             "step",
-            "factor",
+            if smoothed { "weight x, y, z; twist" } else { "factor" },
             "worst row",
             "memory",
         ];
@@ -232,7 +272,14 @@ impl fmt::Display for Report {
                 format!("{:.0} to {:.0}°", level.dihedral.0, level.dihedral.1),
                 format!("{:.2} ({:.2}) mm", 1e3 * level.altitude.0, 1e3 * level.altitude.1),
                 format!("{:.3} ms", 1e3 * level.step),
-                format!("{:.2} ({:.2} to {:.2})", level.factor.1, level.factor.0, level.factor.2),
+                match level.agreement {
+                    Some(off) => {
+                        let [x, y, z, about_x, about_y, about_z] = off.map(|off| format!("{:+.0}", 100.0 * off));
+                        format!("{x} {y} {z}; {about_x} {about_y} {about_z} % (α {:.2})", level.stabilisation)
+                    }
+                    None if smoothed => format!("(α {:.2})", level.stabilisation),
+                    None => format!("{:.2} ({:.2} to {:.2})", level.factor.1, level.factor.0, level.factor.2),
+                },
                 format!("{:.2}", level.extrapolation),
                 format!("{:.1} MB", level.memory as Real / 1e6),
             ]);
@@ -250,9 +297,36 @@ impl fmt::Display for Report {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::prepare::{Recipe, Shape, prepare};
-    use palpate_core::geometry::primitives::box_mesh;
+    use crate::prepare::{Elements, Recipe, Region, Shape, prepare};
+    use palpate_core::geometry::primitives::{box_mesh, box_surface};
+    use palpate_core::math::Bounds;
     use palpate_core::model::Material;
+
+    #[test]
+    fn smoothed_levels_are_compared_and_one_that_is_too_coarse_is_warned_of() {
+        let size = Vec3::new(0.2, 0.04, 0.04);
+        let of_levels = |spacings: Vec<Real>| {
+            let bounds = Bounds::new(Vec3::repeat(-1e-6), Vec3::new(1e-6, size.y, size.z) + Vec3::y() * 1e-6);
+            let recipe = Recipe {
+                name: "bar".into(),
+                shape: Shape::closed(box_surface(size, [40, 8, 8]), spacings),
+                material: Material::from_young(1e4, 0.45, 1000.0),
+                inclusions: vec![],
+                holds: vec![Region { bounds, stiffness: None, exact: false }],
+                elements: Elements::Smoothed,
+                damping_ratio: 0.0,
+            };
+            report(&prepare(&recipe, &mut |_, _, _| {}).unwrap())
+        };
+        let fine = of_levels(vec![0.018, 0.012]);
+        let [first, finest] = [0, 1].map(|r| fine.levels[r].agreement.unwrap());
+        println!("{fine}");
+        assert!(first.iter().all(|off| off.abs() < MOST_OFF && *off != 0.0) && finest == [0.0; LOADS.len()]);
+        assert!(!fine.warnings.iter().any(|w| w.contains("too coarse")), "{:?}", fine.warnings);
+        let coarse = of_levels(vec![0.06, 0.018]);
+        println!("{coarse}");
+        assert!(coarse.warnings.iter().any(|w| w.starts_with("level 0 is too coarse")), "{:?}", coarse.warnings);
+    }
 
     #[test]
     fn nested_levels_are_warned_of() {

@@ -116,7 +116,7 @@ pub fn calibrate(
     let mut factors: Vec<Vec<Real>> = levels.iter().map(|level| vec![1.0; level.mesh.elements.len()]).collect();
     let mut systems = loaded(levels, &material, holds);
     let last = levels.len().saturating_sub(1);
-    let mut answers = answers(&systems)?;
+    let mut answers = answers(&systems, TOLERANCE)?;
     let mut branch_factors = vec![1.0; levels.len()];
     let Some(finest) = answers.pop() else { return Ok(Calibration { factors, branch_factors, slowest_mode: 0.0 }) };
     let sheared = part_of_shear(&levels[last], |e| material(last, e), &factors[last], &finest.displacement);
@@ -150,7 +150,8 @@ pub fn calibrate(
     Ok(Calibration { factors, branch_factors, slowest_mode })
 }
 
-/// The equations of all levels, under the weight of the finest along each axis.
+/// The equations of all levels, under the weight of the finest along each axis; of a body that nothing holds under its
+/// [`balanced_load`].
 fn loaded<'a>(
     levels: &'a [Level],
     material: &(impl Fn(usize, usize) -> Material + Sync),
@@ -158,32 +159,35 @@ fn loaded<'a>(
 ) -> Vec<System<'a>> {
     // All levels bear the same load, or their answers could not be compared.
     let held = levels.iter().all(|level| holds_firmly(level, holds));
-    let mut systems: Vec<System> = (0..levels.len())
-        .map(|l| System::new(levels, l, material, levels[l].stabilisation, held.then_some(holds)))
-        .collect();
+    let system = |l: usize| System::new(levels, l, material, levels[l].stabilisation, held.then_some(holds));
+    let mut systems: Vec<System> = (0..levels.len()).map(system).collect();
+    bear(&mut systems, if held { weight } else { balanced_load });
+    systems
+}
+
+/// Puts the finest level's load on all levels.
+fn bear(systems: &mut [System], load_of: fn(&Level) -> Vec<Block>) {
     let mut load = Vec::new();
-    for l in (0..levels.len()).rev() {
+    for l in (0..systems.len()).rev() {
         load = match systems.get(l + 1) {
             Some(finer) if finer.is_tied() => finer.to_coarser(&load),
-            _ if held => weight(&levels[l]),
-            _ => balanced_load(&levels[l]),
+            _ => load_of(systems[l].level),
         };
         // What fixed nodes bear does not reach the body.
         load.iter_mut().enumerate().filter(|(n, _)| systems[l].is_fixed(*n)).for_each(|(_, load)| *load = ZERO);
         systems[l].bear(&load);
     }
-    systems
 }
 
-/// The answers of all levels to their loads.
-fn answers(systems: &[System]) -> Result<Vec<Answer>, CalibrationError> {
+/// The answers of all levels to their loads, as exactly as `tolerance` asks ([`solve`]).
+fn answers(systems: &[System], tolerance: Real) -> Result<Vec<Answer>, CalibrationError> {
     let mut answers: Vec<Answer> = Vec::new();
     for (l, system) in systems.iter().enumerate() {
         let mut guess = vec![ZERO; system.load.len()];
         if let Some(coarser) = answers.last() {
             system.add_from_coarser(&coarser.displacement, &mut guess);
         }
-        answers.push(answer(systems, l, &system.load, guess, TOLERANCE)?);
+        answers.push(answer(systems, l, &system.load, guess, tolerance)?);
     }
     Ok(answers)
 }
