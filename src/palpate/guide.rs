@@ -45,6 +45,7 @@ macro_rules! page {
         /// [`palpate_body::geometry::mesh_io`]: palpate_body::geometry::mesh_io
         /// [`palpate_body::prepare::body_file`]: palpate_body::prepare::body_file
         /// [`palpate_body::prepare::calibration`]: palpate_body::prepare::calibration
+        /// [`palpate_core::contact`]: palpate_core::contact
         /// [`palpate_core::contact::detection`]: palpate_core::contact::detection
         /// [`palpate_core::contact::ground`]: palpate_core::contact::ground
         /// [`palpate_core::contact::obstacle`]: palpate_core::contact::obstacle
@@ -53,6 +54,7 @@ macro_rules! page {
         /// [`palpate_core::model::active_set`]: palpate_core::model::active_set
         /// [`palpate_core::model::element_kernel`]: palpate_core::model::element_kernel
         /// [`palpate_core::model::body::stars`]: palpate_core::model::body::stars
+        /// [`palpate_core::model::contact_row`]: palpate_core::model::contact_row
         /// [`palpate_core::model::material`]: palpate_core::model::material
         /// [`palpate_core::stepping`]: palpate_core::stepping
         /// [`palpate_core::stepping::constraint_solve`]: palpate_core::stepping::constraint_solve
