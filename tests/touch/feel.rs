@@ -83,11 +83,11 @@ fn what_the_tool_gets_the_body_loses_tick_by_tick() {
         "angular: {:.1e}, {:.1e}, {:.1e} of the way of the fastest node, as a lever arm",
         ball.1, rough.1, capsule.1
     );
-    // The wrench takes the surface point where it was at the start of the tick; the sub-steps push it where it has got to along the
-    // tool, on average after half the way of the tick. A ball is pushed through its centre, and the mesh shows its dent beside that by
-    // what the forces on it, which are not even then, are off.
-    for ((linear, angular), most) in [(ball, 0.5), (rough, 1.0), (capsule, 0.5)] {
-        assert!(linear <= 1e-12 && angular <= most);
+    for (linear, angular) in [ball, rough, capsule] {
+        assert!(linear <= 1e-12);
+        // The wrench takes the surface point where it was at the start of the tick; the sub-steps push it where it has
+        // got to along the tool, on average after half the way of the tick.
+        assert!(angular <= 0.5);
     }
 }
 
@@ -221,6 +221,29 @@ fn a_capsule_on_its_side_feels_its_force_in_its_middle() {
     assert!((torque.x.abs() + torque.z.abs()) < 0.05 * torque.y.abs());
 }
 
+/// How far a ball of `radius` around `centre` reaches through the present top face [m]: positive where they overlap.
+fn overlap(simulation: &Simulation, centre: Vec3, radius: Real) -> Real {
+    let body = simulation.body();
+    let mut vertices = vec![Vec3::zeros(); body.surface().vertices.len()];
+    simulation.mesh().skin(&mut vertices);
+    let at_rest = &body.surface().vertices;
+    let top = |t: &&[u32; 3]| t.iter().all(|v| at_rest[*v as usize].z == SIDE);
+    let (mut nearest, mut above) = (Real::INFINITY, 0.0);
+    for [a, b, c] in body.surface().triangles.iter().filter(top).map(|t| t.map(|v| vertices[v as usize])) {
+        let parts = 50;
+        for i in 0..=parts {
+            for j in 0..=parts - i {
+                let (s, t) = (Real::from(i) / Real::from(parts), Real::from(j) / Real::from(parts));
+                let away = centre - (a + (b - a) * s + (c - a) * t);
+                if away.norm() < nearest {
+                    (nearest, above) = (away.norm(), (b - a).cross(&(c - a)).dot(&away));
+                }
+            }
+        }
+    }
+    radius - if above < 0.0 { -nearest } else { nearest }
+}
+
 /// Middle of a display triangle next to the middle of the top face; vertices stand every 12.5 mm.
 fn between_vertices(body: &Body) -> Vec3 {
     let surface = body.surface();
@@ -228,30 +251,27 @@ fn between_vertices(body: &Body) -> Vec3 {
     middles.min_by(|a, b| (a - TOP).norm().total_cmp(&(b - TOP).norm())).unwrap()
 }
 
-/// Display triangles are ten times as wide as the tip, and none of them can show its dent: it is felt all the same, about as Hertz says.
 #[test]
-fn a_thin_tip_between_vertices_is_felt_ever_more_and_let_go_of_where_it_was_met() {
+fn a_thin_tip_between_vertices_is_felt_and_does_not_sink_through() {
     let radius = 1e-3;
     let cube = cube(&["tool.radius=0.001"]);
     let middle = between_vertices(&cube.body);
     let mut press = simulation(&cube);
     tick(&mut press, attach());
     let mut rows = Vec::new();
-    let mut go = |i: u32, depth: Real| {
-        let tool = tick(&mut press, at(middle + Vec3::z() * (radius - depth))).tools[0].state;
+    for i in 0..2000 {
+        let depth = 0.005 * Real::from(i) / 2000.0;
+        let tool = tick(&mut press, at(middle + Vec3::z() * (radius - depth + 1e-4))).tools[0].state;
         if i % 400 == 399 {
-            rows.push((depth, tool.physical_force.z));
+            rows.push((depth - 1e-4, tool.physical_force.z, overlap(&press, tool.pose.position, radius)));
         }
-        tool.physical_force
-    };
-    let depth = |i: u32| 0.005 * Real::from(i) / 2000.0 - 1e-4;
-    (0..2000).for_each(|i| _ = go(i, depth(i)));
-    let last = (0..2100).map(|i| go(0, depth(2000) - 2.5e-6 * Real::from(i))).last().unwrap();
-    for (depth, force) in &rows {
-        println!("{:.1} mm deep: {force:.4} N", depth * 1e3);
     }
-    assert!(rows[0].1 > 0.004 && rows.windows(2).all(|pair| pair[1].1 > pair[0].1));
-    assert_eq!(last, Vec3::zeros());
+    for (depth, force, sunk) in &rows {
+        println!("{:.1} mm deep: {force:.4} N, {:.3} mm through the surface", depth * 1e3, sunk * 1e3);
+    }
+    assert!(rows.iter().all(|row| row.1 > 0.0) && rows.windows(2).all(|pair| pair[1].1 > pair[0].1));
+    // Up to 2 mm no more than half a radius through what is shown; deeper, its axis still stays outside.
+    assert!(rows[..2].iter().all(|row| row.2 < 0.5e-3) && rows.iter().all(|row| row.2 < radius), "sinks through");
 }
 
 #[test]

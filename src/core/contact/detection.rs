@@ -5,30 +5,23 @@
 //! place in the middle of the tick.
 
 use super::candidate::{ALIKE, Candidate, Sheet, Touch, follow_sunk, near_triangles, near_vertices, sunk_depth};
+use super::closing::{Closing, UNNOTICED};
+pub use super::dent::measure;
 use super::dent::{Dents, Load, share_areas};
 use super::nearby::Nearby;
 use super::posed::{Posed, posed};
+use super::rigid::{Found, Rigid};
 use super::samples::{Ball, Hold, Samples};
-use super::shape::{MOST_PARTS, Shape};
-use super::tool::{MOST_POINTS, ToolState};
+use super::shape::MOST_PARTS;
+use super::tool::MOST_POINTS;
 use super::touchable::{FASTEST_SURFACE, MARGIN, Touchable};
 use super::wrench::middle_pose;
-use crate::ids::{ToolId, Triangle, Vertex};
+use crate::ids::{Triangle, Vertex};
 use crate::math::{Real, Vec3};
 use crate::model::constraint::{Constraint, Firming, PointMemory, Pushed};
 use crate::model::step_class::TICK;
 use crate::model::{ActiveMesh, Body, Friction};
 use crate::visited::Visited;
-
-/// Part of an overlap found late that remains after each tick: 32 of them (a frame) close 99.5 % of it.
-const SLACK_KEPT: Real = 0.85;
-
-/// Part of [`PointMemory::shift`] that remains after each tick: a time constant of 7 ms.
-const SHIFT_KEPT: Real = 0.87;
-/// What it changes by at most [m] within a tick, or this part of it where that is more: many changes in a row leave more than
-/// one.
-const FASTEST_SHIFT: Real = 10e-6;
-const SHIFT_LEFT: Real = 0.01;
 
 /// Memory that detection needs and no one keeps.
 #[derive(Debug)]
@@ -48,7 +41,8 @@ pub struct Workspace {
     seen: Visited,
     /// Whether dents below the mesh's size are restored.
     restores: bool,
-    samples: Samples,
+    /// By which balls touch smoothed elements.
+    samples: Option<Samples>,
     /// Part of the way to what it stands for now that a point's area goes in a tick.
     followed: Real,
     /// No display edge is longer at rest [m].
@@ -81,7 +75,7 @@ impl Workspace {
             near: Vec::with_capacity(surface.vertices.len()),
             seen: Visited::new(surface.triangles.len()),
             restores: true,
-            samples: Samples::new(body),
+            samples: Some(body).filter(|body| !body.stars().is_empty()).map(Samples::new),
             followed: TAKEN_FOLLOWED,
             longest_edge: longest,
             changed: false,
@@ -93,6 +87,11 @@ impl Workspace {
     /// For comparison: points without compliance.
     pub(crate) fn restore_no_dents(&mut self) {
         self.restores = false;
+    }
+
+    /// For comparison: balls touch plain elements by samples, too.
+    pub(crate) fn touch_by_samples(&mut self, body: &Body) {
+        self.samples = Some(Samples::new(body));
     }
 
     /// What is where may have changed at once.
@@ -120,58 +119,6 @@ impl Workspace {
     pub(crate) fn settle(&mut self) {
         self.followed = 1.0;
     }
-}
-
-/// A tool that a hand holds, or an obstacle.
-#[derive(Clone, Copy, Debug)]
-pub struct Rigid<'a> {
-    /// Which it is; the numbers of obstacles come after those of the tools.
-    pub id: ToolId,
-    /// Its shape.
-    pub shape: &'a Shape,
-    /// Coulomb's coefficient of friction.
-    pub friction: Real,
-    /// Where it is.
-    pub state: &'a ToolState,
-    /// As [`Constraint::horizon`] [s].
-    pub horizon: Real,
-}
-
-/// How an overlap that is found late is closed, and what has been shifted goes back, within a tick.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Closing {
-    /// [`PointMemory::slack`] at the start of the tick [m] ...
-    pub(super) slack: Real,
-    /// ... and at its end.
-    pub(super) slack_end: Real,
-    /// [`PointMemory::shift`] at its end [m].
-    pub(super) shift_end: Real,
-}
-
-impl Closing {
-    /// Of a point that is `known` from the last tick with this `shift` [m], and overlaps by this much beside that [m] at the start
-    /// of a tick in which the tool has `moved` towards it [m].
-    ///
-    /// Neither the last multiplier nor the last slack explains that overlap: the tool came too fast, or the point was just found.
-    pub(super) fn new(known: Option<&PointMemory>, overlap: Real, shift: Real, moved: Real) -> Self {
-        let slack = match known {
-            Some(m) => m.slack.min(overlap.max(0.0)).max(overlap - UNNOTICED - 0.5 * moved.abs()),
-            None => overlap.max(0.0),
-        };
-        let left = |of: Real, kept: Real| if of.abs() > 1e-7 { of * kept } else { 0.0 };
-        let (slack_end, shift_end) = (left(slack, SLACK_KEPT), left(shift, SHIFT_KEPT));
-        let fastest = FASTEST_SHIFT.max(SHIFT_LEFT * shift.abs());
-        Self { slack, slack_end, shift_end: shift + (shift_end - shift).clamp(-fastest, fastest) }
-    }
-}
-
-/// Receives what is found.
-#[derive(Debug)]
-pub struct Found<'a> {
-    /// The constraints of all tools.
-    pub constraints: &'a mut Vec<Constraint>,
-    /// The surface point at which each one acts [m].
-    pub points_of_action: &'a mut Vec<Vec3>,
 }
 
 /// Appends the constraints of the `rigid` tool or obstacle on the body at the start of a tick to `out`; `memory` holds the tool's points of the last tick, ascending, and
@@ -207,12 +154,11 @@ pub fn detect(
             work.near.push(v);
         }
     }
-    let on = &Touchable { body, mesh, vertices: &work.vertices };
+    let on = &Touchable { body, mesh, vertices: &work.vertices, longest_edge: work.longest_edge };
     // The pose is where the coupling's springs are as long as the last force and torque made them.
     let allowed_for = Pushed { force: -tool.physical_force, torque: -tool.physical_torque };
     work.seen.clear();
-    if let ([at], Some(_)) = (&all[..parts], all[0].part.ball_radius()) {
-        let samples = &mut work.samples;
+    if let (Some(samples), [at], Some(_)) = (&mut work.samples, &all[..parts], all[0].part.ball_radius()) {
         let moves = [start[0].frame.at(Vec3::zeros()), end[0].frame.at(Vec3::zeros())];
         let ball = Ball { at, moves, margin };
         let (seen, around) = (&mut work.seen, work.near.iter().flat_map(|v| body.triangles_around(*v)));
@@ -238,6 +184,7 @@ pub fn detect(
     work.loads.extend(candidates.iter().map(|c| Load::new(on, c, memory, work.followed)));
     let dents = &mut work.dents[id.index()];
     dents.show(on, candidates, &mut work.loads);
+    dents.share_discs(on, &all[..parts], candidates, memory, &mut work.loads);
     dents.take_off_what_is_shown(&work.loads);
     let first = constraints.len() as u32;
     for (i, candidate) in candidates.iter().enumerate() {
@@ -292,6 +239,8 @@ pub fn detect(
             rate: (moved + slack - slack_end + share * (shift - shift_end)) / TICK,
             first,
             compliance,
+            radius: load.radius,
+            disc: load.disc,
             firming,
             tool: id,
             point: candidate.point,
@@ -320,6 +269,8 @@ pub fn detect(
             shift: shift_end,
             dent: 0.0,
             taken: load.taken,
+            distance: known.map_or(0.0, |m| m.distance),
+            mesh_softened: load.mesh_softened,
             normal: n,
             tangential,
             anchor,
@@ -434,9 +385,6 @@ fn recall(on: &Touchable, candidates: &mut [Candidate], memory: &[PointMemory], 
 /// Change of a tool's force [N] that is not felt of one point of a solid core that turns: at least, and over the force.
 const LEAST_NOTICEABLE: Real = 2e-3;
 const NOTICEABLE: Real = 0.01;
-
-/// Overlap [m] that rounding and a solve of few sweeps may leave.
-const UNNOTICED: Real = 5e-5;
 
 /// [`Workspace::followed`] of a tick.
 const TAKEN_FOLLOWED: Real = 0.05;

@@ -1,6 +1,8 @@
 //! Where the body lies on flat ground: point constraints, once per tick, one for each patch of the surface that is near.
 
-use super::detection::{Closing, Found, Workspace};
+use super::closing::Closing;
+use super::detection::Workspace;
+use super::rigid::Found;
 use super::tool::{MOST_POINTS, ToolState};
 use super::touchable::{FASTEST_SURFACE, MARGIN};
 use crate::ids::{ToolId, Vertex};
@@ -74,6 +76,8 @@ pub fn lie(
             rate: (moved + closing.slack - closing.slack_end + shift - closing.shift_end) / TICK,
             first: constraints.len() as u32,
             compliance,
+            radius: 0.0,
+            disc: 0.0,
             firming: Firming::NEVER,
             tool: id,
             point,

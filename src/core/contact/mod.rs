@@ -3,6 +3,7 @@
 //! Emits point constraints and receives their multipliers; knows nothing of how they are solved.
 
 mod candidate;
+mod closing;
 mod dent;
 pub mod detection;
 pub mod friction;
@@ -12,6 +13,7 @@ mod nearby;
 pub mod obstacle;
 pub mod outside;
 pub mod posed;
+pub mod rigid;
 pub mod safety;
 mod samples;
 pub mod shape;

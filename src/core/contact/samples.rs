@@ -5,9 +5,10 @@
 //! surface wherever that is straight ahead of it. The surface is the one of the mesh, through rows of nodes around each place
 //! ([`crate::model::contact_row`]), plus what the mesh leaves out of the samples' own loads ([`super::influence`]).
 
-use super::detection::{Closing, Found, Rigid};
+use super::closing::Closing;
 use super::influence::{potential, variance_of_disc};
 use super::posed::Posed;
+use super::rigid::{Found, Rigid};
 use super::touchable::{Touchable, area_vector};
 use super::wrench::middle_pose;
 use crate::ids::{Triangle, Vertex};
@@ -114,7 +115,7 @@ impl View {
         for _ in 0..MOST_STEPS {
             let triangle = on.body.triangle(at);
             let corners = triangle.map(|c| {
-                let away = on.vertices[c.index()] - place;
+                let away = on.mesh.vertex(c) - place;
                 [away.dot(&u), away.dot(&v)]
             });
             // Twice the area that the place has with each side, above zero inside of what faces the tool.
@@ -132,7 +133,7 @@ impl View {
             let (i, j) = ((out + 1) % 3, (out + 2) % 3);
             let has = |t: &&Triangle| **t != at && on.body.triangle(**t).contains(&triangle[j]);
             let next = on.body.triangles_around(triangle[i]).iter().find(has);
-            match next.filter(|t| area_vector(on, **t).dot(&self.ahead) < 0.0) {
+            match next.filter(|t| outward(on, **t).dot(&self.ahead) < 0.0) {
                 Some(next) => at = *next,
                 None => return end(at, corners, [out, i, j]),
             }
@@ -150,7 +151,7 @@ impl View {
             let end = self.walk(on, from, place + aside);
             if end.beyond > 0.0 && end.beyond.is_finite() {
                 // The edge is that far before a place which lies `reach` away.
-                let corners = on.body.triangle(end.triangle).map(|c| on.vertices[c.index()]);
+                let corners = on.body.triangle(end.triangle).map(|c| on.mesh.vertex(c));
                 let border: Vec3 = corners.iter().zip(end.weights).map(|(c, w)| c * w).sum();
                 let across = border - (place + aside);
                 let flat = across - self.ahead * self.ahead.dot(&across);
@@ -303,7 +304,7 @@ impl Samples {
             let part = part_before(beyond / width);
             let area = if part > LEAST_PART { part * area } else { 0.0 };
             let known = known.map(|k| k + i as u32);
-            let corners = on.body.triangle(end.triangle).map(|v| on.vertices[v.index()]);
+            let corners = on.body.triangle(end.triangle).map(|v| on.mesh.vertex(v));
             self.found.push(Sample {
                 disc: number,
                 normal,
@@ -365,7 +366,7 @@ fn still_ahead(on: &Touchable, ball: &Ball, known: &[PointMemory], first: u32) -
     let view = View::new(ahead, known.get(1).map_or(ahead, |m| m.normal));
     if load <= 0.0 {
         // It has let go, unless the mesh alone would swallow the ball.
-        let corners = on.body.triangle(triangle).map(|v| on.vertices[v.index()]);
+        let corners = on.body.triangle(triangle).map(|v| on.mesh.vertex(v));
         let foot: Vec3 = corners.iter().zip(middle.weights).map(|(c, w)| c * w).sum();
         if ahead.dot(&(foot - ball.at.middle())) > 0.0 {
             return None;
@@ -457,6 +458,8 @@ impl Samples {
                 rate: 0.0,
                 first,
                 compliance,
+                radius: (sample.area / PI).sqrt(),
+                disc: 0.0,
                 firming: Firming::NEVER,
                 tool: id,
                 point,
@@ -512,9 +515,15 @@ impl Samples {
     }
 }
 
+/// As [`area_vector`], also of what has not been near the tool.
+fn outward(on: &Touchable, t: Triangle) -> Vec3 {
+    let [a, b, c] = on.body.triangle(t).map(|v| on.mesh.vertex(v));
+    (b - a).cross(&(c - a))
+}
+
 /// Where the place of the surface is now that a sample touched [m].
 fn displayed(on: &Touchable, m: &PointMemory) -> Vec3 {
-    let corners = on.body.corners_of_point(m.point).map(|v| on.vertices[v.index()]);
+    let corners = on.body.corners_of_point(m.point).map(|v| on.mesh.vertex(v));
     corners.iter().zip(m.weights).map(|(c, w)| c * w).sum()
 }
 

@@ -17,8 +17,8 @@ pub struct Wrench {
 /// What `constraints` put on tool `tool`: minus the sum of the mean multipliers and of their moments about the
 /// reference point, and how many of them push.
 ///
-/// What pushes acts at the constraint's arm, along the normal from the tool's axis: a frictionless ball feels no torque about its
-/// centre. What acts along the surface does so at the `surface_points` of the body.
+/// What acts along the surface does so at the `surface_points` of the body, and what pushes at the constraint's arm, along the normal
+/// from the tool's axis: a frictionless ball feels no torque about its centre.
 pub fn wrench_on(tool: ToolId, middle: &Pose, constraints: &[Constraint], surface_points: &[Vec3]) -> (Wrench, u32) {
     let mut sum = Wrench::default();
     let mut pushing = 0;
@@ -26,9 +26,10 @@ pub fn wrench_on(tool: ToolId, middle: &Pose, constraints: &[Constraint], surfac
         if c.tool != tool || c.mean_multiplier <= 0.0 {
             continue;
         }
-        let (pushed, dragged) = (-c.normal * c.mean_multiplier, -c.friction.mean_multiplier);
-        sum.force += pushed + dragged;
-        sum.torque += c.arm.cross(&pushed) + (point - middle.position).cross(&dragged);
+        let on_tool = -c.normal * c.mean_multiplier - c.friction.mean_multiplier;
+        sum.force += on_tool;
+        let arm = point - middle.position;
+        sum.torque += arm.cross(&on_tool) + (arm - c.arm).cross(&c.normal) * c.mean_multiplier;
         pushing += 1;
     }
     (sum, pushing)

@@ -169,7 +169,7 @@ impl Contact {
                 (false, false) => c.friction.compliance * d.dot(&e),
                 _ => 0.0,
             };
-            let dent = left[p] * left[q] * 0.5 * (c.compliance[j] + other.compliance[i]);
+            let dent = left[p] * left[q] * 0.5 * (c.compliance[j] - c.disc + other.compliance[i] - other.disc);
             let turns = angular_compliance * c.arm.cross(&d).dot(&other.arm.cross(&e));
             dent * factor + compliance * d.dot(&e) + turns
         };

@@ -18,8 +18,8 @@ pub const MOST_OBSTACLES: usize = 8;
 /// Most contact points of one tool: what bounds the cost of a tick.
 pub const MOST_POINTS: usize = 64;
 
-/// Active nodes that a surface point can hang on. Of a lattice there are 51 to 57 within two lattice constants of a place on a flat
-/// face.
+/// Active nodes that a surface point can hang on. Three display vertices with four nodes each make twelve, or some 40 where these are
+/// interface nodes; of a lattice there are 51 to 57 within two lattice constants of a place on a flat face.
 pub const MOST_ROW_NODES: usize = 64;
 
 /// A surface point as an affine combination of active nodes.
@@ -178,6 +178,10 @@ pub struct Constraint {
     /// Compliances `G_j` [m/N] in series: what a newton at the tool's `j`-th constraint adds here to the dent that the
     /// mesh is too coarse to show.
     pub compliance: [Real; MOST_POINTS],
+    /// Radius of the disc that its force spreads over [m].
+    pub radius: Real,
+    /// What the growth of the touched disc takes off these compliances where the force changes [m/N].
+    pub disc: Real,
     /// Where less than these is left.
     pub firming: Firming,
     /// The tool.
@@ -221,6 +225,11 @@ pub struct PointMemory {
     pub multiplier: Real,
     /// Area that it stands for beside its own, of points that were left out [m²].
     pub taken: Real,
+    /// Harmonic mean of the distances between the points of this part of the tool, that of a point from itself being its disc's,
+    /// each counting by its force [m].
+    pub distance: Real,
+    /// How much more than in small strain the mesh gives way under this part of the tool, over that.
+    pub mesh_softened: Real,
     /// Overlap that has not been closed yet [m].
     pub slack: Real,
     /// What changes of resolution have made of the dent more (below zero) or less, how far the tool has come while the body

@@ -21,11 +21,12 @@ pub use ranges::ParameterRanges;
 pub use snapshot::Snapshot;
 
 use crate::adaptation::{self, Allowance, Focus, Request};
-use crate::contact::detection::{self, Found, Rigid};
+use crate::contact::detection;
 use crate::contact::friction::{self, Solved};
 use crate::contact::ground::{self, Ground};
 use crate::contact::obstacle::{Form, MOST_OBSTACLES, Obstacle};
 use crate::contact::outside::is_outside;
+use crate::contact::rigid::{Found, Rigid};
 use crate::contact::safety;
 use crate::contact::shape::{MOST_PARTS, Part as ShapePart};
 use crate::contact::tool::{MOST_POINTS, MOST_TOOLS, Phase, ToolState};
@@ -226,6 +227,11 @@ impl Simulation {
     /// For comparison: contacts as the mesh shows them, without the compliance of the dent below its size.
     pub fn restore_no_dents(&mut self) {
         self.detection.restore_no_dents();
+    }
+
+    /// For comparison: balls touch by samples also what is not of smoothed elements.
+    pub fn touch_by_samples(&mut self) {
+        self.detection.touch_by_samples(&self.body);
     }
 
     /// The body, where the tools touch it, standing still, and its display vertices [m]: for questions about a copy.
@@ -481,6 +487,7 @@ impl Simulation {
 
     fn render_forces(&mut self) {
         let stood_still = self.outputs.plan.taken < self.outputs.plan.needed;
+        let per_part = self.body.points_of_a_part();
         let mut constraints = self.constraints.as_slice();
         for (i, (tool, points)) in self.tools.iter_mut().zip(&mut self.points).enumerate() {
             let own;
@@ -497,6 +504,7 @@ impl Simulation {
             tool.update_proxy(physical.force, physical.torque);
             // What the solver found is where the next tick starts.
             let solved = Solved { constraints: own, at: solved_at, moved: !stood_still };
+            detection::measure(own, points, per_part);
             friction::remember(&self.mesh, &solved, tool, points);
             let limited = safety::render(tool, &physical, &self.settings.limits, TICK);
             self.outputs.tools[i] = ToolOutput { state: *tool, contact_points, limited };
@@ -509,6 +517,9 @@ impl Simulation {
                 let middle = wrench::middle_pose(&state);
                 (self.outputs.obstacles[i], _) =
                     wrench::wrench_on(id, &middle, &self.constraints, &self.points_of_action);
+            }
+            if let Form::Parts(_) = of.shape {
+                detection::measure(own, points, per_part);
             }
             let solved = Solved { constraints: own, at: state.pose, moved: !stood_still };
             friction::remember(&self.mesh, &solved, &state, points);
