@@ -492,7 +492,7 @@ impl Disc {
 
 /// By Newton's method, after bringing `x` ≥ 0 between 1/8 and 1: the same on every machine.
 /// Not the cube root of `libm`, which rounds the last bit otherwise: every recorded hash depends on it.
-pub(super) fn cube_root(x: Real) -> Real {
+fn cube_root(x: Real) -> Real {
     if !(Real::MIN_POSITIVE..1e9).contains(&x) {
         return 0.0;
     }
