@@ -5,7 +5,7 @@
 //! surface wherever that is straight ahead of it. The surface is the one of the mesh, through rows of nodes around each place
 //! ([`crate::model::contact_row`]), plus what the mesh leaves out of the samples' own loads ([`super::influence`]).
 
-use super::closing::Closing;
+use super::closing::{Closing, UNNOTICED};
 use super::influence::{potential, variance_of_disc};
 use super::posed::Posed;
 use super::rigid::{Found, Rigid};
@@ -541,8 +541,6 @@ const MOST_STEPS: usize = 64;
 const INSIDE: Real = 1e-9;
 /// Part of a sample's disc on the surface below which it touches nothing.
 const LEAST_PART: Real = 0.02;
-/// Overlap beside its discs that a ball may have without touching there [m]: what rounding and a solve of few sweeps leave.
-const UNNOTICED: Real = 5e-5;
 /// Directions in which a sample looks for the end of the surface.
 const AROUND: [[Real; 2]; 6] = {
     const HALF_ROOT: Real = 0.866_025_403_784_438_6;
