@@ -94,7 +94,7 @@ struct End {
     triangle: Triangle,
     /// Barycentric weights of the place that was looked for, or of the nearest one of the edge at which the surface ends.
     weights: [Real; 3],
-    /// How far that edge is beyond the place (below zero) or before it, as it is seen [m]; zero when the place was found.
+    /// How far before the place that edge is, as it is seen [m]; zero where the place was found.
     beyond: Real,
 }
 
@@ -389,8 +389,8 @@ fn support(on: &Touchable) -> Real {
     if on.body.stars().is_empty() { 1.75 } else { 2.0 }
 }
 
-/// Variance of a load as the mesh shows it [m²], `under` which nodes are of this `spacing` [m]: that of the rows, less what the lattice's short waves are
-/// too soft by. Their stiffness is `C k² (1 + c a²k²)`, `c = −.167 + .145 α` for the part α that strain jumps keep, from the
+/// Variance of a load as the mesh shows it [m²], `under` which nodes are of this `spacing` [m]: that of the rows, less what the
+/// lattice's short waves are too soft by. Their stiffness is `C k² (1 + c a²k²)`, `c = −.167 + .145 α` for the part α that strain jumps keep, from the
 /// symbol of the infinite body-centred lattice; it does not depend on Poisson's ratio.
 fn shown_variance(on: &Touchable, under: Vertex, spacing: Real) -> Real {
     let deviation = DEVIATION * support(on);

@@ -49,18 +49,18 @@ impl Surroundings {
     }
 
     /// The row of the place `p` at rest [m] on nodes up to `support` [m] away: less where these are more than a row has room
-    /// for, more where they do not fix a plane's slope. `None` where even all that were gathered do not.
+    /// for, more where they do not fix a plane's slope. `None` where even as many as there is room for do not.
     pub fn row(&self, p: Vec3, mut support: Real) -> Option<Row> {
         let count = |support: Real| self.nodes.iter().filter(|near| (near.place - p).norm() < support).count();
         while count(support) > MOST_ROW_NODES {
             support *= NARROWER;
         }
         for _ in 0..MOST_TRIES {
-            let row = self.fit(p, support);
-            if row.is_some() || count(support) == self.nodes.len().min(MOST_ROW_NODES) {
+            let (row, wider) = (self.fit(p, support), support / NARROWER);
+            if row.is_some() || count(wider) > MOST_ROW_NODES {
                 return row;
             }
-            support /= NARROWER;
+            support = wider;
         }
         None
     }
