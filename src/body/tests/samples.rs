@@ -103,6 +103,20 @@ fn the_force_does_not_depend_on_the_display() {
     }
 }
 
+/// A hundred times as stiff a body pushes back a hundred times as hard, under a small ball as under a large one.
+#[test]
+fn the_force_goes_with_the_modulus() {
+    for radius in [0.004, 0.03] {
+        let force = |young| {
+            let body = block(0.018, Elements::Smoothed, 0.45, young, 20);
+            presses(&mut with_ball(&body, radius, 0), radius, [0.1, 0.1], &[1e-3])[0]
+        };
+        let (soft, stiff) = (force(5e3), force(5e5));
+        println!("R {:.0} mm: {soft:.5} N and {stiff:.3} N", 1e3 * radius);
+        assert!((stiff / soft / 100.0 - 1.0).abs() < 0.03);
+    }
+}
+
 /// Forces [N] on the way along x at this `depth` [m], over `way` [m], 0.05 m/s.
 fn slide(simulation: &mut Simulation, radius: Real, depth: Real, from: Vec3, way: Vec3) -> Vec<Vec3> {
     let place = |reached: Real, along: Real| from + way * along + Vec3::z() * (radius - reached);
