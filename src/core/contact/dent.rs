@@ -22,12 +22,14 @@ use std::ops::Range;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Load {
     /// At rest [m].
-    place: Vec3,
+    pub(super) place: Vec3,
     normal: Vec3,
     /// The nodes that carry it, ...
     pub(super) row: Row,
     /// ... and the geomorph offset of the place [m].
     pub(super) geomorph: Vec3,
+    /// Where both together are [m]: what the tool touches.
+    pub(super) touched: Vec3,
     /// As [`Candidate::taken`], followed [m²].
     pub(super) taken: Real,
     /// Radius of the disc that it spreads over [m].
@@ -35,7 +37,7 @@ pub(super) struct Load {
     /// What the mesh shows of its dent, over that of a half-space at a distance of one [1/m].
     pub(super) shown: Real,
     /// What a half-space of the material under it gives way by, per newton and per distance [m²/N].
-    half_space: Real,
+    pub(super) half_space: Real,
     /// Poisson's ratio of that material.
     pub(super) nu: Real,
     /// Last multiplier [N] ...
@@ -70,6 +72,7 @@ impl Load {
             normal: candidate.normal,
             row,
             geomorph,
+            touched: candidate.place,
             taken,
             radius: ((candidate.area + taken) / PI).sqrt().max(LEAST_RADIUS),
             shown: 0.0,

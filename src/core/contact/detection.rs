@@ -8,10 +8,12 @@ use super::candidate::{ALIKE, Candidate, Sheet, Touch, follow_sunk, near_triangl
 use super::closing::{Closing, UNNOTICED};
 pub use super::dent::measure;
 use super::dent::{Dents, Load, share_areas};
+use super::hanging::Hanging;
 use super::nearby::Nearby;
+use super::patch::Round;
 use super::posed::{Posed, posed};
 use super::rigid::{Found, Rigid};
-use super::samples::{Ball, Hold, Samples};
+use super::samples::{Hold, Samples};
 use super::shape::MOST_PARTS;
 use super::tool::MOST_POINTS;
 use super::touchable::{FASTEST_SURFACE, MARGIN, Touchable};
@@ -41,8 +43,10 @@ pub struct Workspace {
     seen: Visited,
     /// Whether dents below the mesh's size are restored.
     restores: bool,
-    /// By which balls touch smoothed elements.
+    /// By which balls and capsules touch smoothed elements.
     samples: Option<Samples>,
+    /// By which points hang on smoothed elements.
+    hanging: Option<Hanging>,
     /// Part of the way to what it stands for now that a point's area goes in a tick.
     followed: Real,
     /// No display edge is longer at rest [m].
@@ -76,6 +80,7 @@ impl Workspace {
             seen: Visited::new(surface.triangles.len()),
             restores: true,
             samples: Some(body).filter(|body| !body.stars().is_empty()).map(Samples::new),
+            hanging: Some(body).filter(|body| !body.stars().is_empty()).map(Hanging::new),
             followed: TAKEN_FOLLOWED,
             longest_edge: longest,
             changed: false,
@@ -92,6 +97,7 @@ impl Workspace {
     /// For comparison: balls touch plain elements by samples, too.
     pub(crate) fn touch_by_samples(&mut self, body: &Body) {
         self.samples = Some(Samples::new(body));
+        self.hanging = Some(Hanging::new(body));
     }
 
     /// What is where may have changed at once.
@@ -158,15 +164,14 @@ pub fn detect(
     // The pose is where the coupling's springs are as long as the last force and torque made them.
     let allowed_for = Pushed { force: -tool.physical_force, torque: -tool.physical_torque };
     work.seen.clear();
-    if let (Some(samples), [at], Some(_)) = (&mut work.samples, &all[..parts], all[0].part.ball_radius()) {
-        let moves = [start[0].frame.at(Vec3::zeros()), end[0].frame.at(Vec3::zeros())];
-        let ball = Ball { at, moves, margin };
+    if let (Some(samples), [at], false) = (&mut work.samples, &all[..parts], all[0].is_solid()) {
+        let round = Round { at, moves: [&start[0].frame, &end[0].frame], margin };
         let (seen, around) = (&mut work.seen, work.near.iter().flat_map(|v| body.triangles_around(*v)));
         let around = around.copied().filter(|t| seen.visit(t.index()));
         work.memory.clear();
-        samples.find(on, &ball, memory, around);
+        samples.find(on, &round, memory, around);
         let hold = Hold { rigid, allowed_for, restores: work.restores };
-        samples.constrain(on, &ball, &hold, memory, Found { constraints, points_of_action }, &mut work.memory);
+        samples.constrain(on, &round, &hold, memory, Found { constraints, points_of_action }, &mut work.memory);
         std::mem::swap(memory, &mut work.memory);
         return;
     }
@@ -183,9 +188,14 @@ pub fn detect(
     work.loads.clear();
     work.loads.extend(candidates.iter().map(|c| Load::new(on, c, memory, work.followed)));
     let dents = &mut work.dents[id.index()];
-    dents.show(on, candidates, &mut work.loads);
-    dents.share_discs(on, &all[..parts], candidates, memory, &mut work.loads);
-    dents.take_off_what_is_shown(&work.loads);
+    match &mut work.hanging {
+        Some(hanging) => hanging.hang(on, candidates, &mut work.loads),
+        None => {
+            dents.show(on, candidates, &mut work.loads);
+            dents.share_discs(on, &all[..parts], candidates, memory, &mut work.loads);
+            dents.take_off_what_is_shown(&work.loads);
+        }
+    }
     let first = constraints.len() as u32;
     for (i, candidate) in candidates.iter().enumerate() {
         let (n, core) = (candidate.normal, candidate.core);
@@ -196,17 +206,22 @@ pub fn detect(
         let known = candidate.known.map(|k| &memory[k as usize]);
         let load = work.loads[i];
         // A solid core loses nothing that gets inside of it.
-        let firming =
-            if part.is_solid() { Firming::NEVER } else { load.firming(part.half_thickness(), work.longest_edge) };
+        let firming = match work.hanging {
+            None if !part.is_solid() => load.firming(part.half_thickness(), work.longest_edge),
+            _ => Firming::NEVER,
+        };
         let mut compliance = [0.0; MOST_POINTS];
         if work.restores {
             let n = work.loads.len();
-            compliance[..n].copy_from_slice(dents.of_point(i, n));
+            match &work.hanging {
+                Some(hanging) => (0..n).for_each(|j| compliance[j] = hanging.between(i, j)),
+                None => compliance[..n].copy_from_slice(dents.of_point(i, n)),
+            }
         }
         let moved = n.dot(&(end - start));
         let soft: Real = compliance.iter().zip(&work.loads).map(|(g, other)| g * other.multiplier).sum();
         let shown = firming.of(soft, 0.0, load.multiplier).0;
-        let overlap = n.dot(&start) + radius - n.dot(&candidate.place) - shown;
+        let overlap = n.dot(&start) + radius - n.dot(&load.touched) - shown;
         // Other nodes show other parts of the dents: nothing is to be felt of that at once, be it more or less.
         let changed = known.filter(|_| work.changed || load.coarsened).map_or(0.0, |m| m.dent - shown);
         let shift = known.map_or(0.0, |m| m.shift) + changed;
@@ -228,7 +243,7 @@ pub fn detect(
                 let back = m.tangential - n * n.dot(&m.tangential);
                 (tool.previous.to_own(tool.previous.to_world(m.anchor) + now), back)
             }
-            None => (tool.previous.to_own(candidate.place), Vec3::zeros()),
+            None => (tool.previous.to_own(load.touched), Vec3::zeros()),
         };
         let anchored = (tool.previous.to_world(anchor), tool.pose.to_world(anchor));
         constraints.push(Constraint {
@@ -260,7 +275,7 @@ pub fn detect(
             horizon,
         });
         // The surface's own point, not the tool's: that is where the body gets the force.
-        points_of_action.push(candidate.place);
+        points_of_action.push(load.touched);
         work.memory.push(PointMemory {
             point: candidate.point,
             // What the solve changes is written back after it.

@@ -6,12 +6,99 @@
 //! difference of two such potentials, as in the splitting of long and short range by Hockney & Eastwood (1988): it is short-ranged, has no
 //! singularity, and its matrix over any samples is positive semidefinite while the mesh's load is the wider one.
 
-use crate::math::Real;
+use crate::math::{Real, Vec3};
 use std::f64::consts::PI;
 
+/// A load that spreads over less than the mesh shows of it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Narrow {
+    /// Its middle [m].
+    pub(super) place: Vec3,
+    /// Which way it pushes.
+    pub(super) normal: Vec3,
+    /// Of where it spreads [m²]; zero for one that is none.
+    pub(super) variance: Real,
+    /// Of where the mesh shows it [m²].
+    pub(super) shown: Real,
+    /// What a half-space of the material gives way by, per newton and per distance [m²/N].
+    pub(super) compliance: Real,
+}
+
+impl Narrow {
+    /// What a newton on one adds at the other to the dent that the mesh leaves out [m/N].
+    pub(super) fn between(&self, other: &Narrow) -> Real {
+        let facing = self.normal.dot(&other.normal);
+        if facing <= 0.0 || self.variance <= 0.0 || other.variance <= 0.0 {
+            return 0.0;
+        }
+        // The mesh is not to show more than there is.
+        let shown = self.shown.max(other.shown).max(self.variance).max(other.variance);
+        let apart = (self.place - other.place).norm_squared();
+        let left_out = potential(apart, self.variance + other.variance) - potential(apart, 2.0 * shown);
+        0.5 * (self.compliance + other.compliance) * left_out * facing
+    }
+
+    /// The same at a place `away` [m] where the surface faces along `normal`.
+    pub(super) fn at(&self, away: Vec3, normal: Vec3) -> Real {
+        if self.variance <= 0.0 {
+            return 0.0;
+        }
+        let apart = (away - self.place).norm_squared();
+        let left_out = potential(apart, self.variance) - potential(apart, 2.0 * self.shown.max(self.variance));
+        self.compliance * left_out * normal.dot(&self.normal).max(0.0)
+    }
+}
+
 /// `ψ(r; S) = √(π/2)/S · e^{−x} I₀(x)`, `x = r²/(4S²)` [1/m], for a squared distance [m²] and a variance `S²` [m²].
-pub(super) fn potential(distance_squared: Real, variance: Real) -> Real {
+fn potential(distance_squared: Real, variance: Real) -> Real {
     (0.5 * PI / variance).sqrt() * scaled_bessel(distance_squared / (4.0 * variance))
+}
+
+/// The same of a load that is spread along and across by these `variances` [m²], at this place from its middle [m]: the integral over `u`
+/// of what each of the normal distributions `e^{−r²u²}` that make up `1/r` becomes, `u` going as a tangent, which makes the integrand periodic.
+fn stretched_potential(place: [Real; 2], variances: [Real; 2]) -> Real {
+    let between = 2.0 * (variances[0] * variances[1]).sqrt();
+    let step = 0.5 * PI / STEPS as Real;
+    let at = |i: usize| {
+        let (sin, cos) = libm::sincos((i as Real + 0.5) * step);
+        let (up, down) = (sin * sin, cos * cos);
+        let widened = variances.map(|v| down + up * 2.0 * v / between);
+        let exponent: Real = place.iter().zip(widened).map(|(x, w)| x * x * up / (between * w)).sum();
+        libm::exp(-exponent) / (widened[0] * widened[1]).sqrt()
+    };
+    2.0 / (PI * between).sqrt() * step * (0..STEPS).map(at).sum::<Real>()
+}
+
+/// Places at which the integrand of [`stretched_potential`] is taken: right to 1e-6 up to fifty times as long as wide.
+const STEPS: usize = 32;
+
+/// What the mesh leaves out of the dents of equal loads on the cells of a grid, in each other [1/m].
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Grid<const COLUMNS: usize, const ROWS: usize> {
+    /// By how many rows and columns they are apart.
+    left_out: [[Real; COLUMNS]; ROWS],
+}
+
+impl<const COLUMNS: usize, const ROWS: usize> Grid<COLUMNS, ROWS> {
+    /// Of cells with these `sides` [m], whose loads the mesh shows with the variance `shown` [m²].
+    pub(super) fn new(sides: [Real; 2], shown: Real) -> Self {
+        let variances = sides.map(|side| variance_of_disc(PI * side * side) / PI);
+        let shown = shown.max(variances[0]).max(variances[1]);
+        let mut left_out = [[0.0; COLUMNS]; ROWS];
+        for (row, line) in left_out.iter_mut().enumerate() {
+            for (column, left_out) in line.iter_mut().enumerate() {
+                let place = [column as Real * sides[0], row as Real * sides[1]];
+                let whole = stretched_potential(place, variances.map(|v| 2.0 * v));
+                *left_out = whole - potential(place[0] * place[0] + place[1] * place[1], 2.0 * shown);
+            }
+        }
+        Self { left_out }
+    }
+
+    /// Of the cells with these numbers, row by row.
+    pub(super) fn between(&self, i: usize, j: usize) -> Real {
+        self.left_out[(i / COLUMNS).abs_diff(j / COLUMNS)][(i % COLUMNS).abs_diff(j % COLUMNS)]
+    }
 }
 
 /// `e^{−x} I₀(x)` for `x ≥ 0`, within 2e-7 [Abramowitz & Stegun 1964, 9.8.1 and 9.8.2].
@@ -52,6 +139,24 @@ mod tests {
         }
         // Far away it is Boussinesq's.
         assert!((potential(1.0, 1e-4) - 1.0).abs() < 1e-3);
+    }
+
+    #[test]
+    fn a_load_that_is_not_stretched_is_round_and_one_that_is_gives_way_by_the_mean_of_gauss() {
+        for away in [0.0, 1e-3, 7e-3] {
+            let round = potential(away * away, 4e-6);
+            for place in [[away, 0.0], [0.0, away]] {
+                assert!((stretched_potential(place, [4e-6; 2]) / round - 1.0).abs() < 1e-6);
+            }
+        }
+        for times in [3.0, 10.0, 50.0] {
+            let (mut a, mut b) = (times, 1.0);
+            for _ in 0..10 {
+                (a, b) = (0.5 * (a + b), Real::sqrt(a * b));
+            }
+            let own = stretched_potential([0.0; 2], [1e-6 * times * times, 1e-6]);
+            assert!((own * 1e-3 * a / (0.5 * PI).sqrt() - 1.0).abs() < 1e-6, "{times}");
+        }
     }
 
     #[test]

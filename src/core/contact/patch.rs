@@ -1,0 +1,232 @@
+//! Where a round part of a tool, a ball or a capsule, has its samples: on a patch that is as wide as what it touches, seen along the
+//! direction in which it pushes.
+//!
+//! A ball's patch is Hertz's disc, in rings. A capsule's is a strip along its axis, in rows, as long as the force is spread over: with a
+//! straight part of no length it is the disc of its round end, with a long one Hertz's line contact.
+
+use super::posed::Posed;
+use super::shape::Frame;
+use super::view::View;
+use crate::math::{Real, Vec3};
+use crate::model::constraint::MOST_POINTS;
+use std::f64::consts::PI;
+
+/// Rings of samples around the middle one of a disc; ring `k` has `6k`, so that all stand for about the same area.
+const RINGS: usize = 2;
+/// Samples of a disc.
+const IN_A_DISC: usize = 1 + 3 * RINGS * (RINGS + 1);
+/// Columns and rows of a strip.
+pub(super) const COLUMNS: usize = 7;
+pub(super) const ROWS: usize = 3;
+/// Samples of a patch at most.
+pub(super) const MOST_SAMPLES: usize = COLUMNS * ROWS;
+/// Most patches of one part: in a corner it touches three faces.
+pub(super) const MOST_PATCHES: usize = MOST_POINTS / MOST_SAMPLES;
+
+/// A ball or capsule that may touch.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Round<'a> {
+    /// In the middle of the tick.
+    pub(super) at: &'a Posed<'a>,
+    /// At its start and at its end.
+    pub(super) moves: [&'a Frame; 2],
+    /// Up to this far away it is looked at [m].
+    pub(super) margin: Real,
+}
+
+/// A place of its surface.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Foot {
+    /// Coordinates of the place of the core that is nearest.
+    pub(super) core: Vec3,
+    /// Out of the tool.
+    pub(super) normal: Vec3,
+    /// From the start of its axis [m].
+    pub(super) arm: Vec3,
+    /// Whether it is curved along the axis as across.
+    pub(super) on_end: bool,
+}
+
+impl Round<'_> {
+    pub(super) fn radius(&self) -> Real {
+        self.at.part.radius()
+    }
+
+    /// Start of its axis [m].
+    pub(super) fn start(&self) -> Vec3 {
+        self.at.frame.at(Vec3::zeros())
+    }
+
+    /// Its axis from end to end [m]; zero for a ball.
+    pub(super) fn axis(&self) -> Vec3 {
+        self.at.frame.axes[2]
+    }
+
+    pub(super) fn is_ball(&self) -> bool {
+        self.at.part.ball_radius().is_some()
+    }
+
+    /// Samples of each of its patches.
+    pub(super) fn samples(&self) -> usize {
+        if self.is_ball() { IN_A_DISC } else { MOST_SAMPLES }
+    }
+
+    /// Which one of them is in the middle.
+    pub(super) fn middle(&self) -> usize {
+        if self.is_ball() { 0 } else { MOST_SAMPLES / 2 }
+    }
+
+    /// What of it is foremost in this view at the place `x`, `y` from the start of its axis [m]; nothing beside it.
+    pub(super) fn front(&self, view: &View, [x, y]: [Real; 2]) -> Option<Foot> {
+        let (radius, axis, [u, v]) = (self.radius(), self.axis(), view.across);
+        let length = axis.norm();
+        let end = |part: Real| {
+            let x = x - part * u.dot(&axis);
+            let normal = (u * x + v * y) / radius;
+            let ahead = 1.0 - normal.norm_squared();
+            (ahead >= 0.0).then(|| {
+                let normal = normal + view.ahead * ahead.sqrt();
+                let core = Vec3::new(0.0, 0.0, part);
+                Foot { core, normal, arm: axis * part + normal * radius, on_end: true }
+            })
+        };
+        if length == 0.0 {
+            return end(0.0);
+        }
+        let along = axis / length;
+        let (rise, flat) = (view.ahead.dot(&along), u.dot(&along));
+        if flat < STANDING {
+            return end(if rise > 0.0 { 1.0 } else { 0.0 });
+        }
+        let sin = y / radius;
+        let cos = (1.0 - sin * sin).max(0.0).sqrt();
+        // The front of an endless cylinder.
+        let part = (x + radius * rise * cos) / (flat * length);
+        if part < 0.0 {
+            return end(0.0);
+        } else if part > 1.0 {
+            return end(1.0);
+        } else if sin.abs() > 1.0 {
+            return None;
+        }
+        let normal = (view.ahead - along * rise) * (cos / flat) + v * sin;
+        let core = Vec3::new(0.0, 0.0, part);
+        Some(Foot { core, normal, arm: axis * part + normal * radius, on_end: false })
+    }
+}
+
+/// A patch as it is seen: everything within `half_width` of a line along the first axis of the view.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Patch {
+    /// Where the line begins and ends, from the start of the tool's axis [m].
+    pub(super) line: [Real; 2],
+    /// [m].
+    pub(super) half_width: Real,
+    /// Whether what is touched may be longer.
+    pub(super) grows: bool,
+}
+
+/// A sample of it.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Cell {
+    /// Its middle, as [`Round::front`] takes it [m].
+    pub(super) at: [Real; 2],
+    /// Area as it is seen [m²].
+    pub(super) area: Real,
+    /// Mean over it of the squares of the distances from its middle, along and across [m²].
+    pub(super) spread: [Real; 2],
+    /// Whether it is not beside the one before.
+    pub(super) starts_row: bool,
+}
+
+impl Patch {
+    /// Of a force [N] on a half-space that gives way by `compliance` [m²/N], whose places lie around `middle` [m] along the axis with
+    /// the variance `along` [m²].
+    ///
+    /// What the force lies on is the convolution of a straight part of length `s` and the disc of half-width `b`: `along = s²/12 + b²/5`
+    /// of Hertz's pressures. `16/(3π) b³ + s b² = 4 k F R` is Hertz's disc for `s = 0` and his strip for a long one.
+    pub(super) fn of(round: &Round, view: &View, compliance: Real, force: Real, middle: Real, along: Real) -> Self {
+        let radius = round.radius();
+        let load = 4.0 * compliance * force * radius;
+        let disc = libm::cbrt(3.0 * PI / 16.0 * load);
+        let straight = |width: Real| (12.0 * (along - width * width / 5.0)).max(0.0).sqrt();
+        let width = |straight: Real| {
+            (0..6).fold(disc, |b, _| {
+                let slope = b * (16.0 / PI * b + 2.0 * straight);
+                let excess = b * b * (16.0 / (3.0 * PI) * b + straight) - load;
+                if slope > 0.0 { b - excess / slope } else { b }
+            })
+        };
+        let b = if round.is_ball() { disc } else { width(straight(width(straight(disc)))) };
+        let half_width = (WIDER * b).clamp(LEAST_CAP * radius, MOST_CAP * radius);
+        if round.is_ball() {
+            return Self { line: [0.0; 2], half_width, grows: false };
+        }
+        // Not beyond the tool.
+        let shadow = view.across[0].dot(&round.axis());
+        let (low, high) = (half_width - radius, shadow + radius - half_width);
+        // A pressure that is elliptic along the line reaches farther than a constant one.
+        let half = (5.0_f64 / 12.0).sqrt() * straight(b);
+        let middle = middle.clamp(low, high);
+        Self { line: [(middle - half).max(low), (middle + half).min(high)], half_width, grows: false }
+    }
+
+    /// True for the first and for the last sample of a row of a strip.
+    pub(super) fn is_outermost(i: usize) -> bool {
+        i.is_multiple_of(COLUMNS) || i % COLUMNS == COLUMNS - 1
+    }
+
+    /// Length of its straight part [m].
+    pub(super) fn straight(&self) -> Real {
+        self.line[1] - self.line[0]
+    }
+
+    /// Sides of the cells of a strip [m].
+    pub(super) fn sides(&self) -> [Real; 2] {
+        [(self.straight() + 2.0 * self.half_width) / COLUMNS as Real, 2.0 * self.half_width / ROWS as Real]
+    }
+
+    /// Its cell number `i`.
+    pub(super) fn cell(&self, round: &Round, i: usize) -> Cell {
+        if round.is_ball() {
+            let width = self.half_width / (RINGS as Real + 0.3);
+            let area = PI * width * width * if i == 0 { 0.25 } else { 1.0 / 3.0 };
+            let spread = [area / (4.0 * PI); 2];
+            // The ring that it is in, and its place there.
+            let ring = (1..=RINGS).filter(|k| i > 3 * k * (k - 1)).count();
+            if ring == 0 {
+                return Cell { at: [self.line[0], 0.0], area, spread, starts_row: true };
+            }
+            let place = i - 1 - 3 * ring * (ring - 1);
+            let (sin, cos) = libm::sincos(2.0 * PI * place as Real / (6 * ring) as Real);
+            let away = ring as Real * width;
+            let at = [self.line[0] + away * cos, away * sin];
+            return Cell { at, area, spread, starts_row: place == 0 };
+        }
+        let [along, across] = self.sides();
+        let (column, row) = (i % COLUMNS, i / COLUMNS);
+        let middle = 0.5 * (self.line[0] + self.line[1]);
+        let at = |side: Real, i: usize, n: usize| side * (i as Real - 0.5 * (n - 1) as Real);
+        Cell {
+            at: [middle + at(along, column, COLUMNS), at(across, row, ROWS)],
+            area: along * across,
+            spread: [along * along / 12.0, across * across / 12.0],
+            starts_row: column == 0,
+        }
+    }
+
+    /// True for what is less than `reach` [m] from its line, `at` being from the start of the tool's axis as it is seen [m].
+    pub(super) fn covers(&self, at: [Real; 2], reach: Real) -> bool {
+        let along = if self.grows { 0.0 } else { at[0] - at[0].clamp(self.line[0], self.line[1]) };
+        along * along + at[1] * at[1] < reach * reach
+    }
+}
+
+/// Cosine of an axis with the plane across the view below which the axis counts as along the view.
+const STANDING: Real = 1e-6;
+/// Outermost samples over what is touched: just outside of it.
+const WIDER: Real = 1.05;
+/// Over the radius, what is looked at before there is a load: the disc of a depth of 1/500 of the radius.
+const LEAST_CAP: Real = 0.045;
+/// Over the radius: samples beyond would push sideways.
+const MOST_CAP: Real = 0.95;
