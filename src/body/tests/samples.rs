@@ -41,7 +41,6 @@ fn with_tool(body: &Arc<Body>, shape: Shape, friction: Real, level: usize) -> Si
         most_elements: body.element_count(),
     };
     let mut simulation = Simulation::new(body.clone(), settings, Snapshot::at_rest(body, level, 1)).unwrap();
-    simulation.touch_by_samples();
     let mut inputs = Inputs::default();
     inputs.tools[0] = Some(ToolEvent::Attach { epoch: 1, period_ticks: 1, coupling: Coupling::RIGID });
     simulation.advance(&inputs);

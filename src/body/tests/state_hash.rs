@@ -147,7 +147,7 @@ fn changes(snapshot: &Snapshot) -> BTreeMap<&'static str, Snapshot> {
         change("second branch of a star", &|s| s.body.star_history[1].branch[1][2] += 1e-12);
         change("strain limit of a star", &|s| s.body.star_strain_limit[0].deviator += 1e-12);
     }
-    change("geomorph", &|s| s.body.geomorph[0][3] += 1e-12);
+    change("geomorph", &|s| s.body.geomorph[0][2] += 1e-12);
     change("tools", &|s| s.tools[0].ramp += 1e-12);
     change("a point less", &|s| s.points[0].truncate(1));
     change("points", &|s| s.points[0][0].weights[2] += 1e-12);

@@ -3,6 +3,15 @@
 use crate::math::Real;
 use crate::model::constraint::PointMemory;
 
+/// What there was a tick ago.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Before<'a> {
+    /// The points of this tool.
+    pub(super) memory: &'a [PointMemory],
+    /// Whether the resolution has changed since.
+    pub(super) changed: bool,
+}
+
 /// How an overlap that is found late is closed, and what has been shifted goes back, within a tick.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Closing {

@@ -4,14 +4,13 @@
 //! of the tool's parts, so that nothing slips between vertices. Normals run from the core to the point, at the tool's
 //! place in the middle of the tick.
 
+use super::areas::{share_areas, thin_out};
 use super::candidate::{ALIKE, Candidate, Sheet, Touch, follow_sunk, near_triangles, near_vertices, sunk_depth};
-use super::closing::{Closing, UNNOTICED};
-pub use super::dent::measure;
-use super::dent::{Dents, Load, share_areas};
-use super::hanging::Hanging;
+use super::closing::{Before, Closing, UNNOTICED};
+use super::hanging::{Hanging, Load};
 use super::nearby::Nearby;
 use super::patch::Round;
-use super::posed::{Posed, posed};
+use super::posed::posed;
 use super::rigid::{Found, Rigid};
 use super::samples::{Hold, Samples};
 use super::shape::MOST_PARTS;
@@ -20,7 +19,7 @@ use super::touchable::{FASTEST_SURFACE, MARGIN, Touchable};
 use super::wrench::middle_pose;
 use crate::ids::{Triangle, Vertex};
 use crate::math::{Real, Vec3};
-use crate::model::constraint::{Constraint, Firming, PointMemory, Pushed};
+use crate::model::constraint::{Constraint, PointMemory, Pushed};
 use crate::model::step_class::TICK;
 use crate::model::{ActiveMesh, Body, Friction};
 use crate::visited::Visited;
@@ -30,8 +29,6 @@ use crate::visited::Visited;
 pub struct Workspace {
     candidates: Vec<Candidate>,
     loads: Vec<Load>,
-    /// Of each tool.
-    dents: Vec<Dents>,
     /// Around each tool.
     nearby: Vec<Nearby>,
     /// Display vertices [m], (n_vertices); those far from the tool at hand as of some earlier tick.
@@ -41,12 +38,10 @@ pub struct Workspace {
     near: Vec<Vertex>,
     /// Display triangles that have been looked at.
     seen: Visited,
-    /// Whether dents below the mesh's size are restored.
-    restores: bool,
-    /// By which balls and capsules touch smoothed elements.
-    samples: Option<Samples>,
-    /// By which points hang on smoothed elements.
-    hanging: Option<Hanging>,
+    /// By which balls and capsules touch.
+    samples: Samples,
+    /// By which points hang on nodes.
+    hanging: Hanging,
     /// Part of the way to what it stands for now that a point's area goes in a tick.
     followed: Real,
     /// No display edge is longer at rest [m].
@@ -74,13 +69,11 @@ impl Workspace {
             loads: Vec::with_capacity(MOST_POINTS),
             nearby: (0..tools).map(|_| Nearby::new(body, mesh)).collect(),
             vertices: surface.vertices.clone(),
-            dents: (0..tools).map(|_| Dents::new(body.node_count())).collect(),
             memory: Vec::with_capacity(points),
             near: Vec::with_capacity(surface.vertices.len()),
             seen: Visited::new(surface.triangles.len()),
-            restores: true,
-            samples: Some(body).filter(|body| !body.stars().is_empty()).map(Samples::new),
-            hanging: Some(body).filter(|body| !body.stars().is_empty()).map(Hanging::new),
+            samples: Samples::new(body),
+            hanging: Hanging::new(body),
             followed: TAKEN_FOLLOWED,
             longest_edge: longest,
             changed: false,
@@ -89,25 +82,9 @@ impl Workspace {
 }
 
 impl Workspace {
-    /// For comparison: points without compliance.
-    pub(crate) fn restore_no_dents(&mut self) {
-        self.restores = false;
-    }
-
-    /// For comparison: balls touch plain elements by samples, too.
-    pub(crate) fn touch_by_samples(&mut self, body: &Body) {
-        self.samples = Some(Samples::new(body));
-        self.hanging = Some(Hanging::new(body));
-    }
-
     /// What is where may have changed at once.
     pub(crate) fn forget(&mut self) {
         self.nearby.iter_mut().for_each(Nearby::forget);
-    }
-
-    /// The body may be of another stiffness.
-    pub(crate) fn forget_stiffness(&mut self) {
-        self.dents.iter_mut().for_each(Dents::forget);
     }
 
     /// The resolution is another in this tick than in the last one.
@@ -160,17 +137,18 @@ pub fn detect(
             work.near.push(v);
         }
     }
-    let on = &Touchable { body, mesh, vertices: &work.vertices, longest_edge: work.longest_edge };
+    let on = &Touchable { body, mesh, vertices: &work.vertices };
     // The pose is where the coupling's springs are as long as the last force and torque made them.
     let allowed_for = Pushed { force: -tool.physical_force, torque: -tool.physical_torque };
     work.seen.clear();
-    if let (Some(samples), [at], false) = (&mut work.samples, &all[..parts], all[0].is_solid()) {
+    if let ([at], false) = (&all[..parts], all[0].is_solid()) {
+        let samples = &mut work.samples;
         let round = Round { at, moves: [&start[0].frame, &end[0].frame], margin };
         let (seen, around) = (&mut work.seen, work.near.iter().flat_map(|v| body.triangles_around(*v)));
         let around = around.copied().filter(|t| seen.visit(t.index()));
         work.memory.clear();
-        samples.find(on, &round, memory, around);
-        let hold = Hold { rigid, allowed_for, restores: work.restores };
+        samples.find(on, &round, Before { memory, changed: work.changed }, around);
+        let hold = Hold { rigid, allowed_for };
         samples.constrain(on, &round, &hold, memory, Found { constraints, points_of_action }, &mut work.memory);
         std::mem::swap(memory, &mut work.memory);
         return;
@@ -187,15 +165,8 @@ pub fn detect(
     work.memory.clear();
     work.loads.clear();
     work.loads.extend(candidates.iter().map(|c| Load::new(on, c, memory, work.followed)));
-    let dents = &mut work.dents[id.index()];
-    match &mut work.hanging {
-        Some(hanging) => hanging.hang(on, candidates, &mut work.loads),
-        None => {
-            dents.show(on, candidates, &mut work.loads);
-            dents.share_discs(on, &all[..parts], candidates, memory, &mut work.loads);
-            dents.take_off_what_is_shown(&work.loads);
-        }
-    }
+    let hanging = &mut work.hanging;
+    hanging.hang(on, candidates, &mut work.loads, Before { memory, changed: work.changed });
     let first = constraints.len() as u32;
     for (i, candidate) in candidates.iter().enumerate() {
         let (n, core) = (candidate.normal, candidate.core);
@@ -205,26 +176,13 @@ pub fn detect(
         let radius = n.dot(&(candidate.place - all[candidate.part as usize].frame.at(core))) - candidate.gap;
         let known = candidate.known.map(|k| &memory[k as usize]);
         let load = work.loads[i];
-        // A solid core loses nothing that gets inside of it.
-        let firming = match work.hanging {
-            None if !part.is_solid() => load.firming(part.half_thickness(), work.longest_edge),
-            _ => Firming::NEVER,
-        };
         let mut compliance = [0.0; MOST_POINTS];
-        if work.restores {
-            let n = work.loads.len();
-            match &work.hanging {
-                Some(hanging) => (0..n).for_each(|j| compliance[j] = hanging.between(i, j)),
-                None => compliance[..n].copy_from_slice(dents.of_point(i, n)),
-            }
-        }
+        (0..work.loads.len()).for_each(|j| compliance[j] = hanging.between(i, j));
         let moved = n.dot(&(end - start));
-        let soft: Real = compliance.iter().zip(&work.loads).map(|(g, other)| g * other.multiplier).sum();
-        let shown = firming.of(soft, 0.0, load.multiplier).0;
+        let shown: Real = compliance.iter().zip(&work.loads).map(|(g, other)| g * other.multiplier).sum();
         let overlap = n.dot(&start) + radius - n.dot(&load.touched) - shown;
         // Other nodes show other parts of the dents: nothing is to be felt of that at once, be it more or less.
-        let changed = known.filter(|_| work.changed || load.coarsened).map_or(0.0, |m| m.dent - shown);
-        let shift = known.map_or(0.0, |m| m.shift) + changed;
+        let shift = known.map_or(0.0, |m| m.shift) - load.receded;
         // Where a point leaves its area to a corner, that leaves it no force.
         let share = candidate.share;
         // What comes out of a solid core at another side than it was pushed to is let go of bit by bit.
@@ -249,14 +207,10 @@ pub fn detect(
         constraints.push(Constraint {
             row: load.row,
             normal: n,
-            // What is displayed, and touched, is the row's point plus its geomorph offset.
             offset: n.dot(&(start - load.geomorph)) + radius - slack - share * shift,
             rate: (moved + slack - slack_end + share * (shift - shift_end)) / TICK,
             first,
             compliance,
-            radius: load.radius,
-            disc: load.disc,
-            firming,
             tool: id,
             point: candidate.point,
             multiplier: load.multiplier,
@@ -284,83 +238,16 @@ pub fn detect(
             shift: shift_end,
             dent: 0.0,
             taken: load.taken,
-            distance: known.map_or(0.0, |m| m.distance),
-            mesh_softened: load.mesh_softened,
             normal: n,
             tangential,
             anchor,
             weights: candidate.stencil.map(|s| s.1),
+            place: Vec3::zeros(),
+            shown: hanging.shown(i),
         });
     }
     std::mem::swap(memory, &mut work.memory);
 }
-
-/// Of the points of the last tick, those up to this far apart [m] count as touching where not all can be kept.
-const LET_GO: Real = 2e-4;
-
-/// Leaves no more points than the solver may take, in the order of their numbers: of those that touch some that are spread
-/// over all that is touched, then the nearest of the others. Those of the last tick come first, so that a wide tool's points
-/// do not take turns, then vertices before triangles and the deepest first, ties to the smaller number. What is left out
-/// leaves its area to the nearest that is kept, so that the surface is as stiff as before; on a solid tool that one has the
-/// mean normal of all that it stands for, or a rim would push to the side where more of its points are left.
-fn thin_out(on: &Touchable, parts: &[Posed], candidates: &mut Vec<Candidate>, memory: &[PointMemory]) {
-    if candidates.len() <= MOST_POINTS {
-        return;
-    }
-    let (vertices, per_part) = (on.vertices.len() as u32, on.body.points_of_a_part());
-    for c in candidates.iter_mut() {
-        let known = memory.binary_search_by_key(&c.point, |m| m.point).is_ok();
-        let apart = c.gap > if known { LET_GO } else { 0.0 };
-        c.last = (apart, !known, c.point % per_part >= vertices);
-    }
-    candidates.sort_unstable_by(|a, b| a.last.cmp(&b.last).then(a.gap.total_cmp(&b.gap)).then(a.point.cmp(&b.point)));
-    let touching = candidates.partition_point(|c| !c.last.0);
-    if touching > MOST_POINTS {
-        spread_out(&mut candidates[..touching]);
-        let (kept, others) = candidates[..touching].split_at_mut(MOST_POINTS);
-        for other in others {
-            let nearest = kept.iter_mut().min_by(|a, b| a.away(other).total_cmp(&b.away(other)));
-            if let Some(nearest) = nearest.filter(|c| c.away(other) < Real::INFINITY) {
-                nearest.stand_for(other, parts[other.part as usize].is_solid());
-            }
-        }
-    }
-    candidates.truncate(MOST_POINTS);
-    candidates.sort_unstable_by_key(|c| c.point);
-}
-
-/// Brings to the front of the `candidates` at most as many as the solver may take, none near another.
-fn spread_out(candidates: &mut [Candidate]) {
-    let touched: Real = candidates.iter().map(|c| c.area).sum();
-    let mut spread = SPREAD * touched / MOST_POINTS as Real;
-    for _ in 0..MOST_TURNS {
-        let (mut kept, mut i) = (0, 0);
-        while i < candidates.len() && kept <= MOST_POINTS {
-            let (before, rest) = candidates.split_at(i);
-            let near = if rest[0].last.1 { spread } else { STAYS * spread };
-            if !before[..kept].iter().any(|c| c.away(&rest[0]) < near) {
-                candidates[kept..=i].rotate_right(1);
-                kept += 1;
-            }
-            i += 1;
-        }
-        if kept <= MOST_POINTS {
-            return;
-        }
-        spread *= WIDER;
-    }
-}
-
-/// Part of the squared distance at which those of the last tick stay.
-const STAYS: Real = 0.5;
-
-/// By how much the squared distance grows while too many are kept, ...
-const WIDER: Real = 1.3;
-/// ... and how often.
-const MOST_TURNS: usize = 8;
-
-/// Squared distance of points that are kept, at first, over the area that each has to stand for.
-const SPREAD: Real = 0.8;
 
 /// Finds what is remembered of each candidate. A point that has gone from one part of a tool to the next keeps its force
 /// and its anchor; a tip that has sunk below one triangle and slid below the next takes them along.

@@ -31,10 +31,11 @@ pub fn remember(mesh: &ActiveMesh, solved: &Solved, tool: &ToolState, points: &m
         point.multiplier = c.multiplier;
         // A compliance is to those from its first on.
         let sharing = &constraints[(c.first - constraints[0].first) as usize..];
-        point.dent = c.dent(sharing, 0.0).0;
+        point.dent = c.dent(sharing);
+        point.place = c.row.interpolate(&mesh.motion.position);
         if !moved {
             // The tool went on alone, there or back, and what is displayed faded: within the next tick, that would be a blow.
-            let away = c.normal.dot(&c.row.interpolate(&mesh.motion.position)) + point.dent - c.offset;
+            let away = c.normal.dot(&point.place) + point.dent - c.offset;
             point.shift += c.rate * TICK - if c.multiplier > 0.0 { away } else { 0.0 };
         }
         if c.friction.coefficient == 0.0 {
@@ -45,7 +46,7 @@ pub fn remember(mesh: &ActiveMesh, solved: &Solved, tool: &ToolState, points: &m
             let sheared = |(other, g): (&Constraint, &Real)| other.friction.multiplier * (g * c.friction.compliance);
             let shear: Vec3 = sharing.iter().zip(&c.compliance).map(sheared).sum();
             let geomorph = c.friction.anchor + c.friction.rate * TICK - at.to_world(point.anchor);
-            point.anchor = tool.pose.to_own(c.row.interpolate(&mesh.motion.position) + shear - geomorph);
+            point.anchor = tool.pose.to_own(point.place + shear - geomorph);
         }
     }
 }

@@ -8,7 +8,7 @@ use super::touchable::{FASTEST_SURFACE, MARGIN};
 use crate::ids::{ToolId, Vertex};
 use crate::math::{Real, Vec3};
 use crate::model::active_mesh::skin;
-use crate::model::constraint::{Constraint, Firming, PointMemory, Pushed};
+use crate::model::constraint::{Constraint, PointMemory, Pushed};
 use crate::model::step_class::{TICK, step_of};
 use crate::model::{ActiveMesh, Body, Friction};
 
@@ -76,9 +76,6 @@ pub fn lie(
             rate: (moved + closing.slack - closing.slack_end + shift - closing.shift_end) / TICK,
             first: constraints.len() as u32,
             compliance,
-            radius: 0.0,
-            disc: 0.0,
-            firming: Firming::NEVER,
             tool: id,
             point,
             multiplier: known.map_or(0.0, |m| m.multiplier),

@@ -25,6 +25,11 @@ pub(super) struct Narrow {
 }
 
 impl Narrow {
+    /// The same where the mesh shows it with another variance [m²].
+    pub(super) fn shown_as(&self, shown: Real) -> Self {
+        Self { shown, ..*self }
+    }
+
     /// What a newton on one adds at the other to the dent that the mesh leaves out [m/N].
     pub(super) fn between(&self, other: &Narrow) -> Real {
         let facing = self.normal.dot(&other.normal);

@@ -2,9 +2,9 @@
 //!
 //! Emits point constraints and receives their multipliers; knows nothing of how they are solved.
 
+mod areas;
 mod candidate;
 mod closing;
-mod dent;
 pub mod detection;
 pub mod friction;
 pub mod ground;

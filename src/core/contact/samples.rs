@@ -5,7 +5,7 @@
 //! surface wherever that is straight ahead of it. The surface is the one of the mesh, through rows of nodes around each place
 //! ([`crate::model::contact_row`]), plus what the mesh leaves out of the samples' own loads ([`super::influence`]).
 
-use super::closing::{Closing, UNNOTICED};
+use super::closing::{Before, Closing, UNNOTICED};
 use super::influence::{Grid, Narrow, variance_of_disc};
 use super::patch::{COLUMNS, Cell, MOST_PATCHES, MOST_SAMPLES, Patch, ROWS, Round};
 use super::rigid::{Found, Rigid};
@@ -14,7 +14,7 @@ use super::view::{View, part_before};
 use super::wrench::middle_pose;
 use crate::ids::{Triangle, Vertex};
 use crate::math::{Real, Vec3};
-use crate::model::constraint::{Constraint, Firming, Friction, MOST_POINTS, PointMemory, Pushed};
+use crate::model::constraint::{Constraint, Friction, MOST_POINTS, PointMemory, Pushed};
 use crate::model::contact_row::{DEVIATION, Surroundings};
 use crate::model::step_class::TICK;
 use crate::model::{Body, Material, Row};
@@ -38,6 +38,9 @@ struct Face {
     reach: Real,
     /// What the mesh leaves out of loads on the cells of a strip.
     grid: Option<Grid<COLUMNS, ROWS>>,
+    /// Where the resolution has changed since the last tick, the variance with which the mesh showed the loads then [m²], and what of them
+    /// it left out.
+    was: Option<(Real, Option<Grid<COLUMNS, ROWS>>)>,
     /// Poisson's ratio.
     nu: Real,
 }
@@ -65,6 +68,8 @@ struct Sample {
     row: Row,
     /// What is remembered of it.
     known: Option<u32>,
+    /// How far a change of resolution has moved what was touched in the last tick [m].
+    moved: Vec3,
     /// Last multiplier [N].
     multiplier: Real,
 }
@@ -96,7 +101,7 @@ impl Samples {
         &mut self,
         on: &Touchable,
         round: &Round,
-        memory: &[PointMemory],
+        Before { memory, changed }: Before,
         near: impl Iterator<Item = Triangle>,
     ) {
         self.found.clear();
@@ -107,14 +112,14 @@ impl Samples {
                 let is_covered =
                     |face: &Face| foot.is_some_and(|f| face.covers(f.arm, f.normal, face.patch.half_width));
                 if !self.faces.iter().any(is_covered) {
-                    self.look(on, round, memory, &ahead);
+                    self.look(on, round, Before { memory, changed }, &ahead);
                 }
             }
         }
         if self.faces.len() < MOST_PATCHES
             && let Some(ahead) = self.new_ahead(on, round, near)
         {
-            self.look(on, round, memory, &ahead);
+            self.look(on, round, Before { memory, changed }, &ahead);
         }
     }
 
@@ -153,10 +158,12 @@ impl Samples {
     }
 
     /// Adds a face, and its samples, where something is `ahead`.
-    fn look(&mut self, on: &Touchable, round: &Round, memory: &[PointMemory], ahead: &Ahead) {
+    fn look(&mut self, on: &Touchable, round: &Round, before: Before, ahead: &Ahead) {
+        let memory = before.memory;
         let Ahead { triangle, view, load, known, .. } = *ahead;
         let (radius, start, first) = (round.radius(), round.start(), self.found.len());
-        let under = view.walk(on, triangle, start + view.across[0] * ahead.middle).triangle;
+        let end = view.walk(on, triangle, start + view.across[0] * ahead.middle);
+        let (under, weights) = (end.triangle, end.weights);
         let corners = on.body.triangle(under);
         let material = on.mesh.material_at(on.body, corners[0]);
         let nu = material.poisson_ratio();
@@ -203,42 +210,35 @@ impl Samples {
                 place: start + arm,
                 row: Row::EMPTY,
                 known,
+                moved: Vec3::zeros(),
                 multiplier: known.map_or(0.0, |k| memory[k as usize].multiplier),
             });
         }
-        let spacing = self.hang(on, first, under, patch.half_width + 0.5 * patch.straight());
+        let spacing = spacing(on, under, weights);
+        let cap = patch.half_width + 0.5 * patch.straight();
+        self.hang(on, first, before, (support(on) * spacing).min(cap));
         let shown = shown_variance(on, corners[0], spacing);
         self.found[first..].iter_mut().for_each(|sample| sample.load.shown = shown);
         // Of the mesh, which does not show the dent, the tool overlaps more than its patch.
         let middle = &self.found[first + round.middle()];
-        let [before, after] = round.moves.map(|frame| frame.at(middle.core));
+        let [from, to] = round.moves.map(|frame| frame.at(middle.core));
         let along = |v: Vec3| view.ahead.dot(&v);
-        let depth = along(middle.displayed - round.at.frame.at(middle.core)) - along(after - before).abs();
+        let depth = along(middle.displayed - round.at.frame.at(middle.core)) - along(to - from).abs();
         let reach = patch.half_width.max((radius * radius - depth.clamp(0.0, radius).powi(2)).sqrt());
-        let grid = (!round.is_ball()).then(|| Grid::new(patch.sides(), shown));
-        self.faces.push(Face { view, patch, reach, grid, nu });
+        let grid = |shown| (!round.is_ball()).then(|| Grid::new(patch.sides(), shown));
+        let was = known.filter(|_| before.changed).map(|k| memory[k as usize].shown).filter(|was| *was != shown);
+        let (grid, was) = (grid(shown), was.map(|was| (was, grid(was))));
+        self.faces.push(Face { view, patch, reach, grid, was, nu });
     }
 
-    /// Gives the samples from the `first` on their rows, all of which are less than `cap` [m] from the triangle that is `under` their
-    /// middle; returns the spacing of the nodes there [m].
-    fn hang(&mut self, on: &Touchable, first: usize, under: Triangle, cap: Real) -> Real {
-        let rest = |v: Vertex| on.body.surface().vertices[v.index()];
-        let spacing = |t: Triangle, w: [Real; 3]| {
-            let corners = on.body.triangle(t);
-            corners.iter().zip(w).map(|(v, w)| on.mesh.embedding(*v).spacing * w).sum::<Real>()
-        };
-        let width = spacing(under, [1.0 / 3.0; 3]);
-        let support = support(on);
-        // Around the places of one stretch after another: a long strip is near more nodes than can be gathered at once.
-        let near = REACH * (support * width).min(cap);
-        let place = |sample: &Sample| -> Vec3 {
-            let corners = on.body.triangle(sample.triangle);
-            corners.iter().zip(sample.weights).map(|(v, w)| rest(*v) * w).sum()
-        };
+    /// Gives the samples from the `first` on their rows, on nodes that are gathered for all within `near` [m] of one of them at once: a
+    /// long strip is near more nodes than can be gathered.
+    fn hang(&mut self, on: &Touchable, first: usize, before: Before, near: Real) {
+        let (support, near) = (support(on), REACH * near);
         let mut origin: Option<Vec3> = None;
         for sample in self.found[first..].iter_mut().filter(|sample| sample.area > 0.0) {
-            let at = place(sample);
-            let own = support * spacing(sample.triangle, sample.weights);
+            let at = at_rest(on, sample.triangle, sample.weights);
+            let own = support * spacing(on, sample.triangle, sample.weights);
             if origin.is_none_or(|origin| (at - origin).norm() > near) {
                 let slots = on.mesh.embedding(on.body.triangle(sample.triangle)[0]).slots;
                 self.around.gather(on.body, on.mesh, &slots, at, near + REACH * own);
@@ -251,25 +251,73 @@ impl Samples {
                 }
                 None => (sample.area, sample.load.variance) = (0.0, 0.0),
             }
+            let known = sample.known.filter(|_| before.changed).map(|k| &before.memory[k as usize]);
+            if let Some(m) = known.filter(|m| m.multiplier > 0.0) {
+                let touched = touched_triangle(on, m);
+                let own = support * spacing(on, touched, m.weights);
+                let row = self.around.row(at_rest(on, touched, m.weights), own);
+                sample.moved = row.map_or(Vec3::zeros(), |row| row.interpolate(&on.mesh.motion.position) - m.place);
+            }
         }
-        width
     }
 
     /// What a newton on one sample adds at the other to the dent that the mesh leaves out [m/N].
     fn between(&self, samples: usize, i: usize, j: usize) -> Real {
         let (a, b) = (&self.found[i], &self.found[j]);
-        let grid = self.faces[a.face as usize].grid.as_ref().filter(|_| a.face == b.face);
-        let Some(grid) = grid.filter(|_| a.area > 0.0 && b.area > 0.0) else { return a.load.between(&b.load) };
-        let facing = a.load.normal.dot(&b.load.normal).max(0.0);
-        0.5 * (a.load.compliance + b.load.compliance) * grid.between(i % samples, j % samples) * facing
+        match self.faces[a.face as usize].grid.as_ref().filter(|_| a.face == b.face) {
+            Some(grid) => between_cells(grid, samples, [(i, a), (j, b)]),
+            None => a.load.between(&b.load),
+        }
     }
+
+    /// By how much a change of resolution has made what the mesh leaves out of the last loads of sample `i`'s face deeper there [m].
+    fn deepened(&self, samples: usize, i: usize) -> Real {
+        let sample = &self.found[i];
+        let Some((was, grid)) = &self.faces[sample.face as usize].was else { return 0.0 };
+        let first = i - i % samples;
+        let from = |j: usize| {
+            let other = &self.found[j];
+            let before = match grid {
+                Some(grid) => between_cells(grid, samples, [(i, sample), (j, other)]),
+                None => sample.load.shown_as(*was).between(&other.load.shown_as(*was)),
+            };
+            (self.between(samples, i, j) - before) * other.multiplier
+        };
+        (first..first + samples).map(from).sum()
+    }
+}
+
+/// As [`Narrow::between`], of cells of one strip.
+fn between_cells(grid: &Grid<COLUMNS, ROWS>, samples: usize, [(i, a), (j, b)]: [(usize, &Sample); 2]) -> Real {
+    if a.area <= 0.0 || b.area <= 0.0 {
+        return 0.0;
+    }
+    let facing = a.load.normal.dot(&b.load.normal).max(0.0);
+    0.5 * (a.load.compliance + b.load.compliance) * grid.between(i % samples, j % samples) * facing
+}
+
+/// Spacing of the nodes under a place of a triangle with these barycentric weights [m].
+fn spacing(on: &Touchable, t: Triangle, weights: [Real; 3]) -> Real {
+    let corners = on.body.triangle(t);
+    corners.iter().zip(weights).map(|(v, w)| on.mesh.embedding(*v).spacing * w).sum()
+}
+
+/// Where that is at rest [m].
+fn at_rest(on: &Touchable, t: Triangle, weights: [Real; 3]) -> Vec3 {
+    let corners = on.body.triangle(t);
+    corners.iter().zip(weights).map(|(v, w)| on.body.surface().vertices[v.index()] * w).sum()
+}
+
+/// The triangle that a sample touched.
+fn touched_triangle(on: &Touchable, m: &PointMemory) -> Triangle {
+    Triangle(m.point % on.body.points_of_a_part() - on.vertices.len() as u32)
 }
 
 /// Where a face of the last tick is now, whose points are `known` and begin at number `first`: in the direction in which it was pushed.
 fn still_ahead(on: &Touchable, round: &Round, known: &[PointMemory], first: u32) -> Option<Ahead> {
     let push: Vec3 = known.iter().map(|m| m.normal * m.multiplier).sum();
     let (middle, load) = (known.get(round.middle())?, push.norm());
-    let triangle = Triangle(middle.point % on.body.points_of_a_part() - on.vertices.len() as u32);
+    let triangle = touched_triangle(on, middle);
     let ahead = if load > 0.0 { push / load } else { middle.normal };
     let near = if round.is_ball() { known.get(1).map_or(ahead, |m| m.normal) } else { round.axis() };
     let view = View::new(ahead, near);
@@ -324,8 +372,6 @@ pub(super) fn shown_variance(on: &Touchable, under: Vertex, spacing: Real) -> Re
 pub(super) struct Hold<'a> {
     pub(super) rigid: Rigid<'a>,
     pub(super) allowed_for: Pushed,
-    /// Whether dents below the mesh's size are restored.
-    pub(super) restores: bool,
 }
 
 impl Samples {
@@ -350,7 +396,6 @@ impl Samples {
             // Filled in once for both.
             for (j, g) in compliance[..self.found.len()].iter_mut().enumerate() {
                 *g = match j {
-                    _ if !hold.restores => 0.0,
                     j if j < i => out.constraints[first as usize + j].compliance[i],
                     _ => self.between(round.samples(), i, j),
                 };
@@ -366,9 +411,6 @@ impl Samples {
                 rate: 0.0,
                 first,
                 compliance,
-                radius: (sample.area / PI).sqrt(),
-                disc: 0.0,
-                firming: Firming::NEVER,
                 tool: id,
                 point,
                 multiplier: 0.0,
@@ -394,12 +436,15 @@ impl Samples {
                 let flat = radius - sample.rounded;
                 let place = sample.place;
                 let overlap = n.dot(&(start - place)) - dent + flat;
-                let shift = known.map_or(0.0, |m| m.shift);
+                // Other nodes show other parts of the dents: nothing is to be felt of that at once.
+                let changed = n.dot(&sample.moved) + self.deepened(round.samples(), i);
+                let shift = known.map_or(0.0, |m| m.shift) - changed;
                 let Closing { slack, slack_end, shift_end } = Closing::new(known, overlap - shift, shift, moved);
                 constraint.offset = n.dot(&start) + flat - slack - shift;
                 constraint.rate = (moved + slack - slack_end + shift - shift_end) / TICK;
                 constraint.multiplier = sample.multiplier;
                 (remembered.slack, remembered.shift) = (slack_end, shift_end);
+                remembered.shown = sample.load.shown;
                 if friction > 0.0 {
                     constraint.friction.coefficient = friction;
                     let stuck = known.filter(|m| m.multiplier > 0.0);

@@ -18,8 +18,6 @@ pub(super) struct Touchable<'a> {
     pub(super) mesh: &'a ActiveMesh,
     /// Display vertices at the start of the tick [m], (n_vertices), as far as they are near the tool.
     pub(super) vertices: &'a [Vec3],
-    /// No display edge is longer at rest [m].
-    pub(super) longest_edge: Real,
 }
 
 /// Outward area vector of display triangle `t`, twice its area long [m²].

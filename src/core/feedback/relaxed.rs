@@ -153,12 +153,6 @@ impl Contact {
             }
             turning.push(if sticks { Mat3::zeros() } else { across * (c.multiplier / radius) });
         }
-        // Deep dents have got firmer: they share less.
-        let left = |(i, c): &(usize, &Constraint)| match c.compliance[*i] {
-            g if g > 0.0 => (c.dent(own.iter().copied(), g).1 / g).sqrt(),
-            _ => 1.0,
-        };
-        let left: Vec<Real> = pushing.iter().map(left).collect();
         let Coupling { compliance, angular_compliance } = own.first()?.coupling;
         let between = |a: usize, b: usize| {
             let ((p, d), (q, e)) = (rows[a], rows[b]);
@@ -169,7 +163,7 @@ impl Contact {
                 (false, false) => c.friction.compliance * d.dot(&e),
                 _ => 0.0,
             };
-            let dent = left[p] * left[q] * 0.5 * (c.compliance[j] - c.disc + other.compliance[i] - other.disc);
+            let dent = 0.5 * (c.compliance[j] + other.compliance[i]);
             let turns = angular_compliance * c.arm.cross(&d).dot(&other.arm.cross(&e));
             dent * factor + compliance * d.dot(&e) + turns
         };

@@ -127,41 +127,8 @@ impl Pushed {
     }
 }
 
-/// Where dents get firmer, so that the tool stays outside the displayed surface: one of `s = Σ_j G_j λ_j` is no deeper than
-/// `from + y/(1 + y/m) + g λ`, `y = h (√(1 + 2x/h) − 1)`, `x = s − from`. The part that points share is bounded, and so those
-/// beside one that pushes hard hold, too.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Firming {
-    /// Dent from which on [m]; infinite on a solid core.
-    pub from: Real,
-    /// `h` [m]: grown by so much it gives way half as much.
-    pub within: Real,
-    /// `m` [m]: by so much it grows at most, ...
-    pub most: Real,
-    /// ... but for what a newton on the point itself adds, `g` [m/N].
-    pub own: Real,
-}
-
-impl Firming {
-    /// Of what loses nothing that sinks into it.
-    pub const NEVER: Self = Self { from: Real::INFINITY, within: 1.0, most: 1.0, own: 0.0 };
-
-    /// How deep a dent of `soft` [m] is [m] under `multiplier` [N], and what a newton more adds [m/N], of which the point
-    /// itself has `compliance` [m/N].
-    pub fn of(&self, soft: Real, compliance: Real, multiplier: Real) -> (Real, Real) {
-        if soft <= self.from {
-            return (soft, compliance);
-        }
-        let root = (1.0 + 2.0 * (soft - self.from) / self.within).sqrt();
-        let grown = self.within * (root - 1.0);
-        let part = 1.0 / (1.0 + grown / self.most);
-        let firm = self.from + grown * part + self.own * multiplier;
-        if soft <= firm { (soft, compliance) } else { (firm, part * part / root * compliance + self.own) }
-    }
-}
-
 /// One unilateral constraint `n·q(t) + d ≥ offset + rate·t`, `λ ≥ 0`, on the surface point `q`, whose dent `d` is
-/// `Σ_j G_j λ_j`, [firmed](Firming); `t` [s] from the start of the tick. The multiplier λ [N] is the force along `normal`
+/// `Σ_j G_j λ_j`; `t` [s] from the start of the tick. The multiplier λ [N] is the force along `normal`
 /// that the tool puts on the body.
 #[derive(Clone, Copy, Debug)]
 pub struct Constraint {
@@ -178,12 +145,6 @@ pub struct Constraint {
     /// Compliances `G_j` [m/N] in series: what a newton at the tool's `j`-th constraint adds here to the dent that the
     /// mesh is too coarse to show.
     pub compliance: [Real; MOST_POINTS],
-    /// Radius of the disc that its force spreads over [m].
-    pub radius: Real,
-    /// What the growth of the touched disc takes off these compliances where the force changes [m/N].
-    pub disc: Real,
-    /// Where less than these is left.
-    pub firming: Firming,
     /// The tool.
     pub tool: ToolId,
     /// What tells this point from the tool's others, from tick to tick: a display vertex, or the number of vertices
@@ -208,11 +169,9 @@ pub struct Constraint {
 }
 
 impl Constraint {
-    /// How far the surface gives way here below the mesh's size [m] under the multipliers of the tool's constraints, `own`,
-    /// and what a newton more adds [m/N], of which the point itself has `compliance` [m/N].
-    pub fn dent<'a>(&self, own: impl IntoIterator<Item = &'a Constraint>, compliance: Real) -> (Real, Real) {
-        let soft = self.compliance.iter().zip(own).map(|(g, other)| g * other.multiplier).sum();
-        self.firming.of(soft, compliance, self.multiplier)
+    /// How far the surface gives way here below the mesh's size [m] under the multipliers of the tool's constraints, `own`.
+    pub fn dent<'a>(&self, own: impl IntoIterator<Item = &'a Constraint>) -> Real {
+        self.compliance.iter().zip(own).map(|(g, other)| g * other.multiplier).sum()
     }
 }
 
@@ -225,11 +184,6 @@ pub struct PointMemory {
     pub multiplier: Real,
     /// Area that it stands for beside its own, of points that were left out [m²].
     pub taken: Real,
-    /// Harmonic mean of the distances between the points of this part of the tool, that of a point from itself being its disc's,
-    /// each counting by its force [m].
-    pub distance: Real,
-    /// How much more than in small strain the mesh gives way under this part of the tool, over that.
-    pub mesh_softened: Real,
     /// Overlap that has not been closed yet [m].
     pub slack: Real,
     /// What changes of resolution have made of the dent more (below zero) or less, how far the tool has come while the body
@@ -238,6 +192,10 @@ pub struct PointMemory {
     pub shift: Real,
     /// [`Constraint::dent`] after the last tick [m].
     pub dent: Real,
+    /// Where its row was after the last tick [m].
+    pub place: Vec3,
+    /// Variance of its load as the mesh showed it [m²].
+    pub shown: Real,
     /// Last normal, from the tool towards the surface.
     pub normal: Vec3,
     /// Last force along the surface [N].

@@ -8,7 +8,7 @@
 //! `½ k (J − 0.6)²` where `J = det F < 0.6`, `k = 8(λ + 2μ)`: the force then rises monotonically and the body
 //! recovers.
 
-use crate::math::{Mat3, Real, symmetric};
+use crate::math::{Mat3, Real};
 use serde::{Deserialize, Serialize};
 
 /// `J` below which the compression term acts.
@@ -96,14 +96,6 @@ impl Material {
         (0.17 + nu * (0.5 + nu * nu * 1.9)) * reach.min(0.5)
     }
 
-    /// `S:E`, `S:E²` and `S:E³` [J/m³] of St. Venant–Kirchhoff's law at Green's strain `E`: xx, yy, zz, yz, xz, xy.
-    pub fn works(&self, strain: &[Real; 6]) -> [Real; 3] {
-        let e = symmetric(*strain);
-        let squared = e * e;
-        let traces = [e.trace(), squared.trace(), e.dot(&squared), squared.dot(&squared)];
-        std::array::from_fn(|i| self.lambda * traces[0] * traces[i] + 2.0 * self.mu * traces[i + 1])
-    }
-
     /// `(1−ν²)/(πE)` [m²/N]: under a point load an elastic half-space gives way by this much per newton and per distance.
     pub fn half_space(&self) -> Real {
         let nu = self.poisson_ratio();
@@ -144,20 +136,6 @@ mod tests {
         let m = Material::from_young(5000.0, 0.45, 1050.0);
         assert!((m.youngs_modulus() / 5000.0 - 1.0).abs() < 1e-14);
         assert!((m.poisson_ratio() / 0.45 - 1.0).abs() < 1e-14);
-    }
-
-    #[test]
-    fn works_are_those_of_the_stress() {
-        let m = Material::from_young(1e4, 0.35, 1000.0);
-        let f = Mat3::new(0.9, 0.1, 0.0, -0.05, 1.1, 0.2, 0.1, 0.0, 0.8);
-        let e = (f.transpose() * f - Mat3::identity()) * 0.5;
-        let stress = Mat3::identity() * (m.lambda * e.trace()) + e * (2.0 * m.mu);
-        let given = crate::math::components(&e);
-        let expected = [stress.dot(&e), stress.dot(&(e * e)), stress.dot(&(e * e * e))];
-        for (work, expected) in m.works(&given).iter().zip(expected) {
-            assert!((work - expected).abs() < 1e-12 * m.mu, "{work} and {expected}");
-        }
-        assert!((0.5 * m.works(&given)[0] / m.energy_density(&f) - 1.0).abs() < 1e-12);
     }
 
     #[test]

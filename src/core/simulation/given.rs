@@ -54,9 +54,7 @@ impl Simulation {
             Parameter::Stiffness { tissue, factor } => Some((usize::from(*tissue), *factor)),
             _ => None,
         });
-        if self.mesh.begin_stiffening(&self.body, wanted) {
-            self.detection.forget_stiffness();
-        }
+        self.mesh.begin_stiffening(&self.body, wanted);
         self.mesh.go_on_stiffening(&self.body);
     }
 

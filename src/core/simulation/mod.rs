@@ -224,16 +224,6 @@ impl Simulation {
         &mut self.mesh
     }
 
-    /// For comparison: contacts as the mesh shows them, without the compliance of the dent below its size.
-    pub fn restore_no_dents(&mut self) {
-        self.detection.restore_no_dents();
-    }
-
-    /// For comparison: balls touch by samples also what is not of smoothed elements.
-    pub fn touch_by_samples(&mut self) {
-        self.detection.touch_by_samples(&self.body);
-    }
-
     /// The body, where the tools touch it, standing still, and its display vertices [m]: for questions about a copy.
     pub fn contacts(&mut self) -> (&mut ActiveMesh, &[Constraint], &[Vec3]) {
         self.tools.iter_mut().for_each(|tool| tool.previous = tool.pose);
@@ -487,7 +477,6 @@ impl Simulation {
 
     fn render_forces(&mut self) {
         let stood_still = self.outputs.plan.taken < self.outputs.plan.needed;
-        let per_part = self.body.points_of_a_part();
         let mut constraints = self.constraints.as_slice();
         for (i, (tool, points)) in self.tools.iter_mut().zip(&mut self.points).enumerate() {
             let own;
@@ -504,7 +493,6 @@ impl Simulation {
             tool.update_proxy(physical.force, physical.torque);
             // What the solver found is where the next tick starts.
             let solved = Solved { constraints: own, at: solved_at, moved: !stood_still };
-            detection::measure(own, points, per_part);
             friction::remember(&self.mesh, &solved, tool, points);
             let limited = safety::render(tool, &physical, &self.settings.limits, TICK);
             self.outputs.tools[i] = ToolOutput { state: *tool, contact_points, limited };
@@ -517,9 +505,6 @@ impl Simulation {
                 let middle = wrench::middle_pose(&state);
                 (self.outputs.obstacles[i], _) =
                     wrench::wrench_on(id, &middle, &self.constraints, &self.points_of_action);
-            }
-            if let Form::Parts(_) = of.shape {
-                detection::measure(own, points, per_part);
             }
             let solved = Solved { constraints: own, at: state.pose, moved: !stood_still };
             friction::remember(&self.mesh, &solved, &state, points);

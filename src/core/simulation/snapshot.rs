@@ -134,7 +134,6 @@ impl Simulation {
         self.assume_all(&snapshot.parameters, &snapshot.stiffening);
         self.mesh.restore(&self.body, &snapshot.body);
         self.detection.forget();
-        self.detection.forget_stiffness();
         self.tools.copy_from_slice(&snapshot.tools);
         copy_points(&mut self.points, &snapshot.points);
         self.obstacle_points.iter_mut().for_each(Vec::clear);

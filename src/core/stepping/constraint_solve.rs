@@ -83,9 +83,8 @@ pub fn solve(mesh: &mut ActiveMesh, constraints: &mut [Constraint], prepared: &m
             let open = p.position + moved - p.target + c.normal.dot(&pushed.give(&c.allowed_for, &c.coupling, &c.arm));
             let turned = c.coupling.angular_compliance * c.arm.cross(&c.normal).norm_squared();
             let mobility = p.mobility + c.coupling.compliance + turned;
-            let (dent, given) = c.firming.of(p.dent, p.compliance, c.multiplier);
             // A point that would pull is released: its multiplier stays at zero.
-            let multiplier = (c.multiplier - (open + dent) / (mobility + given)).max(0.0);
+            let multiplier = (c.multiplier - (open + p.dent) / (mobility + p.compliance)).max(0.0);
             let change = multiplier - c.multiplier;
             if change != 0.0 {
                 c.multiplier = multiplier;

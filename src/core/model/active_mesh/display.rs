@@ -117,7 +117,6 @@ impl ActiveMesh {
             let jump = place - vec3(&self.place(now));
             let geomorph = &mut self.geomorph[v.index()];
             let faded = *geomorph == [0.0; 4];
-            geomorph[3] += before.spacing - now.spacing;
             if now.element != before.element {
                 self.work.reembedded.push(v);
             }
@@ -234,7 +233,6 @@ impl ActiveMesh {
             } else if away > 0.0 {
                 geomorph[..3].fill(0.0);
             }
-            geomorph[3] = if geomorph[3].abs() > 1e-9 { geomorph[3] * SPACING_KEPT } else { 0.0 };
             *geomorph != [0.0; 4]
         });
     }
@@ -250,6 +248,3 @@ const FASTEST_GEOMORPH: Real = 2.8e-5;
 const SLOWEST_GEOMORPH: Real = 3e-7;
 /// Beyond this part of the body's size, which only the wildest motion leaves, the offset decays faster.
 const FAR_GEOMORPH: Real = 0.045;
-/// Part of the geomorph offset of a spacing that is left after a tick: 20 ms are slow enough for the hand, and a surface that was
-/// refined because a tool comes near must not feel as soft as the coarse one when it arrives.
-const SPACING_KEPT: Real = 0.95;

@@ -4,7 +4,7 @@
 //! below [`Stiffening::reached`] are as stiff as `now` says, the others as `before`, so that a saved state tells each one's.
 
 use super::{ActiveMesh, constants};
-use crate::ids::{Element, Node, Vertex};
+use crate::ids::{Element, Vertex};
 use crate::math::Real;
 use crate::model::body::Body;
 use crate::model::element_pool::CLASSES;
@@ -109,23 +109,18 @@ impl ActiveMesh {
         }
     }
 
-    /// Elements begin to take over the stiffness that `wanted` gives tissues (number and factor); false, without effect, while
-    /// they take over another one, or where they have it.
-    pub(crate) fn begin_stiffening(
-        &mut self,
-        body: &Body,
-        wanted: impl Iterator<Item = (usize, Real)> + Clone,
-    ) -> bool {
+    /// Elements begin to take over the stiffness that `wanted` gives tissues (number and factor), but not while they take over
+    /// another one.
+    pub(crate) fn begin_stiffening(&mut self, body: &Body, wanted: impl Iterator<Item = (usize, Real)> + Clone) {
         let Materials { stiffening, now, before } = &mut self.materials;
         if stiffening.reached != u32::MAX || wanted.clone().all(|(t, factor)| stiffening.now[t] == factor) {
-            return false;
+            return;
         }
         stiffening.before.copy_from_slice(&stiffening.now);
         before.copy_from_slice(now);
         wanted.for_each(|(t, factor)| stiffening.now[t] = factor);
         now.iter_mut().enumerate().for_each(|(m, material)| *material = body.mixed(m, &stiffening.now));
         stiffening.reached = 0;
-        true
     }
 
     /// The next elements take over what they are to be: `λ` and `μ`, and with them their steps. The strain stays, so that the
@@ -175,23 +170,5 @@ impl ActiveMesh {
         if let Some(class) = self.pool.class_of(e) {
             self.limit_strain(body, e, class);
         }
-    }
-
-    /// How many times as far as prepared a half-space of what is around node `n` gives way, once all elements have taken it over.
-    pub fn softness(&self, body: &Body, n: Node) -> Real {
-        if self.materials.stiffening.now.iter().all(|factor| *factor == 1.0) {
-            return 1.0;
-        }
-        let mean = |of: &[Material]| {
-            let (mut lambda, mut mu) = (0.0, 0.0);
-            for &e in body.elements_around(n) {
-                let material = &of[body.material_number(e)];
-                lambda += body.volume(e) * material.lambda;
-                mu += body.volume(e) * material.mu;
-            }
-            Material { lambda, mu, ..*body.material() }.half_space()
-        };
-        // Both are off by the volume, which cancels.
-        mean(&self.materials.now) / mean(&body.parts().materials)
     }
 }

@@ -3,7 +3,6 @@
 //! Nodes and elements of all levels are numbered through, coarsest level first: a node's number says its level.
 
 mod check;
-mod node_compliance;
 mod parts;
 pub mod patches;
 pub mod stars;
@@ -22,7 +21,6 @@ use crate::ids::{Element, NONE, Node, OrganId, Triangle, Vertex};
 use crate::math::{Real, Vec3};
 use crate::visited::Visited;
 use check::check;
-use node_compliance::NodeCompliance;
 use parts::finest_whole;
 use patches::Patches;
 use stars::Stars;
@@ -53,7 +51,6 @@ pub struct Body {
     fixed: Vec<bool>,
     ghosts: Vec<bool>,
     heterogeneous: Vec<bool>,
-    compliance: NodeCompliance,
     mass: Real,
     centre: Vec3,
     vertex_area: Vec<Real>,
@@ -173,7 +170,6 @@ impl Body {
             fixed,
             ghosts,
             heterogeneous,
-            compliance: NodeCompliance::default(),
             mass: parts.levels[finest].node_mass.iter().sum(),
             centre: parts.levels[finest].centre_of_mass(),
             patches: Patches::new(&parts.surface, &vertex_area),
@@ -194,7 +190,6 @@ impl Body {
             parts,
         };
         body.stars = Stars::new(&body);
-        body.compliance = NodeCompliance::new(&body);
         body
     }
 
@@ -484,11 +479,6 @@ impl Body {
     /// elements of the finest whole level are of another density for.
     pub fn mass_moments(&self) -> Moments {
         self.parts.mass_moments()
-    }
-
-    /// How far node `k` gives way along the surface's normal for a newton on node `l` along it, about [m/N].
-    pub fn compliance_between(&self, k: Node, l: Node) -> Real {
-        self.compliance.between(k, l, (self.rest(k) - self.rest(l)).norm())
     }
 
     /// True for ghost nodes: never active, on the border of a level that covers only a region.
