@@ -168,7 +168,7 @@ pub fn claims(out: &Path, progress: Progress) -> Result<Vec<Claim>> {
     let held: Vec<Held> = cases.par_iter().map(|(s, d)| move_and_hold(*s, *d, depth)).collect();
     let core_spacings = [0.009, 0.0064];
     let core: Vec<Real> =
-        core_spacings.par_iter().map(|finest| Ok(felt(&block(*finest)?, &[depth], true)?[0])).collect::<Result<_>>()?;
+        core_spacings.par_iter().map(|finest| Ok(felt(&block(*finest)?, &[depth])?[0])).collect::<Result<_>>()?;
     let mut rows: Vec<Vec<String>> = held
         .iter()
         .map(|h| {
