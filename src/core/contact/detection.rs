@@ -223,7 +223,7 @@ pub fn detect(
                 multiplier: tangential,
                 mean_multiplier: Vec3::zeros(),
             },
-            arm: candidate.place - middle.position,
+            arm: load.touched - middle.position,
             coupling: tool.coupling,
             allowed_for,
             horizon,

@@ -326,8 +326,9 @@ fn still_ahead(on: &Touchable, round: &Round, known: &[PointMemory], first: u32)
     if load <= 0.0 {
         // It has let go, unless the mesh alone would swallow the tool.
         let foot = displayed(on, middle);
-        let core = round.front(&view, [along.dot(&(foot - start)), 0.0])?.core;
-        if ahead.dot(&(foot - round.at.frame.at(core))) > 0.0 {
+        let shadow = along.dot(&round.axis());
+        let part = if shadow > 0.0 { (place(middle) / shadow).clamp(0.0, 1.0) } else { 0.0 };
+        if ahead.dot(&(foot - start - round.axis() * part)) > 0.0 {
             return None;
         }
         return Some(Ahead { triangle, view, load, middle: place(middle), along: 0.0, known: Some(first) });
@@ -400,6 +401,8 @@ impl Samples {
                     _ => self.between(round.samples(), i, j),
                 };
             }
+            // The mesh shows the place above the tool's own. A ball is pushed through its middle all the same, and feels no moment.
+            let met_at = if round.is_ball() { round.start() + sample.load.place } else { sample.place };
             let nu = self.faces[sample.face as usize].nu;
             let point = on.vertices.len() as u32 + sample.triangle.0;
             let moved = n.dot(&(end - start));
@@ -423,8 +426,7 @@ impl Samples {
                     multiplier: Vec3::zeros(),
                     mean_multiplier: Vec3::zeros(),
                 },
-                // The mesh shows the place above the tool's own; as it is pushed through the tool's axis, that makes no moment.
-                arm: round.start() + sample.load.place - middle_pose(tool).position,
+                arm: met_at - middle_pose(tool).position,
                 coupling: tool.coupling,
                 allowed_for: hold.allowed_for,
                 horizon,
