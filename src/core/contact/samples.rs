@@ -313,12 +313,14 @@ fn touched_triangle(on: &Touchable, m: &PointMemory) -> Triangle {
     Triangle(m.point % on.body.points_of_a_part() - on.vertices.len() as u32)
 }
 
-/// Where a face of the last tick is now, whose points are `known` and begin at number `first`: in the direction in which it was pushed.
+/// Where a face of the last tick is now, whose points are `known` and begin at number `first`: about the direction in which it was pushed.
 fn still_ahead(on: &Touchable, round: &Round, known: &[PointMemory], first: u32) -> Option<Ahead> {
     let push: Vec3 = known.iter().map(|m| m.normal * m.multiplier).sum();
     let (middle, load) = (known.get(round.middle())?, push.norm());
     let triangle = touched_triangle(on, middle);
-    let ahead = if load > 0.0 { push / load } else { middle.normal };
+    // The direction and the force are each the other's answer: to go all the way to the last one would overshoot where a tool is deep.
+    let half_way = |push: Vec3| (push + middle.normal).try_normalize(1e-6).unwrap_or(push);
+    let ahead = if load > 0.0 { half_way(push / load) } else { middle.normal };
     let near = if round.is_ball() { known.get(1).map_or(ahead, |m| m.normal) } else { round.axis() };
     let view = View::new(ahead, near);
     let [along, start] = [view.across[0], round.start()];
