@@ -115,6 +115,26 @@ impl Round<'_> {
     }
 }
 
+/// How a tool pressed in the last tick.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Pressed {
+    /// [N].
+    pub(super) force: Real,
+    /// Mean place of that along the first axis of the view, from the start of the tool's axis [m], ...
+    pub(super) middle: Real,
+    /// ... and its variance [m²].
+    pub(super) along: Real,
+    /// Half-width of the patch [m]; none for a new one.
+    pub(super) half_width: Option<Real>,
+}
+
+impl Pressed {
+    /// Not at all, at this place.
+    pub(super) fn not(middle: Real) -> Self {
+        Self { force: 0.0, middle, along: 0.0, half_width: None }
+    }
+}
+
 /// A patch as it is seen: everything within `half_width` of a line along the first axis of the view.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Patch {
@@ -140,12 +160,12 @@ pub(super) struct Cell {
 }
 
 impl Patch {
-    /// Of a force [N] on a half-space that gives way by `compliance` [m²/N], whose places lie around `middle` [m] along the axis with
-    /// the variance `along` [m²].
+    /// Where a tool that `pressed` a half-space presses it now, which gives way by `compliance` [m²/N].
     ///
     /// What the force lies on is the convolution of a straight part of length `s` and the disc of half-width `b`: `along = s²/12 + b²/5`
     /// of Hertz's pressures. `16/(3π) b³ + s b² = 4 k F R` is Hertz's disc for `s = 0` and his strip for a long one.
-    pub(super) fn of(round: &Round, view: &View, compliance: Real, force: Real, middle: Real, along: Real) -> Self {
+    pub(super) fn of(round: &Round, view: &View, compliance: Real, pressed: &Pressed) -> Self {
+        let Pressed { force, middle, along, half_width: before } = *pressed;
         let radius = round.radius();
         let load = 4.0 * compliance * force * radius;
         let disc = libm::cbrt(3.0 * PI / 16.0 * load);
@@ -158,7 +178,9 @@ impl Patch {
             })
         };
         let b = if round.is_ball() { disc } else { width(straight(width(straight(disc)))) };
-        let half_width = (WIDER * b).clamp(LEAST_CAP * radius, MOST_CAP * radius);
+        // The force and the width are each the other's answer: to go all the way to the last one would overshoot where a tool is deep.
+        let half_way = before.map_or(WIDER * b, |before| 0.5 * (before + WIDER * b));
+        let half_width = half_way.clamp(LEAST_CAP * radius, MOST_CAP * radius);
         if round.is_ball() {
             return Self { line: [0.0; 2], half_width, grows: false };
         }
@@ -184,6 +206,15 @@ impl Patch {
     /// Sides of the cells of a strip [m].
     pub(super) fn sides(&self) -> [Real; 2] {
         [(self.straight() + 2.0 * self.half_width) / COLUMNS as Real, 2.0 * self.half_width / ROWS as Real]
+    }
+
+    /// Half-width of the patch that has these samples, whose normals are told by number [m].
+    pub(super) fn half_width_of(round: &Round, view: &View, normal: impl Fn(usize) -> Vec3) -> Real {
+        if round.is_ball() {
+            return normal(0).cross(&normal(1)).norm() * (RINGS as Real + 0.3) * round.radius();
+        }
+        let row = |row: usize| view.across[1].dot(&normal(row * COLUMNS + COLUMNS / 2));
+        0.5 * ROWS as Real / (ROWS - 1) as Real * (row(ROWS - 1) - row(0)).abs() * round.radius()
     }
 
     /// Its cell number `i`.

@@ -7,7 +7,7 @@
 
 use super::closing::{Before, Closing, UNNOTICED};
 use super::influence::{Grid, Narrow, variance_of_disc};
-use super::patch::{COLUMNS, Cell, MOST_PATCHES, MOST_SAMPLES, Patch, ROWS, Round};
+use super::patch::{COLUMNS, Cell, MOST_PATCHES, MOST_SAMPLES, Patch, Pressed, ROWS, Round};
 use super::rigid::{Found, Rigid};
 use super::touchable::{Touchable, area_vector};
 use super::view::{View, part_before};
@@ -79,12 +79,7 @@ struct Sample {
 struct Ahead {
     triangle: Triangle,
     view: View,
-    /// [N].
-    load: Real,
-    /// Mean place of that along the first axis of the view, from the start of the tool's axis [m], ...
-    middle: Real,
-    /// ... and its variance [m²].
-    along: Real,
+    pressed: Pressed,
     /// What is remembered of its first sample.
     known: Option<u32>,
 }
@@ -108,7 +103,7 @@ impl Samples {
         self.faces.clear();
         for (i, known) in memory.chunks(round.samples()).enumerate() {
             if let Some(ahead) = still_ahead(on, round, known, (i * round.samples()) as u32) {
-                let foot = round.front(&ahead.view, [ahead.middle, 0.0]);
+                let foot = round.front(&ahead.view, [ahead.pressed.middle, 0.0]);
                 let is_covered =
                     |face: &Face| foot.is_some_and(|f| face.covers(f.arm, f.normal, face.patch.half_width));
                 if !self.faces.iter().any(is_covered) {
@@ -148,7 +143,7 @@ impl Samples {
         }
         let (triangle, normal, place) = nearest.1?;
         let view = View::new(normal, round.axis());
-        Some(Ahead { triangle, view, load: 0.0, middle: view.across[0].dot(&place), along: 0.0, known: None })
+        Some(Ahead { triangle, view, pressed: Pressed::not(view.across[0].dot(&place)), known: None })
     }
 
     /// What the mesh leaves out of the dent of all samples [m] at `place` from the start of the tool's axis [m], along `normal`.
@@ -160,14 +155,14 @@ impl Samples {
     /// Adds a face, and its samples, where something is `ahead`.
     fn look(&mut self, on: &Touchable, round: &Round, before: Before, ahead: &Ahead) {
         let memory = before.memory;
-        let Ahead { triangle, view, load, known, .. } = *ahead;
+        let Ahead { triangle, view, pressed, known } = *ahead;
         let (radius, start, first) = (round.radius(), round.start(), self.found.len());
-        let end = view.walk(on, triangle, start + view.across[0] * ahead.middle);
+        let end = view.walk(on, triangle, start + view.across[0] * pressed.middle);
         let (under, weights) = (end.triangle, end.weights);
         let corners = on.body.triangle(under);
         let material = on.mesh.material_at(on.body, corners[0]);
         let nu = material.poisson_ratio();
-        let patch = |k: Real| Patch::of(round, &view, k, load, ahead.middle, ahead.along);
+        let patch = |k: Real| Patch::of(round, &view, k, &pressed);
         // Large strain makes it wider, and softens what gives way as under a ball.
         let firm = patch(material.half_space());
         let as_ball = 2.0 * firm.half_width / (2.0 * firm.half_width + firm.straight());
@@ -176,7 +171,7 @@ impl Samples {
         let mut patch = patch(compliance);
         let ends = known.into_iter().flat_map(|k| memory[k as usize..].iter().take(round.samples()).enumerate());
         let mut ends = ends.filter(|(i, _)| Patch::is_outermost(*i));
-        patch.grows = !round.is_ball() && (load <= 0.0 || ends.any(|(_, m)| m.multiplier > 0.0));
+        patch.grows = !round.is_ball() && (pressed.force <= 0.0 || ends.any(|(_, m)| m.multiplier > 0.0));
         let (number, mut triangle) = (self.faces.len() as u32, under);
         for i in 0..round.samples() {
             let Cell { at, area, spread, starts_row } = patch.cell(round, i);
@@ -318,7 +313,7 @@ fn still_ahead(on: &Touchable, round: &Round, known: &[PointMemory], first: u32)
     let push: Vec3 = known.iter().map(|m| m.normal * m.multiplier).sum();
     let (middle, load) = (known.get(round.middle())?, push.norm());
     let triangle = touched_triangle(on, middle);
-    // The direction and the force are each the other's answer: to go all the way to the last one would overshoot where a tool is deep.
+    // Half of the way, as the patch's width goes: the direction and the force are each the other's answer, too.
     let half_way = |push: Vec3| (push + middle.normal).try_normalize(1e-6).unwrap_or(push);
     let ahead = if load > 0.0 { half_way(push / load) } else { middle.normal };
     let near = if round.is_ball() { known.get(1).map_or(ahead, |m| m.normal) } else { round.axis() };
@@ -333,10 +328,13 @@ fn still_ahead(on: &Touchable, round: &Round, known: &[PointMemory], first: u32)
         if ahead.dot(&(foot - start - round.axis() * part)) > 0.0 {
             return None;
         }
-        return Some(Ahead { triangle, view, load, middle: place(middle), along: 0.0, known: Some(first) });
+        let pressed = Pressed::not(if round.is_ball() { 0.0 } else { place(middle) });
+        return Some(Ahead { triangle, view, pressed, known: Some(first) });
     }
+    let half_width = Some(Patch::half_width_of(round, &view, |i| known.get(i).map_or(ahead, |m| m.normal)));
     if round.is_ball() {
-        return Some(Ahead { triangle, view, load, middle: 0.0, along: 0.0, known: Some(first) });
+        let pressed = Pressed { force: load, middle: 0.0, along: 0.0, half_width };
+        return Some(Ahead { triangle, view, pressed, known: Some(first) });
     }
     let all: Real = known.iter().map(|m| m.multiplier).sum();
     let mean = |of: &dyn Fn(&PointMemory) -> Real| known.iter().map(|m| m.multiplier * of(m)).sum::<Real>() / all;
@@ -344,7 +342,8 @@ fn still_ahead(on: &Touchable, round: &Round, known: &[PointMemory], first: u32)
     // Each lies on a cell as long as the samples are apart.
     let cell = (place(&known[COLUMNS - 1]) - place(&known[0])) / (COLUMNS - 1) as Real;
     let along = mean(&|m| (place(m) - middle).powi(2)) + cell * cell / 12.0;
-    Some(Ahead { triangle, view, load, middle, along, known: Some(first) })
+    let pressed = Pressed { force: load, middle, along, half_width };
+    Some(Ahead { triangle, view, pressed, known: Some(first) })
 }
 
 impl Face {
