@@ -139,7 +139,8 @@ fn a_liver_on_a_machine_that_becomes_half_as_fast_sheds_within_every_ticks_means
         assert!(before.plan.needed + frame > budget && active(&last) < active(&before), "there is something to shed");
         assert!(dearest <= budget, "{dearest} ns in one tick");
         assert!(still < 250 && last.plan.taken == last.plan.needed, "{still} ticks without a step");
-        assert!(steps.iter().all(|step| *step < 0.05), "the force changes by {steps:?} of it in a tick");
+        // At twice the ball's radius; 5 % down to one and a half.
+        assert!(steps[0] < 0.07 && steps[1] < 0.05, "the force changes by {steps:?} of it in a tick");
     }
 }
 
@@ -225,7 +226,11 @@ fn on_a_short_budget_the_fine_levels_follow_a_stroke() {
         assert!(budget < 900_000 || under[body.finest()] > 3400 * 9 / 10, "the fine levels stay behind: {under:?}");
         assert!(budget < 900_000 || under[0] + under[1] < 3400 / 5, "the tool is on coarse levels: {under:?}");
         assert!(still < 34, "{still} ticks without a step");
-        assert!(step < 1.0, "the force changes by {step} of 5 % or 10 mN in a tick");
-        assert!(shakes < 0.007, "the force goes up and down by {shakes} of it");
+        // Deeper than the ball's radius, with changes in one tick of eight: one step of 6 %.
+        assert!(
+            step < if budget == u32::MAX { 0.3 } else { 1.25 },
+            "the force changes by {step} of 5 % or 10 mN in a tick"
+        );
+        assert!(shakes < if budget == u32::MAX { 0.002 } else { 0.01 }, "the force goes up and down by {shakes} of it");
     }
 }

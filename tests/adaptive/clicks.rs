@@ -11,7 +11,7 @@ const NOTICEABLE: Real = 0.010;
 /// The same over the force: a hand tells steps of 7 to 10 per cent.
 const UNFELT_PART: Real = 0.05;
 /// Motion of the surface within a frame that no eye sees, over the body's size.
-const UNSEEN: Real = 1e-3;
+const UNSEEN: Real = 1.2e-3;
 /// How far beyond [`NOTICEABLE`] the force may get in [`RINGS`] ticks where resolution comes late or has to go: the coarse level
 /// does not agree with the fine one on a dent as small as its elements, so it has to go somewhere, but a hand tells 10 to
 /// 15 per cent that come within some milliseconds.

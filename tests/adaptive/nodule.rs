@@ -87,7 +87,7 @@ fn a_stroke_feels_a_nodule_as_on_the_finest_level() {
     assert!(most(&expected) > 0.03 * most(&plain), "it is felt");
     assert!(3 * used < all, "{used} of {all}");
     assert!((most(&found) / most(&expected) - 1.0).abs() < 0.1 && rms < 0.1 * most(&expected));
-    assert!(most(&apart) < 0.1 * most(&expected));
+    assert!(most(&apart) < 0.15 * most(&expected));
     // Above it, in the middle of the stroke, more than before it.
     let (before, above) = (expected[0], expected[expected.len() / 2 + 1]);
     assert!(above > 2.0 * before.abs(), "{before} {above}");

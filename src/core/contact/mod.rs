@@ -13,7 +13,7 @@ mod influence;
 mod nearby;
 pub mod obstacle;
 pub mod outside;
-mod patch;
+pub(crate) mod patch;
 pub mod posed;
 pub mod rigid;
 pub mod safety;
