@@ -319,7 +319,9 @@ fn still_ahead(on: &Touchable, round: &Round, known: &[PointMemory], first: u32)
     let near = if round.is_ball() { known.get(1).map_or(ahead, |m| m.normal) } else { round.axis() };
     let view = View::new(ahead, near);
     let [along, start] = [view.across[0], round.start()];
-    let place = |m: &PointMemory| along.dot(&(displayed(on, m) - start));
+    // Where on the tool it was: the tool has moved since, about as far as within this tick.
+    let [from, to] = round.moves.map(|frame| frame.at(Vec3::zeros()));
+    let place = |m: &PointMemory| along.dot(&(displayed(on, m) - start + (to - from)));
     if load <= 0.0 {
         // It has let go, unless the mesh alone would swallow the tool.
         let foot = displayed(on, middle);
