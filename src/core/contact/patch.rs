@@ -76,6 +76,17 @@ impl Round<'_> {
         if self.is_ball() { 0 } else { MOST_SAMPLES / 2 }
     }
 
+    /// Which end of the axis is ahead.
+    fn foremost(&self, view: &View) -> Real {
+        if view.ahead.dot(&self.axis()) > 0.0 { 1.0 } else { 0.0 }
+    }
+
+    /// From where to where along the first axis of the view the axis is seen, from its start [m].
+    fn seen(&self, view: &View) -> [Real; 2] {
+        let (axis, shadow) = (self.axis(), view.across[0].dot(&self.axis()));
+        if shadow < STANDING * axis.norm() { [self.foremost(view) * shadow; 2] } else { [0.0, shadow] }
+    }
+
     /// What of it is foremost in this view at the place `x`, `y` from the start of its axis [m]; nothing beside it.
     pub(super) fn front(&self, view: &View, [x, y]: [Real; 2]) -> Option<Foot> {
         let (radius, axis, [u, v]) = (self.radius(), self.axis(), view.across);
@@ -96,7 +107,7 @@ impl Round<'_> {
         let along = axis / length;
         let (rise, flat) = (view.ahead.dot(&along), u.dot(&along));
         if flat < STANDING {
-            return end(if rise > 0.0 { 1.0 } else { 0.0 });
+            return end(self.foremost(view));
         }
         let sin = y / radius;
         let cos = (1.0 - sin * sin).max(0.0).sqrt();
@@ -185,8 +196,9 @@ impl Patch {
             return Self { line: [0.0; 2], half_width, grows: false };
         }
         // Not beyond the tool.
-        let shadow = view.across[0].dot(&round.axis());
-        let (low, high) = (half_width - radius, shadow + radius - half_width);
+        let [from, to] = round.seen(view);
+        let beyond = MOST_CAP * radius - half_width;
+        let (low, high) = (from - beyond, to + beyond);
         // A pressure that is elliptic along the line reaches farther than a constant one.
         let half = (5.0_f64 / 12.0).sqrt() * straight(b);
         let middle = middle.clamp(low, high);
@@ -253,8 +265,8 @@ impl Patch {
     }
 }
 
-/// Cosine of an axis with the plane across the view below which the axis counts as along the view.
-const STANDING: Real = 1e-6;
+/// Cosine of an axis with the plane across the view below which only an end is seen: the side would push sideways.
+const STANDING: Real = 0.3;
 /// Outermost samples over what is touched: just outside of it.
 const WIDER: Real = 1.05;
 /// Over the radius, what is looked at before there is a load: the disc of a depth of 1/500 of the radius.
