@@ -6,7 +6,7 @@
 
 use super::posed::Posed;
 use super::shape::Frame;
-use super::view::View;
+use super::view::{LEAST_FACING, View};
 use crate::math::{Real, Vec3};
 use crate::model::constraint::MOST_POINTS;
 use std::f64::consts::PI;
@@ -84,7 +84,7 @@ impl Round<'_> {
     /// From where to where along the first axis of the view the axis is seen, from its start [m].
     fn seen(&self, view: &View) -> [Real; 2] {
         let (axis, shadow) = (self.axis(), view.across[0].dot(&self.axis()));
-        if shadow < STANDING * axis.norm() { [self.foremost(view) * shadow; 2] } else { [0.0, shadow] }
+        if shadow < LEAST_FACING * axis.norm() { [self.foremost(view) * shadow; 2] } else { [0.0, shadow] }
     }
 
     /// What of it is foremost in this view at the place `x`, `y` from the start of its axis [m]; nothing beside it.
@@ -106,7 +106,7 @@ impl Round<'_> {
         }
         let along = axis / length;
         let (rise, flat) = (view.ahead.dot(&along), u.dot(&along));
-        if flat < STANDING {
+        if flat < LEAST_FACING {
             return end(self.foremost(view));
         }
         let sin = y / radius;
@@ -265,8 +265,6 @@ impl Patch {
     }
 }
 
-/// Cosine of an axis with the plane across the view below which only an end is seen: the side would push sideways.
-const STANDING: Real = 0.3;
 /// Outermost samples over what is touched: just outside of it.
 const WIDER: Real = 1.05;
 /// Over the radius, what is looked at before there is a load: the disc of a depth of 1/500 of the radius.

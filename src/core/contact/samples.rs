@@ -10,7 +10,7 @@ use super::influence::{Grid, Narrow, variance_of_disc};
 use super::patch::{COLUMNS, Cell, MOST_PATCHES, MOST_SAMPLES, Patch, Pressed, ROWS, Round};
 use super::rigid::{Found, Rigid};
 use super::touchable::{Touchable, area_vector};
-use super::view::{View, part_before};
+use super::view::{LEAST_FACING, View, outward, part_before};
 use super::wrench::middle_pose;
 use crate::ids::{Triangle, Vertex};
 use crate::math::{Real, Vec3};
@@ -316,6 +316,9 @@ fn still_ahead(on: &Touchable, round: &Round, known: &[PointMemory], first: u32)
     // Half of the way, as the patch's width goes: the direction and the force are each the other's answer, too.
     let half_way = |push: Vec3| (push + middle.normal).try_normalize(1e-6).unwrap_or(push);
     let ahead = if load > 0.0 { half_way(push / load) } else { middle.normal };
+    // A surface that it sees from the edge tells nothing of where it touches: it goes on looking as before, or straight at it.
+    let inward = -outward(on, triangle).normalize();
+    let ahead = [ahead, middle.normal].into_iter().find(|d| d.dot(&inward) > LEAST_FACING).unwrap_or(inward);
     let near = if round.is_ball() { known.get(1).map_or(ahead, |m| m.normal) } else { round.axis() };
     let view = View::new(ahead, near);
     let [along, start] = [view.across[0], round.start()];

@@ -106,11 +106,13 @@ pub(super) fn part_before(beyond: Real) -> Real {
 }
 
 /// As [`area_vector`], also of what has not been near the tool.
-fn outward(on: &Touchable, t: Triangle) -> Vec3 {
+pub(super) fn outward(on: &Touchable, t: Triangle) -> Vec3 {
     let [a, b, c] = on.body.triangle(t).map(|v| on.mesh.vertex(v));
     (b - a).cross(&(c - a))
 }
 
+/// Cosine between a view and a normal below which what has it is seen from the edge: that of the outermost samples of a ball.
+pub(super) const LEAST_FACING: Real = 0.312;
 /// Triangles that are walked over at most from one sample to the next.
 const MOST_STEPS: usize = 64;
 /// Barycentric weight below zero that counts as zero.
