@@ -89,7 +89,7 @@ pub fn cube(stiffness: Real) -> Result<Arc<Body>> {
 }
 
 /// Young's modulus [Pa] that gives the cube a newton per metre: the force is proportional to it at a given depth.
-const MODULUS_FOR: Real = 173.6;
+const MODULUS_FOR: Real = 135.3;
 
 /// Of a simulation of a cube under `tools` balls.
 pub fn settings(tools: usize) -> Settings {
