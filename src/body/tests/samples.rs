@@ -1,6 +1,7 @@
 //! Touch by samples: a ball on blocks, against answers for the continuum.
 
 use palpate_body::prepare::{self, Elements, Recipe, Region, prepare};
+use palpate_core::adaptation::Adaptivity;
 use palpate_core::contact::safety::ForceLimits;
 use palpate_core::contact::shape::Part;
 use palpate_core::contact::tool::{Coupling, Following, PoseSample, Shape, Tool, ToolEvent};
@@ -13,11 +14,15 @@ use std::sync::Arc;
 const SIZE: Vec3 = Vec3::new(0.2, 0.2, 0.1);
 
 fn block(spacing: Real, elements: Elements, nu: Real, young: Real, cells: u32) -> Arc<Body> {
+    block_of(vec![spacing], elements, Material::from_young(young, nu, 1000.0), cells)
+}
+
+fn block_of(spacings: Vec<Real>, elements: Elements, material: Material, cells: u32) -> Arc<Body> {
     let floor = Bounds::new(Vec3::zeros(), Vec3::new(SIZE.x, SIZE.y, 0.0));
     let recipe = Recipe {
         name: "block".into(),
-        shape: prepare::Shape::closed(box_surface(SIZE, [2 * cells, 2 * cells, cells]), vec![spacing]),
-        material: Material::from_young(young, nu, 1000.0),
+        shape: prepare::Shape::closed(box_surface(SIZE, [2 * cells, 2 * cells, cells]), spacings),
+        material,
         inclusions: vec![],
         holds: vec![Region { bounds: floor, stiffness: None, exact: false }],
         elements,
@@ -31,7 +36,20 @@ fn with_ball(body: &Arc<Body>, radius: Real, level: usize) -> Simulation {
 }
 
 fn with_tool(body: &Arc<Body>, shape: Shape, friction: Real, level: usize) -> Simulation {
-    let settings = Settings {
+    let mut simulation =
+        Simulation::new(body.clone(), settings(body, shape, friction), Snapshot::at_rest(body, level, 1)).unwrap();
+    attach(&mut simulation, Coupling::RIGID);
+    simulation
+}
+
+fn attach(simulation: &mut Simulation, coupling: Coupling) {
+    let mut inputs = Inputs::default();
+    inputs.tools[0] = Some(ToolEvent::Attach { epoch: 1, period_ticks: 1, coupling });
+    simulation.advance(&inputs);
+}
+
+fn settings(body: &Body, shape: Shape, friction: Real) -> Settings {
+    Settings {
         gravity: Vec3::zeros(),
         tools: vec![Tool { name: "tool".into(), shape, friction }],
         obstacles: vec![],
@@ -39,12 +57,7 @@ fn with_tool(body: &Arc<Body>, shape: Shape, friction: Real, level: usize) -> Si
         limits: ForceLimits { force: 1e6, torque: 1e6, slew: 1e9 },
         adaptivity: None,
         most_elements: body.element_count(),
-    };
-    let mut simulation = Simulation::new(body.clone(), settings, Snapshot::at_rest(body, level, 1)).unwrap();
-    let mut inputs = Inputs::default();
-    inputs.tools[0] = Some(ToolEvent::Attach { epoch: 1, period_ticks: 1, coupling: Coupling::RIGID });
-    simulation.advance(&inputs);
-    simulation
+    }
 }
 
 fn hold(simulation: &mut Simulation, sequence: u32, position: Vec3) -> Vec3 {
@@ -210,5 +223,44 @@ fn a_capsule_and_flat_ends_are_pushed_back_alike_by_covers_of_any_size() {
                 (of.iter().copied().fold(Real::INFINITY, Real::min), of.iter().copied().fold(0.0, Real::max));
             assert!(low > 0.0 && high / low - 1.0 < most);
         }
+    }
+}
+
+/// With friction, on the spring of a virtual coupling, while levels of either kind of elements come and go under it.
+#[test]
+fn a_rough_ball_on_a_spring_slides_by_coulombs_law_and_goes_on_from_a_snapshot() {
+    let (radius, friction, compliance) = (0.01, 0.4, 4e-4);
+    for elements in [Elements::Tetrahedra, Elements::Smoothed] {
+        let body = block_of(vec![0.036, 0.02, 0.0125], elements, Material::from_young(1e4, 0.45, 1000.0), 20);
+        let adaptive = || {
+            let adaptivity = Some(Adaptivity::default());
+            Settings { adaptivity, ..settings(&body, Shape::ball(radius), friction) }
+        };
+        let mut simulation = Simulation::new(body.clone(), adaptive(), Snapshot::at_rest(&body, 0, 1)).unwrap();
+        attach(&mut simulation, Coupling { compliance, ..Coupling::RIGID });
+        let place = |tick: u32| {
+            let depth = 0.003 * (Real::from(tick) / 200.0).min(1.0) - 1e-3;
+            let way = 5e-5 * Real::from(tick.saturating_sub(250));
+            Vec3::new(0.09 + way, 0.097, SIZE.z + radius - depth)
+        };
+        let (mut changes, mut ratios, mut copy) = (0, [Real::INFINITY, 0.0], None);
+        for tick in 0..700 {
+            let force = hold(&mut simulation, tick + 1, place(tick));
+            changes += simulation.outputs().adapted.splits + simulation.outputs().adapted.merges;
+            let tool = simulation.outputs().tools[0].state;
+            assert!((tool.pose.position - tool.device.position - force * compliance).norm() < 1e-12);
+            // From where a spring of that softness has been pulled until the ball slips.
+            if tick > 400 {
+                let ratio = force.xy().norm() / force.z;
+                ratios = [ratios[0].min(ratio), ratios[1].max(ratio)];
+            }
+            if tick % 150 == 100 {
+                copy = Some(Simulation::new(body.clone(), adaptive(), simulation.snapshot()).unwrap());
+            } else if let Some(copy) = &mut copy {
+                assert_eq!(hold(copy, tick + 1, place(tick)), force, "{elements:?}, tick {tick}");
+            }
+        }
+        println!("{elements:?}: {changes} changes, tangential force {ratios:.4?} of the normal one");
+        assert!(changes > 20 && ratios[0] > 0.97 * friction && ratios[1] < 1.03 * friction);
     }
 }

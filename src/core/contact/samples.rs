@@ -317,7 +317,7 @@ fn still_ahead(on: &Touchable, round: &Round, known: &[PointMemory], first: u32)
     let half_way = |push: Vec3| (push + middle.normal).try_normalize(1e-6).unwrap_or(push);
     let ahead = if load > 0.0 { half_way(push / load) } else { middle.normal };
     // A surface that it sees from the edge tells nothing of where it touches: it goes on looking as before, or straight at it.
-    let inward = -outward(on, triangle).normalize();
+    let inward = (-outward(on, triangle)).try_normalize(0.0).unwrap_or(ahead);
     let ahead = [ahead, middle.normal].into_iter().find(|d| d.dot(&inward) > LEAST_FACING).unwrap_or(inward);
     let near = if round.is_ball() { known.get(1).map_or(ahead, |m| m.normal) } else { round.axis() };
     let view = View::new(ahead, near);

@@ -1,7 +1,7 @@
 //! The contact solve of one sub-step: projected Gauss–Seidel on end-of-step positions, warm-started.
 //!
-//! For each point: `r = n·(Σ b_i (x_i + h v_i)) + d − (offset + rate·t)`, `d` the dent of `s = Σ_j G_j λ_j`, which gets
-//! firmer as it grows; `λ ← max(0, λ − r / (Δt h Σ b_i²/m_i + G ∂d/∂s))`, `h` the sub-step Δt or a longer
+//! For each point: `r = n·(Σ b_i (x_i + h v_i)) + d − (offset + rate·t)`, `d = Σ_j G_j λ_j` the dent;
+//! `λ ← max(0, λ − r / (Δt h Σ b_i²/m_i + G))`, `h` the sub-step Δt or a longer
 //! [horizon](Constraint::horizon), and the change of λ at once acts on the velocities
 //! and on the other points' dents. The gap is closed as a whole: scaling it (Baumgarte) would make the force too small,
 //! because G turns gap into force. Where there is friction, the tangential multiplier follows the same way, and is then cut
