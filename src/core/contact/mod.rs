@@ -13,7 +13,7 @@ mod influence;
 mod nearby;
 pub mod obstacle;
 pub mod outside;
-pub(crate) mod patch;
+mod patch;
 pub mod posed;
 pub mod rigid;
 pub mod safety;

@@ -19,7 +19,7 @@ const IN_A_DISC: usize = 1 + 3 * RINGS * (RINGS + 1);
 pub(super) const COLUMNS: usize = 7;
 pub(super) const ROWS: usize = 3;
 /// Samples of a patch at most.
-pub(crate) const MOST_SAMPLES: usize = COLUMNS * ROWS;
+pub(super) const MOST_SAMPLES: usize = COLUMNS * ROWS;
 /// Most patches of one part: in a corner it touches three faces.
 pub(super) const MOST_PATCHES: usize = MOST_POINTS / MOST_SAMPLES;
 

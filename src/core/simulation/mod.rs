@@ -26,7 +26,6 @@ use crate::contact::friction::{self, Solved};
 use crate::contact::ground::{self, Ground};
 use crate::contact::obstacle::{Form, MOST_OBSTACLES, Obstacle};
 use crate::contact::outside::is_outside;
-use crate::contact::patch::MOST_SAMPLES;
 use crate::contact::rigid::{Found, Rigid};
 use crate::contact::safety;
 use crate::contact::shape::{MOST_PARTS, Part as ShapePart};
@@ -310,8 +309,7 @@ impl Simulation {
                     }
                 }
             }
-            // One that touches may meet another wall.
-            let (contact, points) = self.contact_time(0, MOST_SAMPLES as u32);
+            let (contact, points) = self.contact_time(0);
             let near = !self.focus.is_empty();
             let tools = self.points.iter().flatten().map(|p| p.point);
             let obstacles = self.obstacle_points.iter().flatten().map(|p| p.point);
@@ -322,7 +320,7 @@ impl Simulation {
                 contact,
                 points,
                 class,
-                expected: if near { self.contact_time(adaptation::EXPECTED_CONTACTS, 0).0 } else { 0 },
+                expected: if near { self.contact_time(adaptation::EXPECTED_CONTACTS).0 } else { 0 },
                 frame: ticks.is_multiple_of(TICKS_PER_FRAME / 2),
                 moves: self.frozen >= MOST_FROZEN,
             };
@@ -343,18 +341,16 @@ impl Simulation {
         laps.lap(Part::Fixed, 0);
     }
 
-    /// Time that finding contacts takes [ns] with as many points as in the last tick, but at least `least` in all, and `more` for each
-    /// tool that touches and has room for them; and how many points these are.
-    fn contact_time(&self, least: u32, more: u32) -> (u32, u32) {
+    /// Time that finding contacts takes [ns] with as many points as in the last tick, but at least `least` in all, and how
+    /// many points these are.
+    fn contact_time(&self, least: u32) -> (u32, u32) {
         let (mut time, mut points) = (0u32, 0);
         for ((tool, memory), of) in self.tools.iter().zip(&self.points).zip(&self.settings.tools) {
             if tool.phase == Phase::Detached {
                 continue;
             }
             let solid = of.shape.parts().iter().any(ShapePart::is_solid);
-            let own = memory.len() as u32;
-            let has_room = own > 0 && own + more <= MOST_POINTS as u32;
-            let own = (own + if has_room { more } else { 0 }).max(least.saturating_sub(points));
+            let own = (memory.len() as u32).max(least.saturating_sub(points));
             time = time.saturating_add(work::of_contact(&self.prices, own, solid));
             points += own;
         }
@@ -439,7 +435,7 @@ impl Simulation {
         let contact = self.mesh.contact_class(&self.body, tools, obstacles);
         let solves = (self.constraints.len() as u32) << contact;
         let motion = work::of_motion(&self.body, &self.mesh, &self.prices, solves);
-        let needed = motion.saturating_add(self.contact_time(0, 0).0);
+        let needed = motion.saturating_add(self.contact_time(0).0);
         let whole = needed.saturating_add(rest).saturating_add(self.outputs.adapted.work);
         // What a change of resolution takes is less well known than the rest.
         let most = if self.outputs.adapted.work > 0 { budget.change } else { budget.limit };
