@@ -166,10 +166,8 @@ fn a_small_body_is_refined_as_far_as_a_large_one() {
 fn unsettled(press: &Simulation, budget: u32) -> Vec<Node> {
     let (mesh, points) = (press.mesh(), &press.snapshot().points[0]);
     let pressed: Real = points.iter().map(|p| p.multiplier).sum();
-    let points = points.len() as u32;
-    let prices = Prices::COMMON;
-    let load = work::of_motion(press.body(), mesh, &prices, points) + work::of_contact(&prices, points, false);
-    let sheds = pressed <= 0.0 || load.saturating_add(work::of_rest(&prices, true)) > budget;
+    let needed = press.outputs().plan.needed.saturating_add(work::of_rest(&Prices::COMMON, true));
+    let sheds = pressed <= 0.0 || needed > budget;
     let unsettled = mesh.active().iter().filter(|s| !sheds && mesh.residual(**s).norm() > 0.02 * pressed);
     unsettled.map(|s| mesh.node(*s)).collect()
 }
