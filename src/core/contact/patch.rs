@@ -10,6 +10,7 @@ use super::view::{LEAST_FACING, View};
 use crate::math::{Real, Vec3};
 use crate::model::constraint::MOST_POINTS;
 use std::f64::consts::PI;
+use std::ops::Range;
 
 /// Rings of samples around the middle one of a disc; ring `k` has `6k`, so that all stand for about the same area.
 const RINGS: usize = 2;
@@ -69,6 +70,11 @@ impl Round<'_> {
     /// Samples of each of its patches.
     pub(super) fn samples(&self) -> usize {
         if self.is_ball() { IN_A_DISC } else { MOST_SAMPLES }
+    }
+
+    /// Those of them that are on the line.
+    pub(super) fn on_line(&self) -> Range<usize> {
+        if self.is_ball() { 0..1 } else { COLUMNS * (ROWS / 2)..COLUMNS * (ROWS / 2 + 1) }
     }
 
     /// Which one of them is in the middle.

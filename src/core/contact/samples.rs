@@ -214,12 +214,14 @@ impl Samples {
         self.hang(on, first, before, (support(on) * spacing).min(cap));
         let shown = shown_variance(on, corners[0], spacing);
         self.found[first..].iter_mut().for_each(|sample| sample.load.shown = shown);
-        // Of the mesh, which does not show the dent, the tool overlaps more than its patch.
-        let middle = &self.found[first + round.middle()];
-        let [from, to] = round.moves.map(|frame| frame.at(middle.core));
+        // Of the mesh, which does not show the dent, the tool overlaps more than its patch: the most where the mesh is dented the least.
         let along = |v: Vec3| view.ahead.dot(&v);
-        let depth = along(middle.displayed - round.at.frame.at(middle.core)) - along(to - from).abs();
-        let reach = patch.half_width.max((radius * radius - depth.clamp(0.0, radius).powi(2)).sqrt());
+        let depth = |sample: &Sample| {
+            let [from, to] = round.moves.map(|frame| frame.at(sample.core));
+            along(sample.displayed - round.at.frame.at(sample.core)) - along(to - from).abs()
+        };
+        let depth = self.found[first..][round.on_line()].iter().map(depth).fold(radius, Real::min);
+        let reach = patch.half_width.max((radius * radius - depth.max(0.0).powi(2)).sqrt());
         let grid = |shown| (!round.is_ball()).then(|| Grid::new(patch.sides(), shown));
         let was = known.filter(|_| before.changed).map(|k| memory[k as usize].shown).filter(|was| *was != shown);
         let (grid, was) = (grid(shown), was.map(|was| (was, grid(was))));
