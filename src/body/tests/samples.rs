@@ -261,6 +261,7 @@ fn a_rough_ball_on_a_spring_slides_by_coulombs_law_and_goes_on_from_a_snapshot()
             }
         }
         println!("{elements:?}: {changes} changes, tangential force {ratios:.4?} of the normal one");
-        assert!(changes > 20 && ratios[0] > 0.97 * friction && ratios[1] < 1.03 * friction);
+        // It ploughs, too: what it pushes ahead of itself pushes back.
+        assert!(changes > 20 && ratios[0] > 0.99 * friction && ratios[1] < 1.07 * friction);
     }
 }
