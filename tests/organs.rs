@@ -12,6 +12,7 @@ use palpate_core::model::active_set::Change;
 use palpate_core::model::element_kernel::Simd;
 use palpate_core::model::{ActiveMesh, Body, State};
 use palpate_core::simulation::{Budget, Inputs, MOST_FROZEN, Parameter, Simulation};
+use palpate_core::stepping::work::{Part, Prices};
 use std::f64::consts::PI;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -285,8 +286,9 @@ fn both_organs_refine_under_their_tools_and_shed_when_the_budget_is_cut() {
     let mut frozen = 0;
     for tick in 600..1200 {
         let outputs = touched.advance(&Inputs { budget: Budget::of(budget), ..press(&loaded, &[0, 1], tick) });
-        // Only one that has stood still for too long may take more.
-        assert!(!outputs.restored && (outputs.plan.whole <= budget || frozen == MOST_FROZEN));
+        // Only one that has stood still for too long may take more, or one in which a ball meets another wall.
+        let patch = Prices::COMMON.of(Part::Point, 19);
+        assert!(!outputs.restored && (outputs.plan.whole <= budget + patch || frozen == MOST_FROZEN));
         frozen = if outputs.plan.taken == 0 { frozen + 1 } else { 0 };
     }
     let shed = finest(&body, touched.mesh());
