@@ -7,7 +7,7 @@
 
 use super::closing::{Before, Closing, UNNOTICED};
 use super::influence::{Grid, Narrow, variance_of_disc};
-use super::patch::{COLUMNS, Cell, MOST_PATCHES, MOST_SAMPLES, Patch, Pressed, ROWS, Round};
+use super::patch::{COLUMNS, Cell, Foot, MOST_PATCHES, MOST_SAMPLES, Patch, Pressed, ROWS, Round};
 use super::rigid::{Found, Rigid};
 use super::touchable::{Touchable, area_vector};
 use super::view::{LEAST_FACING, View, outward, part_before};
@@ -182,7 +182,9 @@ impl Samples {
             triangle = end.triangle;
             let normal = foot.map_or(view.ahead, |foot| foot.normal);
             let slope = normal.dot(&view.ahead);
-            let area = foot.map_or(0.0, |_| area / slope);
+            // What another patch has samples of already is not touched twice.
+            let is_taken = |foot: &Foot| self.faces.iter().any(|f| f.covers(foot.arm, foot.normal, f.patch.half_width));
+            let area = foot.filter(|foot| !is_taken(foot)).map_or(0.0, |_| area / slope);
             let width = (area / PI).sqrt();
             let beyond = match end.beyond {
                 found if found > 0.0 || width == 0.0 => found,
