@@ -102,6 +102,10 @@ impl Samples {
         self.found.clear();
         self.faces.clear();
         for (i, known) in memory.chunks(round.samples()).enumerate() {
+            // One beside others that does nothing is not looked for again.
+            if !self.faces.is_empty() && known.iter().all(|m| m.multiplier <= 0.0 && m.slack <= 0.0) {
+                continue;
+            }
             if let Some(ahead) = still_ahead(on, round, known, (i * round.samples()) as u32) {
                 let foot = round.front(&ahead.view, [ahead.pressed.middle, 0.0]);
                 let is_covered =
