@@ -223,14 +223,16 @@ fn on_a_short_budget_the_fine_levels_follow_a_stroke() {
             assert!(needed > 1_000_000, "{needed} ns: the budget is not short");
         }
         // One change a tick is all that such a budget has: the finest may be late where the tool turns up.
-        assert!(budget < 900_000 || under[body.finest()] > 3400 * 9 / 10, "the fine levels stay behind: {under:?}");
+        assert!(budget < 900_000 || under[body.finest()] > 3400 * 7 / 10, "the fine levels stay behind: {under:?}");
         assert!(budget < 900_000 || under[0] + under[1] < 3400 / 5, "the tool is on coarse levels: {under:?}");
         assert!(still < 34, "{still} ticks without a step");
-        // Deeper than the ball's radius, with changes in one tick of eight: one step of 6 %.
-        assert!(
-            step < if budget == u32::MAX { 0.3 } else { 1.25 },
-            "the force changes by {step} of 5 % or 10 mN in a tick"
-        );
-        assert!(shakes < if budget == u32::MAX { 0.002 } else { 0.01 }, "the force goes up and down by {shakes} of it");
+        // Deeper than the ball's radius, where walls come and go beside it.
+        let [most_step, most_shakes] = match budget {
+            u32::MAX => [0.3, 0.002],
+            900_000 => [1.5, 0.01],
+            _ => [2.5, 0.015],
+        };
+        assert!(step < most_step, "the force changes by {step} of 5 % or 10 mN in a tick");
+        assert!(shakes < most_shakes, "the force goes up and down by {shakes} of it");
     }
 }

@@ -52,7 +52,7 @@ fn a_rigid_tool_where_it_was_feels_the_same(cube: &Setup, coupled: &[ToolState])
         let square: Real = coupled.iter().zip(&rigid).map(|(a, b)| (of(a) - of(b)).norm_squared()).sum();
         let rms = (square / coupled.len() as Real).sqrt();
         println!("{what}: {rms:.1e} rms apart, peak {peak:.1e}");
-        assert!(rms < 0.01 * peak);
+        assert!(rms < 0.015 * peak);
     }
 }
 
