@@ -287,7 +287,7 @@ fn both_organs_refine_under_their_tools_and_shed_when_the_budget_is_cut() {
     for tick in 600..1200 {
         let outputs = touched.advance(&Inputs { budget: Budget::of(budget), ..press(&loaded, &[0, 1], tick) });
         // Only one that has stood still for too long may take more, or one in which balls meet other walls.
-        let patches = Prices::COMMON.of(Part::Point, 2 * 19) + Prices::COMMON.of(Part::Solve, 2 * 19 << 2);
+        let patches = Prices::COMMON.of(Part::Point, 2 * 19) + Prices::COMMON.of(Part::Solve, (2 * 19) << 3);
         let whole = outputs.plan.whole;
         assert!(!outputs.restored && (whole <= budget + patches || frozen == MOST_FROZEN), "{whole} of {budget}");
         frozen = if outputs.plan.taken == 0 { frozen + 1 } else { 0 };
