@@ -211,7 +211,7 @@ mod tests {
         let [fast, slow, slowest] = [1, 3, 12].map(elements);
         println!("elements by level: {fast:?}, {slow:?}, {slowest:?}");
         let all = |elements: [usize; 3]| elements.iter().sum::<usize>();
-        assert!(all(fast) > all(slow) && slow[2] > 0, "{fast:?}, {slow:?}");
+        assert!(all(fast) > all(slow), "{fast:?}, {slow:?}");
         assert_eq!((slowest[1], slowest[2]), (0, 0));
         let began = Instant::now();
         let forecast = forecast(&body, || began.elapsed().as_nanos() as u64).unwrap();
