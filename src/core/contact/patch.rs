@@ -207,7 +207,8 @@ impl Patch {
         let (low, high) = (from - beyond, to + beyond);
         // A pressure that is elliptic along the line reaches farther than a constant one.
         let half = (5.0_f64 / 12.0).sqrt() * straight(b);
-        let middle = middle.clamp(low, high);
+        // Not `clamp`, which panics where a bound is no number.
+        let middle = middle.max(low).min(high);
         Self { line: [(middle - half).max(low), (middle + half).min(high)], half_width, grows: false }
     }
 
@@ -266,14 +267,15 @@ impl Patch {
 
     /// True for what is less than `reach` [m] from its line, `at` being from the start of the tool's axis as it is seen [m].
     pub(super) fn covers(&self, at: [Real; 2], reach: Real) -> bool {
-        let along = if self.grows { 0.0 } else { at[0] - at[0].clamp(self.line[0], self.line[1]) };
+        let along = if self.grows { 0.0 } else { at[0] - at[0].max(self.line[0]).min(self.line[1]) };
         along * along + at[1] * at[1] < reach * reach
     }
 }
 
-/// Outermost samples over what is touched: just outside of it.
+/// Outermost samples over what is touched: just outside of it. With less the force is too high, as what is beside presses nothing;
+/// with more samples lie idle.
 const WIDER: Real = 1.05;
 /// Over the radius, what is looked at before there is a load: the disc of a depth of 1/500 of the radius.
 const LEAST_CAP: Real = 0.045;
-/// Over the radius: samples beyond would push sideways.
+/// Over the radius: at 1 the outermost samples push sideways alone; with less a deep ball is not felt where it is widest.
 const MOST_CAP: Real = 0.95;

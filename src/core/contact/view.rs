@@ -111,7 +111,8 @@ pub(super) fn outward(on: &Touchable, t: Triangle) -> Vec3 {
     (b - a).cross(&(c - a))
 }
 
-/// Cosine between a view and a normal below which what has it is seen from the edge: that of the outermost samples of a ball.
+/// Cosine between a view and a normal below which what has it is seen from the edge: that of the outermost samples of a ball,
+/// `√(1 − 0.95²)`.
 pub(super) const LEAST_FACING: Real = 0.312;
 /// Triangles that are walked over at most from one sample to the next.
 const MOST_STEPS: usize = 64;

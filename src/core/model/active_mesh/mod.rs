@@ -99,8 +99,7 @@ pub struct ActiveMesh {
     interface: Vec<Slot>,
     free: Vec<Slot>,
     embedded: Vec<Embedding>,
-    /// By display vertex: offset [m] of the displayed from the embedded place, and of the displayed from the level's
-    /// spacing [m]; what a change of resolution leaves, faded to zero.
+    /// By display vertex: offset [m] of the displayed from the embedded place; what a change of resolution leaves, faded to zero.
     pub geomorph: Vec<Padded>,
     morphing: Vec<Vertex>,
     extrapolated: Vec<Vertex>,
