@@ -54,7 +54,7 @@ macro_rules! page {
         /// [`palpate_core::model::active_set`]: palpate_core::model::active_set
         /// [`palpate_core::model::element_kernel`]: palpate_core::model::element_kernel
         /// [`palpate_core::model::body::stars`]: palpate_core::model::body::stars
-        /// [`palpate_core::model::contact_row`]: palpate_core::model::contact_row
+        /// [`palpate_core::model::active_mesh::contact_row`]: palpate_core::model::active_mesh::contact_row
         /// [`palpate_core::model::material`]: palpate_core::model::material
         /// [`palpate_core::stepping`]: palpate_core::stepping
         /// [`palpate_core::stepping::constraint_solve`]: palpate_core::stepping::constraint_solve

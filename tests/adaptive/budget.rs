@@ -85,7 +85,7 @@ fn a_budget_cut_coarsens_and_no_tick_is_lost_or_too_dear() {
     assert!(fewest < before / 2, "resolution gives way");
     assert!(recovered > before * 3 / 4, "and comes back");
     // While what is too much is shed the body stands still and the force keeps its value; that must end soon.
-    assert!(still < 50 && longest <= MOST_FROZEN, "{still} ticks without a step, {longest} in a row");
+    assert!(still < 60 && longest <= MOST_FROZEN, "{still} ticks without a step, {longest} in a row");
     assert!(dearest <= least, "{dearest} ns in one tick");
     // 0.99 N; on the next ticks it goes to what the coarse level feels like.
     assert!(physical < 0.05 * 0.99, "the force changes by {physical} N in a tick");
@@ -137,12 +137,9 @@ fn a_liver_on_a_machine_that_becomes_half_as_fast_sheds_within_every_ticks_means
         // Ticks that end a frame have to fit, too.
         let frame = Prices::COMMON.of(Part::Frame, 1);
         assert!(before.plan.needed + frame > budget && active(&last) < active(&before), "there is something to shed");
-        // A ball that meets another wall has the points of a patch more, which no plan knew of.
-        let patch = Prices::COMMON.of(Part::Point, 19);
-        assert!(dearest <= budget + patch, "{dearest} ns in one tick");
+        assert!(dearest <= budget, "{dearest} ns in one tick");
         assert!(still < 250 && last.plan.taken == last.plan.needed, "{still} ticks without a step");
-        // At twice the ball's radius; 5 % down to one and a half.
-        assert!(steps[0] < 0.07 && steps[1] < 0.05, "the force changes by {steps:?} of it in a tick");
+        assert!(steps.iter().all(|step| *step < 0.05), "the force changes by {steps:?} of it in a tick");
     }
 }
 
@@ -223,11 +220,11 @@ fn on_a_short_budget_the_fine_levels_follow_a_stroke() {
             assert!(needed > 1_000_000, "{needed} ns: the budget is not short");
         }
         // One change a tick is all that such a budget has: the finest may be late where the tool turns up.
-        assert!(budget < 900_000 || under[body.finest()] > 3400 * 7 / 10, "the fine levels stay behind: {under:?}");
+        assert!(budget < 900_000 || under[body.finest()] > 3400 * 11 / 20, "the fine levels stay behind: {under:?}");
         assert!(budget < 900_000 || under[0] + under[1] < 3400 / 5, "the tool is on coarse levels: {under:?}");
         assert!(still < 34, "{still} ticks without a step");
         // Deeper than the ball's radius, where walls come and go beside it.
-        let [most_step, most_shakes] = if budget == u32::MAX { [0.3, 0.002] } else { [1.5, 0.01] };
+        let [most_step, most_shakes] = if budget == u32::MAX { [0.3, 0.002] } else { [1.0, 0.008] };
         assert!(step < most_step, "the force changes by {step} of 5 % or 10 mN in a tick");
         assert!(shakes < most_shakes, "the force goes up and down by {shakes} of it");
     }

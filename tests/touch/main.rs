@@ -22,6 +22,7 @@ use std::sync::Arc;
 mod random;
 use random::{Random, cases, whole};
 
+mod compounds;
 mod continuity;
 mod coupling;
 mod endurance;

@@ -12,6 +12,9 @@ pub(super) struct ChangeBudget {
     several: u32,
     /// Whether their out-of-balance forces decay as residuals.
     residuals: bool,
+    /// Whether loads near the changes are to be weighed exactly, and what of the units that takes.
+    pub(super) weighs: bool,
+    weighed: u32,
     taken: u32,
     refused: u32,
     /// Changes that take more than there is, after which no others are looked at.
@@ -22,13 +25,14 @@ pub(super) struct ChangeBudget {
 
 impl ChangeBudget {
     pub(super) fn new([one, several]: [u32; 2], residuals: bool, most_refused: u32) -> Self {
-        Self { one, several, residuals, taken: 0, refused: 0, most_refused, cheapest: None }
+        Self { one, several, residuals, weighs: false, weighed: 0, taken: 0, refused: 0, most_refused, cheapest: None }
     }
 
     /// True where it is enough for `change`, too, which adds as much as `more` change units to the tick. Changes side by side take together what
     /// each takes alone, or less, but for the few elements that none of them alone takes out.
     pub(super) fn takes(&mut self, body: &Body, mesh: &mut ActiveMesh, change: Change, more: u32) -> bool {
-        let units = self.alone(body, mesh, change) + more;
+        let weighing = if self.weighs { work::weighing_units(mesh.loads_near(body, &[change])) } else { 0 };
+        let units = self.alone(body, mesh, change) + weighing + more;
         let (total, most) = match self.taken {
             0 => (units, self.one),
             taken => (taken + units - work::empty_batch_units(mesh), self.several),
@@ -38,6 +42,7 @@ impl ChangeBudget {
             self.cheapest = Some((units, change));
         }
         *(if enough { &mut self.taken } else { &mut self.refused }) = if enough { total } else { self.refused + 1 };
+        self.weighed += if enough { weighing } else { 0 };
         enough
     }
 
@@ -52,6 +57,11 @@ impl ChangeBudget {
         let enough = self.alone(body, mesh, change) + room <= self.one;
         self.refused += u32::from(!enough);
         enough
+    }
+
+    /// Change units that are left beside what has been taken, but for weighing loads.
+    pub(super) fn spare(&self) -> u32 {
+        (self.one + self.weighed).saturating_sub(self.taken)
     }
 
     /// True where it is of no use to ask for more.

@@ -204,6 +204,7 @@ pub fn adapt(
     // Under a tool, the out-of-balance force of a change decays as a residual.
     let pressed: Real = loads.all_points().map(|p| p.multiplier).sum();
     let residuals = pressed > 0.0;
+    let mut spare;
     // Ticks that end a frame have to fit, too; there nothing is changed.
     let frame = work::of_frame(allowance.prices);
     let sheds =
@@ -214,6 +215,9 @@ pub fn adapt(
         if sheds { !allowance.frame || held.saturating_add(frame) > limit } else { ticks % LOOK_TICKS == FIRST_LOOK };
     if !looks {
         return Adapted::default();
+    }
+    if residuals {
+        mesh.note_loads(body, loads);
     }
     let settled = if residuals && !must { UNSETTLED * pressed } else { Real::INFINITY };
     let priorities = Priorities { body, adaptivity, focus, settled, prices: allowance.prices };
@@ -232,7 +236,11 @@ pub fn adapt(
             residuals,
             excess: load.saturating_sub(full),
         };
-        shedding::plan(&priorities, mesh, left, ticks, work);
+        // A look after which there is no time for any change is none.
+        if left.beside == 0 && left.standing.is_none_or(|units| units == 0) && !left.moves {
+            return Adapted::default();
+        }
+        spare = shedding::plan(&priorities, mesh, left, ticks, work);
         None
     } else {
         // Nothing is refined that could not be merged again beside the contacts that are expected: that takes as long.
@@ -247,6 +255,7 @@ pub fn adapt(
         }
         let room = [full, sixteenths(full, STRAIN_FILLED)].map(|filled| filled.saturating_sub(load));
         let short = plan_splits(&priorities, mesh, &mut budget_left, room, work);
+        spare = budget_left.spare();
         Some((short, budget_left)).filter(|_| work.changes.is_empty())
     };
     if let Some((short, mut budget_left)) = short {
@@ -259,14 +268,21 @@ pub fn adapt(
         let some = slice(mesh.active(), ticks / (2 * LOOK_TICKS) % INDICATOR_LOOKS, INDICATOR_LOOKS);
         priorities.merge_candidates(mesh, some.iter(), limit, &mut work.merge_candidates);
         plan_merges(&priorities, mesh, &mut budget_left, Saving { excess: short, below: adaptivity.merge }, work);
+        spare = budget_left.spare();
     }
     laps.lap(Part::Look, looked);
+    let mut weighed = 0;
     let cost = match work.changes.as_slice() {
         [] => return Adapted { looked, ..Adapted::default() },
-        changes if residuals => mesh.apply_under(body, changes, loads),
+        changes if residuals => {
+            // The loads are weighed exactly where there is time left for it.
+            weighed = work::weighing_units(mesh.loads_near(body, changes));
+            weighed = if weighed <= spare { weighed } else { 0 };
+            mesh.apply_under(body, changes, loads, weighed > 0)
+        }
         changes => mesh.apply(body, changes),
     };
-    let units = work::change_units(mesh, &cost);
+    let units = work::change_units(mesh, &cost) + weighed;
     laps.lap(Part::Change, units);
     Adapted { looked, ..Adapted::of(&work.changes, units, allowance.prices) }
 }

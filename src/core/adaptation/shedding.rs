@@ -39,22 +39,37 @@ pub(super) struct Left {
 
 /// Plans merges that save the excess, as many as fit beside the motion, or else as many as fit a tick in which
 /// the body stands still. A tick that moves whatever it takes makes the cheapest where none fits either.
-pub(super) fn plan(priorities: &Priorities, mesh: &mut ActiveMesh, left: Left, ticks: u64, work: &mut Workspace) {
+///
+/// Change units that are left beside the merges: enough to weigh the loads near them, where merges fit beside that.
+pub(super) fn plan(
+    priorities: &Priorities,
+    mesh: &mut ActiveMesh,
+    left: Left,
+    ticks: u64,
+    work: &mut Workspace,
+) -> u32 {
     let parts = mesh.active().len().div_ceil(LOOKED_AT);
     let some = mesh.active().iter().skip(ticks as usize % parts).step_by(parts);
     priorities.merge_candidates(mesh, some, Real::INFINITY, &mut work.merge_candidates);
-    let mut plan = |units: u32, work: &mut Workspace| {
+    let mut with = |units: u32, weighs: bool, work: &mut Workspace| {
         let mut budget_left = ChangeBudget::new([units, units], left.residuals, MOST_REFUSED);
+        budget_left.weighs = weighs;
         plan_merges(priorities, mesh, &mut budget_left, Saving { excess: left.excess, below: 0.0 }, work);
-        budget_left.cheapest
+        (budget_left.spare(), budget_left.cheapest)
     };
-    plan(left.beside, work);
-    let Some(standing) = left.standing.filter(|_| work.changes.is_empty()) else { return };
-    let cheapest = plan(standing, work);
+    let mut plan = |units: u32, work: &mut Workspace| {
+        let exact = with(units, left.residuals, work);
+        if work.changes.is_empty() && left.residuals { with(units, false, work) } else { exact }
+    };
+    let (spare, _) = plan(left.beside, work);
+    let Some(standing) = left.standing.filter(|_| work.changes.is_empty()) else { return spare };
+    let (spare, cheapest) = plan(standing, work);
     if left.moves {
         // What fits a tick that stands still waits for the next.
         let fits = !work.changes.is_empty();
         work.changes.clear();
         work.changes.extend(cheapest.filter(|_| !fits).map(|(_, change)| change));
+        return 0;
     }
+    spare
 }

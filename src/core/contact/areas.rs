@@ -2,7 +2,6 @@
 
 use super::candidate::{Candidate, Sheet};
 use super::posed::Posed;
-use super::tool::MOST_POINTS;
 use super::touchable::Touchable;
 use crate::math::Real;
 use crate::model::constraint::PointMemory;
@@ -36,13 +35,13 @@ pub(super) fn share_areas(on: &Touchable, parts: &[Posed], candidates: &mut Vec<
 /// Of the points of the last tick, those up to this far apart [m] count as touching where not all can be kept.
 const LET_GO: Real = 2e-4;
 
-/// Leaves no more points than the solver may take, in the order of their numbers: of those that touch some that are spread
+/// Leaves no more points than `most`, in the order of their numbers: of those that touch some that are spread
 /// over all that is touched, then the nearest of the others. Those of the last tick come first, so that a wide tool's points
 /// do not take turns, then vertices before triangles and the deepest first, ties to the smaller number. What is left out
-/// leaves its area to the nearest that is kept, so that the surface is as stiff as before; on a solid tool that one has the
+/// leaves its area to the nearest that is kept, so that the surface is as stiff as before; that one has the
 /// mean normal of all that it stands for, or a rim would push to the side where more of its points are left.
-pub(super) fn thin_out(on: &Touchable, parts: &[Posed], candidates: &mut Vec<Candidate>, memory: &[PointMemory]) {
-    if candidates.len() <= MOST_POINTS {
+pub(super) fn thin_out(on: &Touchable, candidates: &mut Vec<Candidate>, memory: &[PointMemory], most: usize) {
+    if candidates.len() <= most {
         return;
     }
     let (vertices, per_part) = (on.vertices.len() as u32, on.body.points_of_a_part());
@@ -53,27 +52,27 @@ pub(super) fn thin_out(on: &Touchable, parts: &[Posed], candidates: &mut Vec<Can
     }
     candidates.sort_unstable_by(|a, b| a.last.cmp(&b.last).then(a.gap.total_cmp(&b.gap)).then(a.point.cmp(&b.point)));
     let touching = candidates.partition_point(|c| !c.last.0);
-    if touching > MOST_POINTS {
-        spread_out(&mut candidates[..touching]);
-        let (kept, others) = candidates[..touching].split_at_mut(MOST_POINTS);
+    if touching > most {
+        spread_out(&mut candidates[..touching], most);
+        let (kept, others) = candidates[..touching].split_at_mut(most);
         for other in others {
             let nearest = kept.iter_mut().min_by(|a, b| a.away(other).total_cmp(&b.away(other)));
             if let Some(nearest) = nearest.filter(|c| c.away(other) < Real::INFINITY) {
-                nearest.stand_for(other, parts[other.part as usize].is_solid());
+                nearest.stand_for(other);
             }
         }
     }
-    candidates.truncate(MOST_POINTS);
+    candidates.truncate(most);
     candidates.sort_unstable_by_key(|c| c.point);
 }
 
-/// Brings to the front of the `candidates` at most as many as the solver may take, none near another.
-fn spread_out(candidates: &mut [Candidate]) {
+/// Brings to the front of the `candidates` at most that `most`, none near another.
+fn spread_out(candidates: &mut [Candidate], most: usize) {
     let touched: Real = candidates.iter().map(|c| c.area).sum();
-    let mut spread = SPREAD * touched / MOST_POINTS as Real;
+    let mut spread = SPREAD * touched / most.max(1) as Real;
     for _ in 0..MOST_TURNS {
         let (mut kept, mut i) = (0, 0);
-        while i < candidates.len() && kept <= MOST_POINTS {
+        while i < candidates.len() && kept <= most {
             let (before, rest) = candidates.split_at(i);
             let near = if rest[0].last.1 { spread } else { STAYS * spread };
             if !before[..kept].iter().any(|c| c.away(&rest[0]) < near) {
@@ -82,7 +81,7 @@ fn spread_out(candidates: &mut [Candidate]) {
             }
             i += 1;
         }
-        if kept <= MOST_POINTS {
+        if kept <= most {
             return;
         }
         spread *= WIDER;

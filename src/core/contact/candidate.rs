@@ -4,7 +4,6 @@
 //! as before: what is remembered of each point tells the two apart, and where a thin tip slides on below the next
 //! triangle, it is followed.
 
-use super::outside::is_inside;
 use super::posed::Posed;
 use super::shape::MOST_PARTS;
 use super::touchable::{FASTEST_SURFACE, Touchable, area_vector, weights_in_triangle};
@@ -83,13 +82,9 @@ impl Candidate {
         if alike { (self.place - other.place).norm_squared() + turned.norm_squared() } else { Real::INFINITY }
     }
 
-    /// Takes the area of `other`, which is left out, and where a tool `has_rims` the mean of both normals: what is round is
-    /// felt through its middle only with its own.
-    pub(super) fn stand_for(&mut self, other: &Candidate, has_rims: bool) {
+    /// Takes the area of `other`, which is left out, and the mean of both normals.
+    pub(super) fn stand_for(&mut self, other: &Candidate) {
         self.taken += other.area;
-        if !has_rims {
-            return;
-        }
         let part = other.area / (self.area + self.taken).max(Real::MIN_POSITIVE);
         self.normal = (self.normal + (other.normal - self.normal) * part).normalize();
     }
@@ -204,7 +199,7 @@ impl Touch<'_> {
         let behind = turned && is_behind(on, from, stencil_of(&stencil));
         // What a solid core passes gets inside of it first, unless it is thin and fast; what is beside its wall has not been.
         let leaps = FASTEST_SURFACE * TICK + self.ways[part] > at.part.half_thickness();
-        let passed = |m: &PointMemory| !at.is_solid() || leaps && m.normal.dot(&normal) < -ALIKE;
+        let passed = |m: &PointMemory| leaps && m.normal.dot(&normal) < -ALIKE;
         let sheet = match known {
             Some(m) if behind && m.normal.dot(&outward) < 0.0 && passed(m) => Sheet::Sunk,
             // A thin tip that slides fast turns its normal, and so does one that is through an edge.
@@ -217,7 +212,7 @@ impl Touch<'_> {
         let front = matches!(sheet, Sheet::Front | Sheet::Turned);
         // A point that pushes does not turn at once, as long as that does not draw it into the core.
         let follows = |m: &PointMemory| towards(m.normal, normal, self.noticeable / m.multiplier).try_normalize(0.1);
-        let bit_by_bit = known.filter(|_| front && at.is_solid()).and_then(follows).filter(|n| n.dot(&away) > -radius);
+        let bit_by_bit = known.filter(|_| front).and_then(follows).filter(|n| n.dot(&away) > -radius);
         let normal = bit_by_bit.unwrap_or(normal);
         let (normal, gap) = if front { (normal, normal.dot(&away) - radius) } else { (-normal, -distance - radius) };
         let side = Side { point, normal, gap, core, sheet };
@@ -239,21 +234,6 @@ fn towards(from: Vec3, to: Vec3, most: Real) -> Vec3 {
     if length > most { from + way * (most / length) } else { to }
 }
 
-impl Touch<'_> {
-    /// How an axis is below a triangle, straight below it, and where on the triangle that is.
-    fn below(&self, part: usize, corners: &[Vec3; 3], outward: Vec3, base: u32) -> Option<(Side, Vec3)> {
-        let at = &self.parts[part];
-        let (place, core, depth) = at.below_triangle(corners, outward)?;
-        if depth > at.part.radius() + self.margin + self.deep {
-            return None;
-        }
-        let point = base + part as u32 * self.per_part;
-        let facing = remembered(self.memory, point).is_some_and(|m| m.normal.dot(&outward) < 0.0);
-        let sheet = if facing { Sheet::Sunk } else { Sheet::Behind };
-        Some((Side { point, normal: -outward.normalize(), gap: -depth - at.part.radius(), core, sheet }, place))
-    }
-}
-
 /// True when `p` is behind all triangles that meet in the place of the `stencil`: inside the body, if it is near.
 fn is_behind(on: &Touchable, p: Vec3, stencil: &[(Vertex, Real)]) -> bool {
     let mut meeting = stencil.iter().filter(|(_, w)| *w > ON_EDGE).map(|s| s.0);
@@ -265,38 +245,13 @@ fn is_behind(on: &Touchable, p: Vec3, stencil: &[(Vertex, Real)]) -> bool {
     })
 }
 
-/// A core that has sunk below the surface somewhere has sunk below the sheets that meet there, too: else a thin tip would
-/// be lost at the next triangle. An axis that is inside the body, although nothing says how it got there, has come through the
-/// sheet that it is the least behind of. Of edges and corners only those nearest to it count.
+/// A core that has sunk below the surface somewhere has sunk below the sheets that meet there, too: else a thin part would
+/// be lost at the next triangle. Of edges and corners only those nearest to it count.
 ///
 /// That holds down to four times the `margin` [m] only: a surface that still clung to a tool deep inside would be turned
 /// inside out by it.
-pub(super) fn follow_sunk(on: &Touchable, parts: &[Posed], margin: Real, candidates: &mut Vec<Candidate>) {
-    let deepest = 4.0 * margin;
-    spread(deepest, candidates);
-    for (part, at) in parts.iter().enumerate() {
-        let own = |c: &Candidate| c.part as usize == part;
-        // What gets inside of a solid core is pushed out anyway.
-        if at.is_solid() || candidates.iter().any(|c| own(c) && c.sheet == Sheet::Sunk) {
-            continue;
-        }
-        let mut nearest = (deepest, None);
-        for c in candidates.iter_mut().filter(|c| own(c)) {
-            let away = (c.place - at.frame.at(c.core)).norm();
-            if away < nearest.0 {
-                nearest = (away, Some(c));
-            }
-        }
-        let (away, Some(c)) = nearest else { continue };
-        let from = at.frame.at(c.core);
-        if away > 1e-9 && faces_away(on, c, from) && is_inside(on.body, |v| on.mesh.vertex(v), from) {
-            if matches!(c.sheet, Sheet::Front | Sheet::Turned) {
-                (c.normal, c.gap) = (-c.normal, -away - at.part.radius());
-            }
-            c.sheet = Sheet::Sunk;
-            spread(deepest, candidates);
-        }
-    }
+pub(super) fn follow_sunk(margin: Real, candidates: &mut Vec<Candidate>) {
+    spread(4.0 * margin, candidates);
     candidates.retain(|c| !matches!(c.sheet, Sheet::Behind | Sheet::Beside) && c.gap <= margin);
     let mut i = 0;
     while i < candidates.len() {
@@ -314,23 +269,6 @@ pub(super) fn follow_sunk(on: &Touchable, parts: &[Posed], margin: Real, candida
             i += 1;
         }
     }
-}
-
-/// True when `from`, to which the candidate is the nearest place, is behind the surface there, as far as the triangles
-/// around the place can tell: the one that faces it the most decides.
-fn faces_away(on: &Touchable, c: &Candidate, from: Vec3) -> bool {
-    let mut meeting = c.stencil().iter().filter(|(_, w)| *w > ON_EDGE).map(|s| s.0);
-    let Some(first) = meeting.next() else { return false };
-    let mut most = 0.0 as Real;
-    for &t in on.body.triangles_around(first) {
-        let outward = area_vector(on, t);
-        let size = outward.norm();
-        if size > 0.0 && meeting.clone().all(|v| on.body.triangle(t).contains(&v)) {
-            let facing = outward.dot(&(from - c.place)) / size;
-            most = if facing.abs() > most.abs() { facing } else { most };
-        }
-    }
-    most < 0.0
 }
 
 /// From sheets that a core has sunk below to those that meet them, which the part's far side is no more than `deepest` [m]
@@ -436,6 +374,9 @@ pub(super) fn near_vertices(on: &Touchable, touch: &Touch, near: &[Vertex], out:
             [at] => Nearest { part: 0, core: at.nearest(place) },
             parts => nearest_part(parts, place),
         };
+        if !touch.parts[nearest.part].is_solid() {
+            continue;
+        }
         let outward: Vec3 = on.body.triangles_around(v).iter().map(|t| area_vector(on, *t)).sum();
         let spot = Spot { place, outward, stencil: [(v, 1.0), (Vertex(0), 0.0), (Vertex(0), 0.0)] };
         if let Some(side) = touch.side(on, nearest, &spot, v.0) {
@@ -465,32 +406,21 @@ pub(super) fn near_triangles(
         let corners = triangle.map(|v| on.vertices[v.index()]);
         let found = out.len();
         for (part, at) in touch.parts.iter().enumerate() {
-            if windows[part].is_apart(&corners) {
+            if !at.is_solid() || windows[part].is_apart(&corners) {
                 continue;
             }
             let outward = area_vector(on, t);
             let known = remembered(touch.memory, first + t.0 + part as u32 * touch.per_part);
-            let below = touch.below(part, &corners, outward, first + t.0).and_then(|(side, place)| {
-                let weights = weights_in_triangle(&corners, place)?;
-                let area = OWN_SHARE * 0.5 * outward.norm();
-                let stencil = std::array::from_fn(|i| (triangle[i], weights[i]));
-                Some(Candidate::new(part, side, &Spot { place, outward, stencil }, area))
-            });
-            if let Some(below) = below.filter(|c| c.sheet == Sheet::Sunk) {
-                put(out, below);
-                continue;
-            }
-            let (place, core) = at.nearest_in_triangle(&corners, known.map_or(-outward, |m| m.normal));
+            let (place, _) = at.nearest_in_triangle(&corners, known.map_or(-outward, |m| m.normal));
             let hops = |m: &PointMemory| towards(place_in(&corners, m.weights), place, touch.ways[part] + MOST_HOP);
-            let place = known.filter(|m| at.is_solid() && m.multiplier > 0.0).map_or(place, hops);
+            let place = known.filter(|m| m.multiplier > 0.0).map_or(place, hops);
             let Some(weights) = weights_in_triangle(&corners, place) else { continue };
             // A corner is a point of its own already.
             if weights.iter().any(|w| *w > 0.999) {
-                below.into_iter().for_each(|c| put(out, c));
                 continue;
             }
             let place = place_in(&corners, weights);
-            let core = core.unwrap_or_else(|| at.nearest(place));
+            let core = at.nearest(place);
             if touch.parts.len() > 1 && nearest_part(touch.parts, place).part != part {
                 continue;
             }
@@ -498,10 +428,7 @@ pub(super) fn near_triangles(
             let spot = Spot { place, outward, stencil };
             let side = touch.side(on, Nearest { part, core }, &spot, first + t.0);
             let area = OWN_SHARE * 0.5 * outward.norm();
-            let side =
-                side.filter(|s| matches!(s.sheet, Sheet::Front | Sheet::Sunk | Sheet::Turned) || below.is_none());
-            let side = side.map(|s| Candidate::new(part, s, &spot, area));
-            side.into_iter().chain(below).for_each(|c| put(out, c));
+            side.into_iter().for_each(|side| put(out, Candidate::new(part, side, &spot, area)));
         }
         if touch.parts.len() > 1 && out.len() > found + 1 {
             let sharing = (out.len() - found) as Real;

@@ -1,6 +1,7 @@
 //! How what is found late is closed: an overlap, and what the surface has been shifted by.
 
 use crate::math::Real;
+use crate::model::active_mesh::RESIDUAL_KEPT;
 use crate::model::constraint::PointMemory;
 
 /// What there was a tick ago.
@@ -34,7 +35,7 @@ impl Closing {
             None => overlap.max(0.0),
         };
         let left = |of: Real, kept: Real| if of.abs() > 1e-7 { of * kept } else { 0.0 };
-        let (slack_end, shift_end) = (left(slack, SLACK_KEPT), left(shift, SHIFT_KEPT));
+        let (slack_end, shift_end) = (left(slack, SLACK_KEPT), left(shift, RESIDUAL_KEPT));
         let fastest = FASTEST_SHIFT.max(SHIFT_LEFT * shift.abs());
         Self { slack, slack_end, shift_end: shift + (shift_end - shift).clamp(-fastest, fastest) }
     }
@@ -43,8 +44,6 @@ impl Closing {
 /// Part of an overlap found late that remains after each tick: 32 of them (a frame) close 99.5 % of it.
 const SLACK_KEPT: Real = 0.85;
 
-/// Part of [`PointMemory::shift`] that remains after each tick: a time constant of 7 ms.
-const SHIFT_KEPT: Real = 0.87;
 /// What it changes by at most [m] within a tick, or this part of it where that is more: many changes in a row leave more than
 /// one.
 const FASTEST_SHIFT: Real = 10e-6;

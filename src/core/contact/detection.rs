@@ -1,16 +1,16 @@
 //! Where a tool meets the display surface: point constraints, once per tick.
 //!
-//! A constraint stands at each display vertex near the tool and at each near triangle's point nearest to the core of each
-//! of the tool's parts, so that nothing slips between vertices. Normals run from the core to the point, at the tool's
-//! place in the middle of the tick.
+//! Balls and capsules touch by samples (`samples.rs`). For cylinders and hulls a constraint stands at each display vertex near one
+//! and at each near triangle's point nearest to its core, so that nothing slips between vertices. Normals run from the core to
+//! the point, at the tool's place in the middle of the tick.
 
 use super::areas::{share_areas, thin_out};
 use super::candidate::{ALIKE, Candidate, Sheet, Touch, follow_sunk, near_triangles, near_vertices, sunk_depth};
 use super::closing::{Before, Closing, UNNOTICED};
 use super::hanging::{Hanging, Load};
 use super::nearby::Nearby;
-use super::patch::Round;
-use super::posed::posed;
+use super::patch::{Density, MOST_SAMPLES, Round};
+use super::posed::{Posed, posed};
 use super::rigid::{Found, Rigid};
 use super::samples::{Hold, Samples};
 use super::shape::MOST_PARTS;
@@ -104,14 +104,16 @@ impl Workspace {
     }
 }
 
-/// Appends the constraints of the `rigid` tool or obstacle on the body at the start of a tick to `out`; `memory` holds the tool's points of the last tick, ascending, and
-/// receives this tick's.
+/// Appends the constraints of the `rigid` tool or obstacle on the body at the start of a tick to `out`; `memory` holds its points of the
+/// last tick and receives this tick's: those of cylinders and hulls, ascending, then those of balls and capsules, part by part. No more
+/// than `room` of them are new, but for the first that it touches.
 pub fn detect(
     body: &Body,
     mesh: &ActiveMesh,
     rigid: Rigid,
     memory: &mut Vec<PointMemory>,
     out: Found,
+    room: u32,
     work: &mut Workspace,
 ) {
     let Rigid { id, shape, friction, state: tool, horizon } = rigid;
@@ -122,12 +124,15 @@ pub fn detect(
     let middle = middle_pose(tool);
     let ((all, parts), (start, _), (end, _)) =
         (posed(&middle, shape), posed(&tool.previous, shape), posed(&tool.pose, shape));
+    let all = &all[..parts];
     let way = |i: usize| if i < parts { start[i].frame.farthest_move(&end[i].frame, all[i].part) } else { 0.0 };
     let ways: [Real; MOST_PARTS] = std::array::from_fn(way);
     let margin = ways[..parts].iter().map(|way| way + FASTEST_SURFACE * TICK).fold(MARGIN, Real::max);
-    let deep = sunk_depth(body, mesh, &all[..parts], memory);
+    let is_of_solid = |m: &PointMemory| all.get((m.point / per_part) as usize).is_some_and(Posed::is_solid);
+    let (pointed, sampled) = memory.split_at(memory.iter().position(|m| !is_of_solid(m)).unwrap_or(memory.len()));
+    let deep = sunk_depth(body, mesh, all, pointed);
     let noticeable = LEAST_NOTICEABLE + NOTICEABLE * tool.physical_force.norm();
-    let touch = Touch { parts: &all[..parts], ways, noticeable, margin, deep, per_part, memory };
+    let touch = Touch { parts: all, ways, noticeable, margin, deep, per_part, memory: pointed };
     // Whatever touches the tool has all its vertices within an edge's length of the box of one of its parts.
     work.near.clear();
     let windows = touch.windows(MOST_STRETCH * work.longest_edge);
@@ -140,33 +145,46 @@ pub fn detect(
     let on = &Touchable { body, mesh, vertices: &work.vertices };
     // The pose is where the coupling's springs are as long as the last force and torque made them.
     let allowed_for = Pushed { force: -tool.physical_force, torque: -tool.physical_torque };
-    work.seen.clear();
-    if let ([at], false) = (&all[..parts], all[0].is_solid()) {
-        let samples = &mut work.samples;
-        let round = Round { at, moves: [&start[0].frame, &end[0].frame], margin };
-        let (seen, around) = (&mut work.seen, work.near.iter().flat_map(|v| body.triangles_around(*v)));
-        let around = around.copied().filter(|t| seen.visit(t.index()));
-        work.memory.clear();
-        samples.find(on, &round, Before { memory, changed: work.changed }, around);
-        let hold = Hold { rigid, allowed_for };
-        samples.constrain(on, &round, &hold, memory, Found { constraints, points_of_action }, &mut work.memory);
-        std::mem::swap(memory, &mut work.memory);
-        return;
-    }
-    near_vertices(on, &touch, &work.near, candidates);
-    near_triangles(on, &touch, &work.near, &mut work.seen, candidates);
-
-    follow_sunk(on, &all[..parts], margin, candidates);
-    candidates.sort_unstable_by_key(|c| c.point);
-    share_areas(on, &all[..parts], candidates);
-    thin_out(on, &all[..parts], candidates, memory);
-    recall(on, candidates, memory, per_part, parts as u32);
-
     work.memory.clear();
+
+    let solids = all.iter().filter(|at| at.is_solid()).count();
+    // Each part has its share of the points.
+    let most = MOST_POINTS - MOST_POINTS * solids / parts;
+    let density = Density::of(parts - solids, most);
+    let round = |part: usize| {
+        let (part, at) = (part.min(parts - 1), &all[part.min(parts - 1)]);
+        Round { at, part, all, moves: [&start[part].frame, &end[part].frame], margin, density }
+    };
+    let rounds: [Round; MOST_PARTS] = std::array::from_fn(round);
+    let samples = &mut work.samples;
+    samples.begin(most, if memory.is_empty() { FIRST.max(room as usize) } else { room as usize });
+    let before = Before { memory: sampled, changed: work.changed };
+    let is_round = |round: &&Round| !round.at.is_solid();
+    rounds[..parts].iter().filter(is_round).for_each(|round| samples.follow(on, round, before));
+    for round in rounds[..parts].iter().filter(is_round) {
+        work.seen.clear();
+        let window = &windows[round.part];
+        let near = work.near.iter().filter(|v| window.contains(&work.vertices[v.index()]));
+        let (seen, around) = (&mut work.seen, near.flat_map(|v| body.triangles_around(*v)));
+        let around = around.copied().filter(|t| seen.visit(t.index()));
+        samples.find_new(on, round, before, around);
+    }
+
+    work.seen.clear();
+    if solids > 0 {
+        near_vertices(on, &touch, &work.near, candidates);
+        near_triangles(on, &touch, &work.near, &mut work.seen, candidates);
+        follow_sunk(margin, candidates);
+        candidates.sort_unstable_by_key(|c| c.point);
+        share_areas(on, all, candidates);
+        let most = (MOST_POINTS - samples.count()).min(pointed.len().saturating_add(samples.room()));
+        thin_out(on, candidates, pointed, most);
+        recall(on, candidates, pointed, per_part, parts as u32);
+    }
     work.loads.clear();
-    work.loads.extend(candidates.iter().map(|c| Load::new(on, c, memory, work.followed)));
+    work.loads.extend(candidates.iter().map(|c| Load::new(on, c, pointed, work.followed)));
     let hanging = &mut work.hanging;
-    hanging.hang(on, candidates, &mut work.loads, Before { memory, changed: work.changed });
+    hanging.hang(on, candidates, &mut work.loads, Before { memory: pointed, changed: work.changed });
     let first = constraints.len() as u32;
     for (i, candidate) in candidates.iter().enumerate() {
         let (n, core) = (candidate.normal, candidate.core);
@@ -174,12 +192,16 @@ pub fn detect(
         let part = all[candidate.part as usize].part;
         // That of the part's rounding, but for what stands for others, too.
         let radius = n.dot(&(candidate.place - all[candidate.part as usize].frame.at(core))) - candidate.gap;
-        let known = candidate.known.map(|k| &memory[k as usize]);
+        let known = candidate.known.map(|k| &pointed[k as usize]);
         let load = work.loads[i];
+        let points = work.loads.len();
         let mut compliance = [0.0; MOST_POINTS];
-        (0..work.loads.len()).for_each(|j| compliance[j] = hanging.between(i, j));
+        (0..points).for_each(|j| compliance[j] = hanging.between(i, j));
+        (0..samples.count()).for_each(|j| compliance[points + j] = samples.between_point(hanging.load(i), j));
         let moved = n.dot(&(end - start));
-        let shown: Real = compliance.iter().zip(&work.loads).map(|(g, other)| g * other.multiplier).sum();
+        let own: Real = compliance.iter().zip(&work.loads).map(|(g, other)| g * other.multiplier).sum();
+        let of_samples: Real = (0..samples.count()).map(|j| compliance[points + j] * samples.multiplier(j)).sum();
+        let shown = own + of_samples;
         let overlap = n.dot(&start) + radius - n.dot(&load.touched) - shown;
         // Other nodes show other parts of the dents: nothing is to be felt of that at once, be it more or less.
         let shift = known.map_or(0.0, |m| m.shift) - load.receded;
@@ -243,9 +265,12 @@ pub fn detect(
             anchor,
             weights: candidate.stencil.map(|s| s.1),
             place: Vec3::zeros(),
-            shown: hanging.shown(i),
+            shown: hanging.load(i).shown,
         });
     }
+    let hold = Hold { rigid, rounds: &rounds[..parts], allowed_for, first: first as usize };
+    let out = Found { constraints, points_of_action };
+    samples.constrain(on, &hold, sampled, out, &mut work.memory);
     std::mem::swap(memory, &mut work.memory);
 }
 
@@ -287,6 +312,9 @@ fn recall(on: &Touchable, candidates: &mut [Candidate], memory: &[PointMemory], 
 /// Change of a tool's force [N] that is not felt of one point of a solid core that turns: at least, and over the force.
 const LEAST_NOTICEABLE: Real = 2e-3;
 const NOTICEABLE: Real = 0.01;
+
+/// Points that a tool may touch with at first, however little time there is: a patch.
+const FIRST: usize = MOST_SAMPLES;
 
 /// [`Workspace::followed`] of a tick.
 const TAKEN_FOLLOWED: Real = 0.05;

@@ -1,17 +1,16 @@
 //! How points of the display hang on the nodes around them, of whatever level these are: by moving least squares
-//! ([`crate::model::contact_row`]), and with what the mesh leaves out of their own loads ([`super::influence`]).
+//! ([`crate::model::active_mesh::contact_row`]), and with what the mesh leaves out of their own loads ([`super::influence`]).
 
 use super::candidate::{ALIKE, Candidate};
 use super::closing::Before;
 use super::influence::{Narrow, variance_of_disc};
-use super::samples::{shown_variance, support};
+use super::samples::shown_variance;
 use super::tool::MOST_POINTS;
 use super::touchable::Touchable;
-use crate::ids::Vertex;
 use crate::math::{Real, Vec3};
+use crate::model::active_mesh::contact_row::{Surroundings, at_rest, spacing, support};
 use crate::model::active_mesh::skin;
 use crate::model::constraint::PointMemory;
-use crate::model::contact_row::Surroundings;
 use crate::model::{Body, Row};
 
 /// How a point of the display gives way.
@@ -50,7 +49,7 @@ impl Load {
         // A point beside this one that is no longer kept leaves it its area all at once.
         let taken = known.map_or(candidate.taken, |m| m.taken + followed * (candidate.taken - m.taken));
         Self {
-            place: stencil.iter().map(|(v, w)| on.body.surface().vertices[v.index()] * *w).sum(),
+            place: at_rest(on.body, stencil.iter().copied()),
             row,
             geomorph,
             touched: candidate.place,
@@ -89,8 +88,8 @@ impl Hanging {
         self.supports.clear();
         for (candidate, load) in candidates.iter().zip(loads.iter()) {
             let stencil = candidate.stencil();
-            let spacing: Real = stencil.iter().map(|(v, w)| on.mesh.embedding(*v).spacing * w).sum();
-            self.supports.push(support(on) * spacing);
+            let spacing = spacing(on.mesh, stencil.iter().copied());
+            self.supports.push(support(on.body) * spacing);
             self.spread.push(Narrow {
                 place: candidate.place,
                 normal: candidate.normal,
@@ -132,7 +131,6 @@ impl Hanging {
             |j: usize, load: &Load| candidates[j].normal.dot(&normal) > ALIKE && (load.place - origin).norm() < near;
         let with = || (i..loads.len()).filter(|j| self.supports[*j] > 0.0 && is_near(*j, &loads[*j]));
         let radius = with().map(|j| (loads[j].place - origin).norm() + self.supports[j]).fold(0.0, Real::max);
-        let rest = |v: Vertex| on.body.surface().vertices[v.index()];
         let slots = on.mesh.embedding(candidates[i].stencil[0].0).slots;
         self.around.gather(on.body, on.mesh, &slots, origin, radius);
         for j in i..loads.len() {
@@ -148,7 +146,7 @@ impl Hanging {
             let known = candidates[j].known.filter(|_| changed).map(|k| &memory[k as usize]);
             if let Some(m) = known.filter(|m| m.multiplier > 0.0) {
                 let corners = on.body.corners_of_point(m.point);
-                let at: Vec3 = corners.iter().zip(m.weights).map(|(v, w)| rest(*v) * w).sum();
+                let at = at_rest(on.body, corners.into_iter().zip(m.weights));
                 let row = self.around.row(at, self.supports[j]);
                 let now = row.map_or(m.place, |row| row.interpolate(&on.mesh.motion.position));
                 load.receded = candidates[j].normal.dot(&(now - m.place));
@@ -157,9 +155,9 @@ impl Hanging {
         }
     }
 
-    /// Variance with which the mesh shows the load of point `i` [m²].
-    pub(super) fn shown(&self, i: usize) -> Real {
-        self.spread[i].shown
+    /// The load of point `i` as the mesh shows it.
+    pub(super) fn load(&self, i: usize) -> &Narrow {
+        &self.spread[i]
     }
 
     /// What a newton on point `j` adds at point `i` to the dent that the mesh leaves out [m/N].

@@ -80,29 +80,32 @@ const STEPS: usize = 32;
 /// What the mesh leaves out of the dents of equal loads on the cells of a grid, in each other [1/m].
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Grid<const COLUMNS: usize, const ROWS: usize> {
+    /// How many there are in a row.
+    columns: usize,
     /// By how many rows and columns they are apart.
     left_out: [[Real; COLUMNS]; ROWS],
 }
 
 impl<const COLUMNS: usize, const ROWS: usize> Grid<COLUMNS, ROWS> {
-    /// Of cells with these `sides` [m], whose loads the mesh shows with the variance `shown` [m²].
-    pub(super) fn new(sides: [Real; 2], shown: Real) -> Self {
+    /// Of so many `columns` of cells with these `sides` [m], whose loads the mesh shows with the variance `shown` [m²].
+    pub(super) fn new(columns: usize, sides: [Real; 2], shown: Real) -> Self {
         let variances = sides.map(|side| variance_of_disc(PI * side * side) / PI);
         let shown = shown.max(variances[0]).max(variances[1]);
         let mut left_out = [[0.0; COLUMNS]; ROWS];
         for (row, line) in left_out.iter_mut().enumerate() {
-            for (column, left_out) in line.iter_mut().enumerate() {
+            for (column, left_out) in line.iter_mut().take(columns).enumerate() {
                 let place = [column as Real * sides[0], row as Real * sides[1]];
                 let whole = stretched_potential(place, variances.map(|v| 2.0 * v));
                 *left_out = whole - potential(place[0] * place[0] + place[1] * place[1], 2.0 * shown);
             }
         }
-        Self { left_out }
+        Self { columns, left_out }
     }
 
     /// Of the cells with these numbers, row by row.
     pub(super) fn between(&self, i: usize, j: usize) -> Real {
-        self.left_out[(i / COLUMNS).abs_diff(j / COLUMNS)][(i % COLUMNS).abs_diff(j % COLUMNS)]
+        let columns = self.columns;
+        self.left_out[(i / columns).abs_diff(j / columns)][(i % columns).abs_diff(j % columns)]
     }
 }
 

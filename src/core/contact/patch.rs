@@ -6,33 +6,54 @@
 
 use super::posed::Posed;
 use super::shape::Frame;
-use super::view::{LEAST_FACING, View};
+use super::view::{LEAST_FACING, View, part_before};
 use crate::math::{Real, Vec3};
 use crate::model::constraint::MOST_POINTS;
 use std::f64::consts::PI;
 use std::ops::Range;
 
-/// Rings of samples around the middle one of a disc; ring `k` has `6k`, so that all stand for about the same area.
-const RINGS: usize = 2;
-/// Samples of a disc.
-const IN_A_DISC: usize = 1 + 3 * RINGS * (RINGS + 1);
-/// Columns and rows of a strip.
+/// Columns of a strip at most, and its rows.
 pub(super) const COLUMNS: usize = 7;
 pub(super) const ROWS: usize = 3;
 /// Samples of a patch at most.
 pub(super) const MOST_SAMPLES: usize = COLUMNS * ROWS;
-/// Most patches of one part: in a corner it touches three faces.
-pub(super) const MOST_PATCHES: usize = MOST_POINTS / MOST_SAMPLES;
+/// Patches of a tool at most.
+pub(super) const MOST_PATCHES: usize = MOST_POINTS / (1 + 3 * Density::COARSE.rings * (Density::COARSE.rings + 1));
+
+/// How many samples a patch has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Density {
+    /// Rings of samples around the middle one of a disc; ring `k` has `6k`, so that all stand for about the same area.
+    rings: usize,
+    /// Columns of a strip.
+    columns: usize,
+}
+
+impl Density {
+    /// A tool of one part may have three patches of these: in a corner it touches three faces.
+    const FINE: Self = Self { rings: 2, columns: COLUMNS };
+    const COARSE: Self = Self { rings: 1, columns: 3 };
+
+    /// Of a tool of so many `round` parts, whose samples are `most` in all: fine ones where each part may have a patch of them.
+    pub(super) fn of(round: usize, most: usize) -> Self {
+        if round * Self::FINE.columns * ROWS <= most { Self::FINE } else { Self::COARSE }
+    }
+}
 
 /// A ball or capsule that may touch.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Round<'a> {
     /// In the middle of the tick.
     pub(super) at: &'a Posed<'a>,
+    /// Its number among the parts of its tool, ...
+    pub(super) part: usize,
+    /// ... and all of them.
+    pub(super) all: &'a [Posed<'a>],
     /// At its start and at its end.
     pub(super) moves: [&'a Frame; 2],
     /// Up to this far away it is looked at [m].
     pub(super) margin: Real,
+    pub(super) density: Density,
 }
 
 /// A place of its surface.
@@ -44,8 +65,22 @@ pub(super) struct Foot {
     pub(super) normal: Vec3,
     /// From the start of its axis [m].
     pub(super) arm: Vec3,
-    /// Whether it is curved along the axis as across.
-    pub(super) on_end: bool,
+    /// How far beyond an end of the axis it is seen [m]: there it is curved along the axis as across.
+    pub(super) beyond: Real,
+    /// How far it is seen outside of what can be touched of the tool [m].
+    outside: Real,
+}
+
+impl Foot {
+    /// Mean square of the distances beyond the end [m²] over a cell whose own are spread by `spread` [m²], less that of its middle.
+    pub(super) fn curved_along(&self, spread: Real) -> Real {
+        let half = (3.0 * spread).sqrt();
+        match self.beyond {
+            beyond if beyond >= half => spread,
+            beyond if beyond <= -half => 0.0,
+            beyond => (beyond + half).powi(3) / (6.0 * half) - beyond.max(0.0).powi(2),
+        }
+    }
 }
 
 impl Round<'_> {
@@ -69,17 +104,50 @@ impl Round<'_> {
 
     /// Samples of each of its patches.
     pub(super) fn samples(&self) -> usize {
-        if self.is_ball() { IN_A_DISC } else { MOST_SAMPLES }
+        let Density { rings, columns } = self.density;
+        if self.is_ball() { 1 + 3 * rings * (rings + 1) } else { columns * ROWS }
     }
 
     /// Those of them that are on the line.
     pub(super) fn on_line(&self) -> Range<usize> {
-        if self.is_ball() { 0..1 } else { COLUMNS * (ROWS / 2)..COLUMNS * (ROWS / 2 + 1) }
+        let columns = self.columns();
+        if self.is_ball() { 0..1 } else { columns * (ROWS / 2)..columns * (ROWS / 2 + 1) }
     }
 
     /// Which one of them is in the middle.
     pub(super) fn middle(&self) -> usize {
-        if self.is_ball() { 0 } else { MOST_SAMPLES / 2 }
+        if self.is_ball() { 0 } else { self.samples() / 2 }
+    }
+
+    /// Half-width of a disc over what its rings are apart.
+    fn rings(&self) -> Real {
+        self.density.rings as Real + 0.3
+    }
+
+    /// Columns of each strip.
+    pub(super) fn columns(&self) -> usize {
+        self.density.columns
+    }
+
+    /// True for the first and for the last sample of a row of a strip.
+    pub(super) fn is_outermost(&self, i: usize) -> bool {
+        let columns = self.columns();
+        i.is_multiple_of(columns) || i % columns == columns - 1
+    }
+
+    /// Part of a disc of radius `width` [m] around a place of its surface that can be touched: all of it while its middle is, and what is not
+    /// inside of another part of the tool.
+    pub(super) fn part_touchable(&self, foot: &Foot, width: Real) -> Real {
+        let p = self.start() + foot.arm;
+        let others = self.all.iter().enumerate().filter(|(i, _)| *i != self.part);
+        let part = |other: &Posed| {
+            let away = p - other.frame.at(other.nearest(p));
+            let depth = other.part.radius() - away.norm();
+            // Along the surface to where that of the other part comes through it.
+            let rises = away.try_normalize(1e-9).map_or(1.0, |out| out.cross(&foot.normal).norm());
+            if depth == 0.0 { 0.5 } else { part_before(depth / (rises * width)) }
+        };
+        others.map(|(_, other)| part(other)).fold(part_before(2.0 * foot.outside / width - 1.0), Real::min)
     }
 
     /// Which end of the axis is ahead.
@@ -97,38 +165,36 @@ impl Round<'_> {
     pub(super) fn front(&self, view: &View, [x, y]: [Real; 2]) -> Option<Foot> {
         let (radius, axis, [u, v]) = (self.radius(), self.axis(), view.across);
         let length = axis.norm();
-        let end = |part: Real| {
-            let x = x - part * u.dot(&axis);
-            let normal = (u * x + v * y) / radius;
-            let ahead = 1.0 - normal.norm_squared();
-            (ahead >= 0.0).then(|| {
-                let normal = normal + view.ahead * ahead.sqrt();
-                let core = Vec3::new(0.0, 0.0, part);
-                Foot { core, normal, arm: axis * part + normal * radius, on_end: true }
-            })
+        let end = |part: Real, beyond: Real| {
+            let aside = u * (x - part * u.dot(&axis)) + v * y;
+            let (away, most) = (aside.norm(), MOST_CAP * radius);
+            // What is farther out is as far out as can be touched.
+            let aside = if away > most { aside * (MOST_CAP / away) } else { aside / radius };
+            let normal = aside + view.ahead * (1.0 - aside.norm_squared()).sqrt();
+            let core = Vec3::new(0.0, 0.0, part);
+            Some(Foot { core, normal, arm: axis * part + normal * radius, beyond, outside: away - most })
         };
         if length == 0.0 {
-            return end(0.0);
+            return end(0.0, Real::INFINITY);
         }
         let along = axis / length;
         let (rise, flat) = (view.ahead.dot(&along), u.dot(&along));
         if flat < LEAST_FACING {
-            return end(self.foremost(view));
+            return end(self.foremost(view), Real::INFINITY);
         }
         let sin = y / radius;
         let cos = (1.0 - sin * sin).max(0.0).sqrt();
         // The front of an endless cylinder.
         let part = (x + radius * rise * cos) / (flat * length);
-        if part < 0.0 {
-            return end(0.0);
-        } else if part > 1.0 {
-            return end(1.0);
+        let beyond = (part - 1.0).max(-part) * flat * length;
+        if beyond > 0.0 {
+            return end(if part < 0.0 { 0.0 } else { 1.0 }, beyond);
         } else if sin.abs() > 1.0 {
             return None;
         }
         let normal = (view.ahead - along * rise) * (cos / flat) + v * sin;
         let core = Vec3::new(0.0, 0.0, part);
-        Some(Foot { core, normal, arm: axis * part + normal * radius, on_end: false })
+        Some(Foot { core, normal, arm: axis * part + normal * radius, beyond, outside: y.abs() - MOST_CAP * radius })
     }
 }
 
@@ -201,10 +267,8 @@ impl Patch {
         if round.is_ball() {
             return Self { line: [0.0; 2], half_width, grows: false };
         }
-        // Not beyond the tool.
-        let [from, to] = round.seen(view);
-        let beyond = MOST_CAP * radius - half_width;
-        let (low, high) = (from - beyond, to + beyond);
+        // What is beyond an end is no farther from it than beside it.
+        let [low, high] = round.seen(view);
         // A pressure that is elliptic along the line reaches farther than a constant one.
         let half = (5.0_f64 / 12.0).sqrt() * straight(b);
         // Not `clamp`, which panics where a bound is no number.
@@ -212,38 +276,33 @@ impl Patch {
         Self { line: [(middle - half).max(low), (middle + half).min(high)], half_width, grows: false }
     }
 
-    /// True for the first and for the last sample of a row of a strip.
-    pub(super) fn is_outermost(i: usize) -> bool {
-        i.is_multiple_of(COLUMNS) || i % COLUMNS == COLUMNS - 1
-    }
-
     /// Length of its straight part [m].
     pub(super) fn straight(&self) -> Real {
         self.line[1] - self.line[0]
     }
 
-    /// Sides of the cells of a strip [m].
-    pub(super) fn sides(&self) -> [Real; 2] {
-        [(self.straight() + 2.0 * self.half_width) / COLUMNS as Real, 2.0 * self.half_width / ROWS as Real]
+    /// Sides of the cells of a strip of so many `columns` [m].
+    pub(super) fn sides(&self, columns: usize) -> [Real; 2] {
+        [(self.straight() + 2.0 * self.half_width) / columns as Real, 2.0 * self.half_width / ROWS as Real]
     }
 
     /// Half-width of the patch that has these samples, whose normals are told by number [m].
     pub(super) fn half_width_of(round: &Round, view: &View, normal: impl Fn(usize) -> Vec3) -> Real {
         if round.is_ball() {
-            return normal(0).cross(&normal(1)).norm() * (RINGS as Real + 0.3) * round.radius();
+            return normal(0).cross(&normal(1)).norm() * round.rings() * round.radius();
         }
-        let row = |row: usize| view.across[1].dot(&normal(row * COLUMNS + COLUMNS / 2));
+        let row = |row: usize| view.across[1].dot(&normal(row * round.columns() + round.columns() / 2));
         0.5 * ROWS as Real / (ROWS - 1) as Real * (row(ROWS - 1) - row(0)).abs() * round.radius()
     }
 
     /// Its cell number `i`.
     pub(super) fn cell(&self, round: &Round, i: usize) -> Cell {
         if round.is_ball() {
-            let width = self.half_width / (RINGS as Real + 0.3);
+            let width = self.half_width / round.rings();
             let area = PI * width * width * if i == 0 { 0.25 } else { 1.0 / 3.0 };
             let spread = [area / (4.0 * PI); 2];
             // The ring that it is in, and its place there.
-            let ring = (1..=RINGS).filter(|k| i > 3 * k * (k - 1)).count();
+            let ring = (1..=round.density.rings).filter(|k| i > 3 * k * (k - 1)).count();
             if ring == 0 {
                 return Cell { at: [self.line[0], 0.0], area, spread, starts_row: true };
             }
@@ -253,12 +312,13 @@ impl Patch {
             let at = [self.line[0] + away * cos, away * sin];
             return Cell { at, area, spread, starts_row: place == 0 };
         }
-        let [along, across] = self.sides();
-        let (column, row) = (i % COLUMNS, i / COLUMNS);
+        let columns = round.columns();
+        let [along, across] = self.sides(columns);
+        let (column, row) = (i % columns, i / columns);
         let middle = 0.5 * (self.line[0] + self.line[1]);
         let at = |side: Real, i: usize, n: usize| side * (i as Real - 0.5 * (n - 1) as Real);
         Cell {
-            at: [middle + at(along, column, COLUMNS), at(across, row, ROWS)],
+            at: [middle + at(along, column, columns), at(across, row, ROWS)],
             area: along * across,
             spread: [along * along / 12.0, across * across / 12.0],
             starts_row: column == 0,

@@ -93,37 +93,6 @@ impl<'a> Posed<'a> {
         }
     }
 
-    /// Where an axis is deepest below a triangle that faces `outward`, straight below it: the place on the triangle, the
-    /// coordinates on the axis and the depth [m]. `None` where no part of the axis is below it, and for solid cores.
-    pub fn below_triangle(&self, corners: &[Vec3; 3], outward: Vec3) -> Option<(Vec3, Vec3, Real)> {
-        let size = outward.norm();
-        if self.part.core.is_solid() || size == 0.0 {
-            return None;
-        }
-        let (from, axis, up) = (self.frame.from, self.frame.axes[2], outward / size);
-        // The part of the axis between the planes that stand on the triangle's edges.
-        let mut part = (0.0 as Real, 1.0 as Real);
-        for i in 0..3 {
-            let across = up.cross(&(corners[(i + 1) % 3] - corners[i]));
-            let (at, rise) = (across.dot(&(from - corners[i])), across.dot(&axis));
-            if rise > 0.0 {
-                part.0 = part.0.max(-at / rise);
-            } else if rise < 0.0 {
-                part.1 = part.1.min(-at / rise);
-            } else if at < 0.0 {
-                return None;
-            }
-        }
-        if part.0 > part.1 {
-            return None;
-        }
-        let along = if up.dot(&axis) > 0.0 { part.0 } else { part.1 };
-        let core = Vec3::new(0.0, 0.0, if axis == Vec3::zeros() { 0.0 } else { along });
-        let p = self.frame.at(core);
-        let depth = up.dot(&(corners[0] - p));
-        (depth > 0.0).then_some((p + up * depth, core, depth))
-    }
-
     fn nearest_to_axis(&self, corners: &[Vec3; 3]) -> (Vec3, Option<Vec3>) {
         let triangle = Triangle::new(to_parry(corners[0]), to_parry(corners[1]), to_parry(corners[2]));
         let on_triangle = |p: Vec3| from_parry(triangle.project_local_point(to_parry(p), true).point);

@@ -1,21 +1,21 @@
-//! Where a ball or capsule touches the surface, as samples on it: a patch of them in each direction in which it pushes, as wide as
+//! Where balls and capsules touch the surface, as samples on it: a patch of them in each direction in which one pushes, as wide as
 //! what it touches there ([`super::patch`]).
 //!
 //! The samples follow the tool and not the displayed triangles: they neither come nor go while the tool slides, and each touches the
 //! surface wherever that is straight ahead of it. The surface is the one of the mesh, through rows of nodes around each place
-//! ([`crate::model::contact_row`]), plus what the mesh leaves out of the samples' own loads ([`super::influence`]).
+//! ([`crate::model::active_mesh::contact_row`]), plus what the mesh leaves out of the samples' own loads ([`super::influence`]).
 
 use super::closing::{Before, Closing, UNNOTICED};
 use super::influence::{Grid, Narrow, variance_of_disc};
-use super::patch::{COLUMNS, Cell, Foot, MOST_PATCHES, MOST_SAMPLES, Patch, Pressed, ROWS, Round};
+use super::patch::{COLUMNS, Cell, Foot, MOST_PATCHES, Patch, Pressed, ROWS, Round};
 use super::rigid::{Found, Rigid};
 use super::touchable::{Touchable, area_vector};
 use super::view::{LEAST_FACING, View, outward, part_before};
 use super::wrench::middle_pose;
 use crate::ids::{Triangle, Vertex};
 use crate::math::{Real, Vec3};
+use crate::model::active_mesh::contact_row::{self, DEVIATION, Surroundings, support};
 use crate::model::constraint::{Constraint, Friction, MOST_POINTS, PointMemory, Pushed};
-use crate::model::contact_row::{DEVIATION, Surroundings};
 use crate::model::step_class::TICK;
 use crate::model::{Body, Material, Row};
 use std::f64::consts::PI;
@@ -27,11 +27,19 @@ pub(super) struct Samples {
     faces: Vec<Face>,
     /// Of all faces, one after the other.
     found: Vec<Sample>,
+    /// Samples that the tool may have, ...
+    most: usize,
+    /// ... and how many of them may be new ones.
+    room: usize,
 }
 
 /// A part of the surface that faces the tool, and where the tool touches it.
 #[derive(Clone, Copy, Debug)]
 struct Face {
+    /// Number of the tool's part.
+    part: usize,
+    /// Number of its first sample.
+    first: usize,
     view: View,
     patch: Patch,
     /// How far from the patch's line the surface of the mesh may overlap the tool [m].
@@ -49,7 +57,6 @@ struct Face {
 #[derive(Clone, Copy, Debug)]
 struct Sample {
     face: u32,
-    /// From the start of the tool's axis.
     load: Narrow,
     /// Coordinates of the place of the tool's core that is nearest.
     core: Vec3,
@@ -86,46 +93,82 @@ struct Ahead {
 
 impl Samples {
     pub(super) fn new(body: &Body) -> Self {
-        let found = Vec::with_capacity(MOST_PATCHES * MOST_SAMPLES);
-        Self { around: Surroundings::new(body), faces: Vec::with_capacity(MOST_PATCHES), found }
+        Self {
+            around: Surroundings::new(body),
+            faces: Vec::with_capacity(MOST_PATCHES),
+            found: Vec::with_capacity(MOST_POINTS),
+            most: 0,
+            room: 0,
+        }
     }
 
-    /// Finds the samples of a tool: on the faces that it touched a tick ago, of which `memory` holds the points, and on a new one where
-    /// it overlaps the surface beside those. `near` are the triangles that it may touch.
-    pub(super) fn find(
-        &mut self,
-        on: &Touchable,
-        round: &Round,
-        Before { memory, changed }: Before,
-        near: impl Iterator<Item = Triangle>,
-    ) {
+    /// Begins with a tool that may have at most so many samples, and this many new ones.
+    pub(super) fn begin(&mut self, most: usize, room: usize) {
         self.found.clear();
         self.faces.clear();
-        for (i, known) in memory.chunks(round.samples()).enumerate() {
+        (self.most, self.room) = (most, room);
+    }
+
+    /// How many have been found.
+    pub(super) fn count(&self) -> usize {
+        self.found.len()
+    }
+
+    /// How many more new points there may be.
+    pub(super) fn room(&self) -> usize {
+        self.room
+    }
+
+    /// Finds the samples of a part of a tool on the faces that it touched a tick ago, of which `before` holds the points.
+    pub(super) fn follow(&mut self, on: &Touchable, round: &Round, before: Before) {
+        let per_part = on.body.points_of_a_part();
+        let of_part = |from: usize| before.memory.partition_point(|m| ((m.point / per_part) as usize) < from);
+        let (first, end) = (of_part(round.part), of_part(round.part + 1));
+        for (i, known) in before.memory[first..end].chunks_exact(round.samples()).enumerate() {
             // One beside others that does nothing is not looked for again.
-            if !self.faces.is_empty() && known.iter().all(|m| m.multiplier <= 0.0 && m.slack <= 0.0) {
+            let idle = known.iter().all(|m| m.multiplier <= 0.0 && m.slack <= 0.0);
+            if idle && self.own(round).next().is_some() {
                 continue;
             }
-            if let Some(ahead) = still_ahead(on, round, known, (i * round.samples()) as u32) {
+            if let Some(ahead) = still_ahead(on, round, known, (first + i * round.samples()) as u32) {
                 let foot = round.front(&ahead.view, [ahead.pressed.middle, 0.0]);
                 let is_covered =
                     |face: &Face| foot.is_some_and(|f| face.covers(f.arm, f.normal, face.patch.half_width));
-                if !self.faces.iter().any(is_covered) {
-                    self.look(on, round, Before { memory, changed }, &ahead);
+                if !self.own(round).any(is_covered) {
+                    self.look(on, round, before, &ahead);
                 }
             }
         }
-        if self.faces.len() < MOST_PATCHES
-            && let Some(ahead) = self.new_ahead(on, round, near)
-        {
-            self.look(on, round, Before { memory, changed }, &ahead);
+    }
+
+    /// And on a new one where it overlaps the surface beside those, as long as there is room. `near` are the triangles that it may touch.
+    pub(super) fn find_new(
+        &mut self,
+        on: &Touchable,
+        round: &Round,
+        before: Before,
+        near: impl Iterator<Item = Triangle>,
+    ) {
+        if self.found.len() + round.samples() > self.most || round.samples() > self.room {
+            return;
         }
+        if let Some(ahead) = self.new_ahead(on, round, near) {
+            self.room -= round.samples();
+            self.look(on, round, before, &ahead);
+        }
+    }
+
+    /// Faces of a part.
+    fn own<'a>(&'a self, round: &Round) -> impl Iterator<Item = &'a Face> {
+        let part = round.part;
+        self.faces.iter().filter(move |face| face.part == part)
     }
 
     /// Where the tool touches the surface next beside the faces that there are: at first what is nearest.
     fn new_ahead(&self, on: &Touchable, round: &Round, near: impl Iterator<Item = Triangle>) -> Option<Ahead> {
         let (radius, start) = (round.radius(), round.start());
-        let mut nearest = (if self.faces.is_empty() { round.margin } else { -UNNOTICED }, None);
+        let is_first = self.own(round).next().is_none();
+        let mut nearest = (if is_first { round.margin } else { -UNNOTICED }, None);
         for t in near {
             let corners = on.body.triangle(t).map(|v| on.vertices[v.index()]);
             let outward = area_vector(on, t);
@@ -135,11 +178,11 @@ impl Samples {
             let mut gap = away.norm() - radius;
             let Some(normal) = away.try_normalize(1e-12) else { continue };
             let is_covered = |face: &Face| face.covers(place - start, normal, face.reach);
-            if outward.dot(&away) >= 0.0 || gap >= nearest.0 || self.faces.iter().any(is_covered) {
+            if outward.dot(&away) >= 0.0 || gap >= nearest.0 || self.own(round).any(is_covered) {
                 continue;
             }
-            if !self.faces.is_empty() {
-                gap += self.dent(place - start, normal);
+            if !is_first {
+                gap += self.dent(place, normal);
             }
             if gap < nearest.0 {
                 nearest = (gap, Some((t, normal, place - start)));
@@ -150,7 +193,7 @@ impl Samples {
         Some(Ahead { triangle, view, pressed: Pressed::not(view.across[0].dot(&place)), known: None })
     }
 
-    /// What the mesh leaves out of the dent of all samples [m] at `place` from the start of the tool's axis [m], along `normal`.
+    /// What the mesh leaves out of the dent of all samples [m] at `place` [m], along `normal`.
     fn dent(&self, place: Vec3, normal: Vec3) -> Real {
         let pushing = self.found.iter().filter(|sample| sample.multiplier > 0.0);
         pushing.map(|sample| sample.load.at(place, normal) * sample.multiplier).sum()
@@ -174,7 +217,7 @@ impl Samples {
         let compliance = material.half_space() * (1.0 + softening);
         let mut patch = patch(compliance);
         let ends = known.into_iter().flat_map(|k| memory[k as usize..].iter().take(round.samples()).enumerate());
-        let mut ends = ends.filter(|(i, _)| Patch::is_outermost(*i));
+        let mut ends = ends.filter(|(i, _)| round.is_outermost(*i));
         patch.grows = !round.is_ball() && (pressed.force <= 0.0 || ends.any(|(_, m)| m.multiplier > 0.0));
         let (number, mut triangle) = (self.faces.len() as u32, under);
         for i in 0..round.samples() {
@@ -187,8 +230,9 @@ impl Samples {
             let normal = foot.map_or(view.ahead, |foot| foot.normal);
             let slope = normal.dot(&view.ahead);
             // What another patch has samples of already is not touched twice.
-            let is_taken = |foot: &Foot| self.faces.iter().any(|f| f.covers(foot.arm, foot.normal, f.patch.half_width));
-            let area = foot.filter(|foot| !is_taken(foot)).map_or(0.0, |_| area / slope);
+            let is_taken = |foot: &Foot| self.own(round).any(|f| f.covers(foot.arm, foot.normal, f.patch.half_width));
+            let whole = |foot: Foot| area * round.part_touchable(&foot, (area / PI).sqrt()) / slope;
+            let area = foot.filter(|foot| !is_taken(foot)).map_or(0.0, whole);
             let width = (area / PI).sqrt();
             let beyond = match end.beyond {
                 found if found > 0.0 || width == 0.0 => found,
@@ -196,12 +240,12 @@ impl Samples {
             };
             let part = if width > 0.0 { part_before(beyond / width) } else { 0.0 };
             let area = if part > LEAST_PART { part * area } else { 0.0 };
-            let curved = if foot.is_some_and(|foot| foot.on_end) { spread[0] + spread[1] } else { spread[1] };
+            let curved = spread[1] + foot.map_or(0.0, |foot| foot.curved_along(spread[0]));
             let known = known.map(|k| k + i as u32);
             let corners = on.body.triangle(end.triangle).map(|v| on.mesh.vertex(v));
             self.found.push(Sample {
                 face: number,
-                load: Narrow { place: arm, normal, variance: variance_of_disc(area), shown: 0.0, compliance },
+                load: Narrow { place: start + arm, normal, variance: variance_of_disc(area), shown: 0.0, compliance },
                 core: foot.map_or(Vec3::zeros(), |foot| foot.core),
                 area,
                 rounded: part * curved / (2.0 * radius * slope),
@@ -217,7 +261,7 @@ impl Samples {
         }
         let spacing = spacing(on, under, weights);
         let cap = patch.half_width + 0.5 * patch.straight();
-        self.hang(on, first, before, (support(on) * spacing).min(cap));
+        self.hang(on, first, before, (support(on.body) * spacing).min(cap));
         let shown = shown_variance(on, corners[0], spacing);
         self.found[first..].iter_mut().for_each(|sample| sample.load.shown = shown);
         // Of the mesh, which does not show the dent, the tool overlaps more than its patch: the most where the mesh is dented the least.
@@ -228,16 +272,19 @@ impl Samples {
         };
         let depth = self.found[first..][round.on_line()].iter().map(depth).fold(radius, Real::min);
         let reach = patch.half_width.max((radius * radius - depth.max(0.0).powi(2)).sqrt());
-        let grid = |shown| (!round.is_ball()).then(|| Grid::new(patch.sides(), shown));
-        let was = known.filter(|_| before.changed).map(|k| memory[k as usize].shown).filter(|was| *was != shown);
+        let grid = |shown| (!round.is_ball()).then(|| Grid::new(round.columns(), patch.sides(round.columns()), shown));
+        let before_change = known.filter(|_| before.changed).map_or(&[][..], |k| &memory[k as usize..]);
+        // Those beside the tool have touched nothing.
+        let was = before_change.iter().take(round.samples()).map(|m| m.shown).find(|was| *was > 0.0);
+        let was = was.filter(|was| *was != shown);
         let (grid, was) = (grid(shown), was.map(|was| (was, grid(was))));
-        self.faces.push(Face { view, patch, reach, grid, was, nu });
+        self.faces.push(Face { part: round.part, first, view, patch, reach, grid, was, nu });
     }
 
     /// Gives the samples from the `first` on their rows, on nodes that are gathered for all within `near` [m] of one of them at once: a
     /// long strip is near more nodes than can be gathered.
     fn hang(&mut self, on: &Touchable, first: usize, before: Before, near: Real) {
-        let (support, near) = (support(on), REACH * near);
+        let (support, near) = (support(on.body), REACH * near);
         let mut origin: Option<Vec3> = None;
         for sample in self.found[first..].iter_mut().filter(|sample| sample.area > 0.0) {
             let at = at_rest(on, sample.triangle, sample.weights);
@@ -265,50 +312,65 @@ impl Samples {
     }
 
     /// What a newton on one sample adds at the other to the dent that the mesh leaves out [m/N].
-    fn between(&self, samples: usize, i: usize, j: usize) -> Real {
+    fn between(&self, i: usize, j: usize) -> Real {
         let (a, b) = (&self.found[i], &self.found[j]);
-        match self.faces[a.face as usize].grid.as_ref().filter(|_| a.face == b.face) {
-            Some(grid) => between_cells(grid, samples, [(i, a), (j, b)]),
+        let face = &self.faces[a.face as usize];
+        match face.grid.as_ref().filter(|_| a.face == b.face) {
+            Some(grid) => between_cells(grid, [(i - face.first, a), (j - face.first, b)]),
             None => a.load.between(&b.load),
         }
+    }
+
+    /// The same of a point of the display.
+    pub(super) fn between_point(&self, point: &Narrow, i: usize) -> Real {
+        point.between(&self.found[i].load)
+    }
+
+    /// Last force on a sample [N].
+    pub(super) fn multiplier(&self, i: usize) -> Real {
+        self.found[i].multiplier
     }
 
     /// By how much a change of resolution has made what the mesh leaves out of the last loads of sample `i`'s face deeper there [m].
     fn deepened(&self, samples: usize, i: usize) -> Real {
         let sample = &self.found[i];
-        let Some((was, grid)) = &self.faces[sample.face as usize].was else { return 0.0 };
-        let first = i - i % samples;
+        let face = &self.faces[sample.face as usize];
+        let (Some((was, grid)), first) = (&face.was, face.first) else { return 0.0 };
         let from = |j: usize| {
             let other = &self.found[j];
             let before = match grid {
-                Some(grid) => between_cells(grid, samples, [(i, sample), (j, other)]),
+                Some(grid) => between_cells(grid, [(i - first, sample), (j - first, other)]),
                 None => sample.load.shown_as(*was).between(&other.load.shown_as(*was)),
             };
-            (self.between(samples, i, j) - before) * other.multiplier
+            (self.between(i, j) - before) * other.multiplier
         };
         (first..first + samples).map(from).sum()
     }
 }
 
 /// As [`Narrow::between`], of cells of one strip.
-fn between_cells(grid: &Grid<COLUMNS, ROWS>, samples: usize, [(i, a), (j, b)]: [(usize, &Sample); 2]) -> Real {
+fn between_cells(grid: &Grid<COLUMNS, ROWS>, [(i, a), (j, b)]: [(usize, &Sample); 2]) -> Real {
     if a.area <= 0.0 || b.area <= 0.0 {
         return 0.0;
     }
     let facing = a.load.normal.dot(&b.load.normal).max(0.0);
-    0.5 * (a.load.compliance + b.load.compliance) * grid.between(i % samples, j % samples) * facing
+    0.5 * (a.load.compliance + b.load.compliance) * grid.between(i, j) * facing
 }
 
-/// Spacing of the nodes under a place of a triangle with these barycentric weights [m].
-fn spacing(on: &Touchable, t: Triangle, weights: [Real; 3]) -> Real {
+/// A place of a triangle with these barycentric weights, as a combination of display vertices.
+fn stencil(on: &Touchable, t: Triangle, weights: [Real; 3]) -> [(Vertex, Real); 3] {
     let corners = on.body.triangle(t);
-    corners.iter().zip(weights).map(|(v, w)| on.mesh.embedding(*v).spacing * w).sum()
+    std::array::from_fn(|i| (corners[i], weights[i]))
+}
+
+/// Spacing of the nodes under that [m].
+fn spacing(on: &Touchable, t: Triangle, weights: [Real; 3]) -> Real {
+    contact_row::spacing(on.mesh, stencil(on, t, weights))
 }
 
 /// Where that is at rest [m].
 fn at_rest(on: &Touchable, t: Triangle, weights: [Real; 3]) -> Vec3 {
-    let corners = on.body.triangle(t);
-    corners.iter().zip(weights).map(|(v, w)| on.body.surface().vertices[v.index()] * w).sum()
+    contact_row::at_rest(on.body, stencil(on, t, weights))
 }
 
 /// The triangle that a sample touched.
@@ -327,8 +389,7 @@ fn still_ahead(on: &Touchable, round: &Round, known: &[PointMemory], first: u32)
     // A surface that it sees from the edge tells nothing of where it touches: it goes on looking as before, or straight at it.
     let inward = (-outward(on, triangle)).try_normalize(0.0).unwrap_or(ahead);
     let ahead = [ahead, middle.normal].into_iter().find(|d| d.dot(&inward) > LEAST_FACING).unwrap_or(inward);
-    let near = if round.is_ball() { known.get(1).map_or(ahead, |m| m.normal) } else { round.axis() };
-    let view = View::new(ahead, near);
+    let view = View::new(ahead, first_axis(round, known, ahead));
     let [along, start] = [view.across[0], round.start()];
     // Where on the tool it was: the tool has moved since, about as far as within this tick.
     let [from, to] = round.moves.map(|frame| frame.at(Vec3::zeros()));
@@ -353,10 +414,28 @@ fn still_ahead(on: &Touchable, round: &Round, known: &[PointMemory], first: u32)
     let mean = |of: &dyn Fn(&PointMemory) -> Real| known.iter().map(|m| m.multiplier * of(m)).sum::<Real>() / all;
     let middle = mean(&place);
     // Each lies on a cell as long as the samples are apart.
-    let cell = (place(&known[COLUMNS - 1]) - place(&known[0])) / (COLUMNS - 1) as Real;
+    let cell = (place(known.get(round.columns() - 1)?) - place(&known[0])) / (round.columns() - 1) as Real;
     let along = mean(&|m| (place(m) - middle).powi(2)) + cell * cell / 12.0;
     let pressed = Pressed { force: load, middle, along, half_width };
     Some(Ahead { triangle, view, pressed, known: Some(first) })
+}
+
+/// Which way the first axis of a view along `ahead` goes whose samples of the last tick are `known`: a rod's own, as far as that is seen from
+/// aside. From ahead it could be any: it stays as it was.
+fn first_axis(round: &Round, known: &[PointMemory], ahead: Vec3) -> Vec3 {
+    if round.is_ball() {
+        return known.get(1).map_or(ahead, |m| m.normal);
+    }
+    let axis = round.axis().normalize();
+    let aside = axis - ahead * ahead.dot(&axis);
+    let part = (aside.norm_squared() / (LEAST_FACING * LEAST_FACING)).min(1.0);
+    let line = round.on_line();
+    let turns = known[line.end - 1].normal - known[line.start].normal;
+    match (turns.try_normalize(1e-6), aside.try_normalize(1e-6)) {
+        (Some(before), Some(now)) if part < 1.0 => before + (now - before) * part,
+        (Some(before), None) => before,
+        _ => axis,
+    }
 }
 
 impl Face {
@@ -367,17 +446,11 @@ impl Face {
     }
 }
 
-/// Support of a row over the spacing of the nodes: with less the lattice is felt, with more rows have no room and thin bodies no depth.
-/// Elements that are softer in their shortest waves need a wider one.
-pub(super) fn support(on: &Touchable) -> Real {
-    if on.body.stars().is_empty() { 1.75 } else { 2.0 }
-}
-
 /// Variance of a load as the mesh shows it [m²], `under` which nodes are of this `spacing` [m]: that of the rows, less what the
 /// lattice's short waves are too soft by. Their stiffness is `C k² (1 + c a²k²)`, `c = −.167 + .145 α` for the part α that strain jumps keep, from the
 /// symbol of the infinite body-centred lattice; it does not depend on Poisson's ratio.
 pub(super) fn shown_variance(on: &Touchable, under: Vertex, spacing: Real) -> Real {
-    let deviation = DEVIATION * support(on);
+    let deviation = DEVIATION * support(on.body);
     let node = on.mesh.node(on.mesh.embedding(under).slots[0]);
     (deviation * deviation - (0.167 - 0.145 * on.body.stabilisation(node))) * spacing * spacing
 }
@@ -386,7 +459,11 @@ pub(super) fn shown_variance(on: &Touchable, under: Vertex, spacing: Real) -> Re
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Hold<'a> {
     pub(super) rigid: Rigid<'a>,
+    /// Its parts.
+    pub(super) rounds: &'a [Round<'a>],
     pub(super) allowed_for: Pushed,
+    /// Number of its first constraint.
+    pub(super) first: usize,
 }
 
 impl Samples {
@@ -394,31 +471,34 @@ impl Samples {
     pub(super) fn constrain(
         &self,
         on: &Touchable,
-        round: &Round,
         hold: &Hold,
         known: &[PointMemory],
         out: Found,
         memory: &mut Vec<PointMemory>,
     ) {
         let Rigid { id, friction, state: tool, horizon, .. } = hold.rigid;
-        let radius = round.radius();
-        let first = out.constraints.len() as u32;
+        let first = hold.first;
+        let points = out.constraints.len() - first;
         for (i, sample) in self.found.iter().enumerate() {
+            let face = &self.faces[sample.face as usize];
+            let round = &hold.rounds[face.part];
+            let radius = round.radius();
             let n = sample.load.normal;
             let [start, end] = round.moves.map(|frame| frame.at(sample.core));
             let known = sample.known.map(|k| &known[k as usize]);
             let mut compliance = [0.0; MOST_POINTS];
+            let before = &out.constraints[first..];
             // Filled in once for both.
-            for (j, g) in compliance[..self.found.len()].iter_mut().enumerate() {
-                *g = match j {
-                    j if j < i => out.constraints[first as usize + j].compliance[i],
-                    _ => self.between(round.samples(), i, j),
+            for (j, g) in compliance[..points + self.found.len()].iter_mut().enumerate() {
+                *g = match before.get(j) {
+                    Some(other) => other.compliance[points + i],
+                    None => self.between(i, j - points),
                 };
             }
             // The mesh shows the place above the tool's own. A ball is pushed through its middle all the same, and feels no moment.
-            let met_at = if round.is_ball() { round.start() + sample.load.place } else { sample.place };
-            let nu = self.faces[sample.face as usize].nu;
-            let point = on.vertices.len() as u32 + sample.triangle.0;
+            let met_at = if round.is_ball() { sample.load.place } else { sample.place };
+            let nu = face.nu;
+            let point = face.part as u32 * on.body.points_of_a_part() + on.vertices.len() as u32 + sample.triangle.0;
             let moved = n.dot(&(end - start));
             let mut constraint = Constraint {
                 row: sample.row,
@@ -426,7 +506,7 @@ impl Samples {
                 // It touches nothing where the surface ends.
                 offset: Real::NEG_INFINITY,
                 rate: 0.0,
-                first,
+                first: first as u32,
                 compliance,
                 tool: id,
                 point,
@@ -447,7 +527,10 @@ impl Samples {
             };
             let mut remembered = PointMemory { point, normal: n, weights: sample.weights, ..PointMemory::default() };
             if sample.area > 0.0 {
-                let dent: Real = compliance.iter().zip(&self.found).map(|(g, other)| g * other.multiplier).sum();
+                let of_points: Real =
+                    compliance.iter().zip(&before[..points]).map(|(g, other)| g * other.multiplier).sum();
+                let own = compliance[points..].iter().zip(&self.found);
+                let dent = own.map(|(g, other)| g * other.multiplier).sum::<Real>() + of_points;
                 // The mean over its area of where the tool is.
                 let flat = radius - sample.rounded;
                 let place = sample.place;

@@ -7,7 +7,6 @@ pub mod active_mesh;
 pub mod active_set;
 pub mod body;
 pub mod constraint;
-pub mod contact_row;
 pub mod csr;
 pub mod element;
 mod element_block;

@@ -10,6 +10,7 @@ mod inputs;
 mod outputs;
 mod parameter;
 mod ranges;
+mod room;
 mod snapshot;
 
 pub use crate::model::step_class::TICK;
@@ -41,6 +42,7 @@ use crate::model::{ActiveMesh, Body, Constraint, State, step_class};
 use crate::stepping::step::{self, World};
 use crate::stepping::work;
 use given::{Given, most_parameters};
+use room::Room;
 use std::sync::Arc;
 
 /// Ticks of a frame: the surface is published once per frame (31.25 Hz).
@@ -228,7 +230,7 @@ impl Simulation {
     pub fn contacts(&mut self) -> (&mut ActiveMesh, &[Constraint], &[Vec3]) {
         self.tools.iter_mut().for_each(|tool| tool.previous = tool.pose);
         self.detection.settle();
-        self.find_contacts(&mut ());
+        self.find_contacts(Budget::UNLIMITED, &mut ());
         self.mesh.skin(&mut self.vertices);
         (&mut self.mesh, &self.constraints, &self.vertices)
     }
@@ -243,7 +245,7 @@ impl Simulation {
         self.begin(inputs);
         self.move_tools(inputs);
         self.adapt(inputs.budget, laps);
-        self.find_contacts(laps);
+        self.find_contacts(inputs.budget, laps);
         self.detection.end_tick();
         self.step(inputs.budget, laps);
         self.contain();
@@ -372,11 +374,15 @@ impl Simulation {
         }
     }
 
-    /// Fills the constraint list, tool by tool and obstacle by obstacle.
-    fn find_contacts(&mut self, laps: &mut dyn Laps) {
+    /// Fills the constraint list, tool by tool and obstacle by obstacle. What is touched anew waits for a tick that has time for it, be it
+    /// while the body stands still.
+    fn find_contacts(&mut self, budget: Budget, laps: &mut dyn Laps) {
         self.constraints.clear();
         self.points_of_action.clear();
-        self.find_tool_contacts(laps);
+        // What is touched stays: the end of a frame has to have time for it, too.
+        let taken = self.beside_motion(true).saturating_add(self.contact_time(0).0);
+        let mut room = Room::new(self.prices, self.most_of(budget).saturating_sub(taken));
+        self.find_tool_contacts(&mut room, laps);
         for (i, (of, points)) in self.settings.obstacles.iter().zip(&mut self.obstacle_points).enumerate() {
             laps.lap(Part::Fixed, 0);
             let (id, state) = (ToolId::at(self.tools.len() + i), &of.state_at(self.tick, points));
@@ -389,15 +395,28 @@ impl Simulation {
                 Form::Parts(shape) => {
                     let horizon = step_class::longest(&self.body);
                     let rigid = Rigid { id, shape, friction: of.friction, state, horizon };
-                    detection::detect(&self.body, &self.mesh, rigid, points, out, &mut self.detection);
+                    room.detect((&self.body, &self.mesh), rigid, points, out, &mut self.detection);
                 }
             }
-            lap_points(laps, points.len(), of.is_solid());
+            room::lap_points(laps, points.len(), of.is_solid());
         }
     }
 
+    /// Time that the tick may take [ns].
+    fn most_of(&self, budget: Budget) -> u32 {
+        // What a change of resolution takes is less well known than the rest.
+        if self.outputs.adapted.work > 0 { budget.change } else { budget.limit }
+    }
+
+    /// Time that the tick takes beside motion and contacts [ns], if it ends a `frame`.
+    fn beside_motion(&self, frame: bool) -> u32 {
+        let rest = work::of_rest(&self.prices, frame);
+        let looked = self.prices.of(Part::Look, self.outputs.adapted.looked);
+        rest.saturating_add(looked).saturating_add(self.outputs.adapted.work)
+    }
+
     /// Those of tools, of which waiting ones engage where they are outside.
-    fn find_tool_contacts(&mut self, laps: &mut dyn Laps) {
+    fn find_tool_contacts(&mut self, room: &mut Room, laps: &mut dyn Laps) {
         if self.tools.iter().all(|t| t.phase == Phase::Detached) {
             self.points.iter_mut().for_each(Vec::clear);
             return;
@@ -421,14 +440,12 @@ impl Simulation {
             let out = Found { constraints: &mut self.constraints, points_of_action: &mut self.points_of_action };
             let (shape, friction) = (&of.shape, of.friction);
             let rigid = Rigid { id: ToolId::at(i), shape, friction, state: tool, horizon: 0.0 };
-            detection::detect(&self.body, &self.mesh, rigid, points, out, &mut self.detection);
-            lap_points(laps, points.len(), of.shape.parts().iter().any(ShapePart::is_solid));
+            room.detect((&self.body, &self.mesh), rigid, points, out, &mut self.detection);
+            room::lap_points(laps, points.len(), of.shape.parts().iter().any(ShapePart::is_solid));
         }
     }
 
     fn step(&mut self, budget: Budget, laps: &mut dyn Laps) {
-        let rest = work::of_rest(&self.prices, self.tick.is_multiple_of(TICKS_PER_FRAME));
-        let rest = rest.saturating_add(self.prices.of(Part::Look, self.outputs.adapted.looked));
         let of_tools = self.points.iter().map(Vec::len).sum::<usize>().min(self.constraints.len());
         let (tools, obstacles) = self.constraints.split_at(of_tools);
         let (tools, obstacles) = (tools.iter().map(|c| c.point), obstacles.iter().map(|c| c.point));
@@ -436,11 +453,10 @@ impl Simulation {
         let solves = (self.constraints.len() as u32) << contact;
         let motion = work::of_motion(&self.body, &self.mesh, &self.prices, solves);
         let needed = motion.saturating_add(self.contact_time(0).0);
-        let whole = needed.saturating_add(rest).saturating_add(self.outputs.adapted.work);
-        // What a change of resolution takes is less well known than the rest.
-        let most = if self.outputs.adapted.work > 0 { budget.change } else { budget.limit };
+        let frame = self.tick.is_multiple_of(TICKS_PER_FRAME);
+        let whole = needed.saturating_add(self.beside_motion(frame));
         // A body that never fits moves all the same, now and then.
-        let moves = whole <= most || self.frozen >= MOST_FROZEN;
+        let moves = whole <= self.most_of(budget) || self.frozen >= MOST_FROZEN;
         self.frozen = if moves { 0 } else { self.frozen + 1 };
         // A tick that stands still has found its contacts all the same.
         let (taken, left_out) = if moves { (needed, 0) } else { (0, motion) };
@@ -543,15 +559,6 @@ impl Simulation {
             let entangled = self.reference.is_entangled(self.outputs.extremes.det_f, &self.outputs.skin);
             self.entangled = if entangled { self.entangled + 1 } else { 0 };
         }
-    }
-}
-
-/// Tells of a search that found `points` on a tool or obstacle, `solid` when one of its parts is a cylinder or a hull.
-fn lap_points(laps: &mut dyn Laps, points: usize, solid: bool) {
-    match points as u32 {
-        0 => laps.lap(Part::Search, 1),
-        n if solid => laps.lap(Part::SolidPoint, n),
-        n => laps.lap(Part::Point, n),
     }
 }
 

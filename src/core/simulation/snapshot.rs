@@ -29,9 +29,10 @@ pub struct Snapshot {
     pub body: State,
     /// Each tool, by id.
     pub tools: Vec<ToolState>,
-    /// Each tool's contact points of the last tick, ascending, at most [`MOST_POINTS`].
+    /// Each tool's contact points of the last tick, at most [`MOST_POINTS`]: those of its cylinders and hulls, ascending, then those of its
+    /// balls and capsules, part by part.
     pub points: Vec<Vec<PointMemory>>,
-    /// Each obstacle's, ascending; empty where the body touches none.
+    /// Each obstacle's; empty where the body touches none.
     pub obstacle_points: Vec<Vec<PointMemory>>,
 }
 

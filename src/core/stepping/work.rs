@@ -311,6 +311,8 @@ impl Budget {
 const ELEMENT_COST: u32 = 40;
 /// Change units of weighing the forces of one element, as is done before and after changes under a load.
 const RESIDUAL_COST: u32 = 10;
+/// Change units of both rows of a contact point.
+const POINT_COST: u32 = 200;
 /// Change units per interface row made.
 const ROW_COST: u32 = 40;
 /// Visits of nodes and of row entries by an event of `class`; all may be concerned. Each is visited twice: moved and kicked,
@@ -352,13 +354,22 @@ pub fn of_frame(prices: &Prices) -> u32 {
 
 /// Time of finding `points` contact points of a tool [ns], `solid` when one of its parts is a cylinder or a hull.
 pub fn of_contact(prices: &Prices, points: u32, solid: bool) -> u32 {
-    let part = if solid { Part::SolidPoint } else { Part::Point };
-    prices.of(Part::Search, 1).saturating_add(prices.of(part, points))
+    prices.of(Part::Search, 1).saturating_add(prices.of(part_of_points(solid), points))
+}
+
+/// What such points are counted as.
+pub fn part_of_points(solid: bool) -> Part {
+    if solid { Part::SolidPoint } else { Part::Point }
 }
 
 /// Element evaluations of a tick.
 pub fn evaluations(mesh: &ActiveMesh) -> u32 {
     (0..CLASSES).map(|c| mesh.evaluations(c) << c).sum()
+}
+
+/// Change units of the rows by which the load of so many contact points is weighed, before and after changes.
+pub fn weighing_units(points: u32) -> u32 {
+    points * POINT_COST
 }
 
 /// Change units of a batch of changes of resolution of a body with `nodes` nodes in use, whatever is in it: momenta,

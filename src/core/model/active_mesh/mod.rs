@@ -8,6 +8,7 @@
 //! Everything here is sized once. What changes with the resolution changes where it changes, and only there.
 
 mod classes;
+pub mod contact_row;
 mod display;
 mod estimate;
 mod masses;
@@ -24,14 +25,17 @@ use masses::MASS_UNITS;
 use momentum::ByOrgan;
 pub use momentum::Momenta;
 pub use reshape::ChangeCost;
-pub use residual::Loads;
 use residual::NO_RESIDUAL;
+pub use residual::{Loads, RESIDUAL_KEPT};
 use stiffness::Materials;
 pub use stiffness::Stiffening;
 use supports::Supports;
 
+use contact_row::Surroundings;
+
 use super::active_set::ActiveSet;
 use super::body::Body;
+use super::constraint::{MOST_OBSTACLES, MOST_POINTS, MOST_TOOLS};
 use super::element::ElementConstants;
 use super::element_kernel::Padded;
 use super::element_pool::{CLASSES, ElementPool, StarPool};
@@ -128,6 +132,8 @@ pub struct ActiveMesh {
 #[derive(Debug)]
 struct Work {
     search: Search,
+    /// There but while it is used.
+    around: Option<Surroundings>,
     on: Vec<(Node, Vec3, Vec3)>,
     off: Vec<Node>,
     elements: Vec<Element>,
@@ -156,6 +162,9 @@ struct Work {
     handed: Vec<Residual<Vec3>>,
     /// Of each change, at rest [m].
     boxes: Vec<Bounds>,
+    /// Points that push, at rest [m], and the squared support of their rows [m²]; whether changes are as near.
+    loaded: Vec<(Vec3, Real)>,
+    near: Vec<bool>,
 }
 
 fn vec3(p: &Padded) -> Vec3 {
@@ -235,6 +244,7 @@ impl ActiveMesh {
             damping: 1.0,
             work: Work {
                 search: Search::new(body),
+                around: Some(Surroundings::new(body)),
                 on: Vec::with_capacity(slots),
                 off: Vec::with_capacity(slots),
                 elements: Vec::with_capacity(body.element_count()),
@@ -257,6 +267,8 @@ impl ActiveMesh {
                 weighed: Vec::with_capacity(4.max(1 + body.stars().most_neighbours())),
                 handed: Vec::with_capacity(slots),
                 boxes: Vec::with_capacity(slots),
+                loaded: Vec::with_capacity(MOST_POINTS * (MOST_TOOLS + MOST_OBSTACLES)),
+                near: Vec::with_capacity(MOST_POINTS * (MOST_TOOLS + MOST_OBSTACLES)),
             },
         };
         let set = ActiveSet::from_nodes(body, &state.nodes)

@@ -5,11 +5,12 @@
 //! acceleration as it was, and that decay. They act within a tick when what they stand for does, or a node would be off its place when its
 //! elements are due. They add up to nothing, as those between the elements do, and so do their moments.
 
+use super::contact_row::{Surroundings, at_rest, spacing, support};
 use super::estimate::sides;
 use super::skin;
 use super::{ActiveMesh, ChangeCost, constants, padded, vec3};
 use crate::ids::{Element, Node, Slot, Vertex};
-use crate::math::{Real, Vec3};
+use crate::math::{Bounds, Real, Vec3};
 use crate::model::active_set::Change;
 use crate::model::body::Body;
 use crate::model::constraint::PointMemory;
@@ -33,6 +34,22 @@ impl<'a> Loads<'a> {
     pub fn all_points(&self) -> impl Iterator<Item = &'a PointMemory> + use<'a> {
         self.points.iter().chain(self.obstacle_points).flatten()
     }
+
+    /// Those that do.
+    pub fn pushing(&self) -> impl Iterator<Item = &'a PointMemory> + use<'a> {
+        self.all_points().filter(|point| point.multiplier > 0.0)
+    }
+}
+
+/// The display vertices on which a point hangs, with their weights.
+fn stencil(body: &Body, point: &PointMemory) -> [(Vertex, Real); 3] {
+    let corners = body.corners_of_point(point.point);
+    std::array::from_fn(|i| (corners[i], point.weights[i]))
+}
+
+/// Whether one of the `boxes` of changes is nearer to a load than the support of its row.
+fn is_near((place, support_squared): &(Vec3, Real), boxes: &[Bounds]) -> bool {
+    boxes.iter().any(|around| around.distance_squared(place) < *support_squared)
 }
 
 /// What has forces of its own on nodes.
@@ -46,19 +63,43 @@ pub(super) enum Kind {
 /// No residual force.
 pub(super) const NO_RESIDUAL: Residual<Padded> = [[0.0; 4]; CLASSES];
 
-/// Part of a residual force that decays in a tick: a time constant of 25 ms, *tuned*. A residual is dead weight, which does not
-/// give way with the body: one that lasts longer crushes what is under a tool, a shorter one lets the change be felt.
-const DECAY: Real = 0.04;
+/// Part of a residual that remains after each tick: a time constant of 7 ms, *tuned*. A residual is dead weight, which does not give
+/// way with the body: one that lasts longer crushes what is under a tool, a shorter one lets the change be felt. What contact sees of a
+/// change fades as fast: as much as the mesh's dent becomes deeper, what the mesh leaves out of it becomes less.
+pub const RESIDUAL_KEPT: Real = 0.87;
+/// Over the support of a row, how far points are apart for which nodes are gathered together.
+const NEAR: Real = 0.5;
 /// Less than this [N] ends at once: so little that the sum of all stays nothing.
 const LEAST_RESIDUAL: Real = 1e-15;
 
 impl ActiveMesh {
-    /// Makes `changes` as [`ActiveMesh::apply`] does, under `loads`.
-    pub fn apply_under(&mut self, body: &Body, changes: &[Change], loads: &Loads) -> ChangeCost {
+    /// Notes where `loads` push, for [`ActiveMesh::loads_near`].
+    pub fn note_loads(&mut self, body: &Body, loads: &Loads) {
+        self.work.loaded.clear();
+        for point in loads.pushing().filter(|p| body.patch_of_point(p.point).is_none()) {
+            if self.work.loaded.len() < self.work.loaded.capacity() {
+                let hangs = stencil(body, point);
+                let support = support(body) * spacing(self, hangs);
+                self.work.loaded.push((at_rest(body, hangs), support * support));
+            }
+        }
+    }
+
+    /// How many noted loads act on rows that `changes` may alter.
+    pub fn loads_near(&mut self, body: &Body, changes: &[Change]) -> u32 {
+        self.bound(body, changes);
+        self.work.loaded.iter().filter(|load| is_near(load, &self.work.boxes)).count() as u32
+    }
+
+    /// Makes `changes` as [`ActiveMesh::apply`] does, under `loads`, which have been noted: those near are weighed by the rows on which they
+    /// act where there is time to be `exact`, or by those of the display.
+    pub fn apply_under(&mut self, body: &Body, changes: &[Change], loads: &Loads, exact: bool) -> ChangeCost {
         let ChangeCost { residual, .. } = self.estimate(body, changes, true);
-        self.add_balance(body, loads, 1.0);
+        self.work.near.clear();
+        self.work.near.extend(self.work.loaded.iter().map(|load| is_near(load, &self.work.boxes)));
+        self.add_balance(body, loads, exact, 1.0);
         let cost = self.apply(body, changes);
-        self.add_balance(body, loads, -1.0);
+        self.add_balance(body, loads, exact, -1.0);
         ChangeCost { residual, ..cost }
     }
 
@@ -74,7 +115,7 @@ impl ActiveMesh {
 
     /// Adds to the residuals `sign` times the force on each active node, as far as the concerned elements and `loads` go: by
     /// class of step, so that it acts when that force does.
-    fn add_balance<'a>(&mut self, body: &Body, loads: &Loads<'a>, sign: Real) {
+    fn add_balance<'a>(&mut self, body: &Body, loads: &Loads<'a>, exact: bool, sign: Real) {
         self.residuals = true;
         for i in 0..self.work.concerned.len() {
             self.add_forces_of(body, Kind::Element(self.work.concerned[i]), sign);
@@ -84,7 +125,9 @@ impl ActiveMesh {
         }
         let numbers = |points: &'a [Vec<PointMemory>]| points.iter().flatten().map(|p| p.point);
         let class = self.contact_class(body, numbers(loads.points), numbers(loads.obstacle_points));
-        self.add_contact_forces(body, loads, class, sign);
+        let mut around = self.work.around.take();
+        self.add_contact_forces(body, loads, around.as_mut().filter(|_| exact), class, sign);
+        self.work.around = around;
         for &slot in &self.active {
             let s = slot.index();
             if self.motion.inverse_mass[s] > 0.0 {
@@ -163,14 +206,36 @@ impl ActiveMesh {
         }
     }
 
-    /// Adds `sign` times the contact forces.
-    fn add_contact_forces(&mut self, body: &Body, loads: &Loads, class: usize, sign: Real) {
-        for point in loads.all_points().filter(|p| p.multiplier > 0.0) {
+    /// Adds `sign` times the contact forces: by the rows on which they act, with what is `around`, or by those of the display.
+    fn add_contact_forces(
+        &mut self,
+        body: &Body,
+        loads: &Loads,
+        mut around: Option<&mut Surroundings>,
+        class: usize,
+        sign: Real,
+    ) {
+        let mut gathered: Option<Vec3> = None;
+        let mut number = 0;
+        for point in loads.pushing() {
+            let patch = body.patch_of_point(point.point);
+            number += usize::from(patch.is_none());
+            // What hangs as before would cancel.
+            if patch.is_none() && !self.work.near.get(number - 1).is_some_and(|near| *near) {
+                continue;
+            }
+            let hangs = stencil(body, point);
+            let fitted = around.as_deref_mut().filter(|_| patch.is_none()).and_then(|around| {
+                let (at, support) = (at_rest(body, hangs), support(body) * spacing(self, hangs));
+                if gathered.is_none_or(|from| (at - from).norm() > NEAR * support) {
+                    around.gather(body, self, &self.embedding(hangs[0].0).slots, at, (1.0 + NEAR) * support);
+                    gathered = Some(at);
+                }
+                around.row(at, support)
+            });
+            let own = if hangs[0].1 == 1.0 { &hangs[..1] } else { &hangs };
+            let row = fitted.unwrap_or_else(|| skin::row(self, patch.unwrap_or(own)).0);
             let on_body = (point.normal * point.multiplier + point.tangential) * sign;
-            let corners = body.corners_of_point(point.point);
-            let stencil: [(Vertex, Real); 3] = std::array::from_fn(|i| (corners[i], point.weights[i]));
-            let stencil = if corners[0] == corners[1] { &stencil[..1] } else { &stencil };
-            let row = skin::row(self, body.patch_of_point(point.point).unwrap_or(stencil)).0;
             row.entries().iter().for_each(|(slot, b)| self.add_residual(*slot, class, on_body * *b));
         }
     }
@@ -230,7 +295,7 @@ impl ActiveMesh {
         self.residuals = false;
         for &slot in &self.active {
             for e in self.motion.residual[slot.index()].as_flattened_mut() {
-                *e = if e.abs() > LEAST_RESIDUAL { *e * (1.0 - DECAY) } else { 0.0 };
+                *e = if e.abs() > LEAST_RESIDUAL { *e * RESIDUAL_KEPT } else { 0.0 };
                 self.residuals |= *e != 0.0;
             }
         }

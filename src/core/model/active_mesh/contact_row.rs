@@ -6,11 +6,27 @@
 //! nodes lie around it.
 
 use super::ActiveMesh;
-use super::body::Body;
-use super::constraint::{MOST_ROW_NODES, Row};
-use super::interface::Search;
-use crate::ids::Slot;
+use crate::ids::{Slot, Vertex};
 use crate::math::{Mat3, Real, Vec3};
+use crate::model::body::Body;
+use crate::model::constraint::{MOST_ROW_NODES, Row};
+use crate::model::interface::Search;
+
+/// Support of a row over the spacing of the nodes: with less the lattice is felt, with more rows have no room and thin bodies no depth.
+/// Elements that are softer in their shortest waves need a wider one.
+pub fn support(body: &Body) -> Real {
+    if body.stars().is_empty() { 1.75 } else { 2.0 }
+}
+
+/// Spacing of the nodes under the place of the surface that is such a combination of display vertices [m].
+pub fn spacing(mesh: &ActiveMesh, stencil: impl IntoIterator<Item = (Vertex, Real)>) -> Real {
+    stencil.into_iter().map(|(v, w)| mesh.embedding(v).spacing * w).sum()
+}
+
+/// And where that is at rest [m].
+pub fn at_rest(body: &Body, stencil: impl IntoIterator<Item = (Vertex, Real)>) -> Vec3 {
+    stencil.into_iter().map(|(v, w)| body.surface().vertices[v.index()] * w).sum()
+}
 
 /// An active node near a place.
 #[derive(Clone, Copy, Debug)]
@@ -51,12 +67,16 @@ impl Surroundings {
     /// The row of the place `p` at rest [m] on nodes up to `support` [m] away: less where these are more than a row has room
     /// for, more where they do not fix a plane's slope. `None` where even as many as there is room for do not.
     pub fn row(&self, p: Vec3, mut support: Real) -> Option<Row> {
-        let count = |support: Real| self.nodes.iter().filter(|near| (near.place - p).norm() < support).count();
-        while count(support) > MOST_ROW_NODES {
+        let within = |support: Real| move |near: &&Near| (near.place - p).norm_squared() < support * support;
+        let count = |support: Real| self.nodes.iter().filter(within(support)).count();
+        let mut held = count(support);
+        while held > MOST_ROW_NODES {
             support *= NARROWER;
+            held = count(support);
         }
         for _ in 0..MOST_TRIES {
-            let (row, wider) = (self.fit(p, support), support / NARROWER);
+            let row = fit(self.nodes.iter().filter(within(support)), p, support);
+            let wider = support / NARROWER;
             if row.is_some() || count(wider) > MOST_ROW_NODES {
                 return row;
             }
@@ -64,35 +84,37 @@ impl Surroundings {
         }
         None
     }
+}
 
-    fn fit(&self, p: Vec3, support: Real) -> Option<Row> {
-        let weight = |near: &Near| near.mass * spline((near.place - p).norm() / support);
-        let (mut sum, mut first, mut second) = (0.0, Vec3::zeros(), Mat3::zeros());
-        for near in &self.nodes {
-            let (w, d) = (weight(near), near.place - p);
-            sum += w;
-            first += d * w;
-            second += d * d.transpose() * w;
-        }
-        if sum <= 0.0 {
-            return None;
-        }
-        let mean = first / sum;
-        let spread = second / sum - mean * mean.transpose();
-        // Its eigenvalues are squares of how far the nodes lie apart in each direction.
-        if spread.determinant() < LEAST_SPREAD * (support * support).powi(3) {
-            return None;
-        }
-        let slope = spread.try_inverse()? * mean;
-        let mut row = Row::EMPTY;
-        for near in &self.nodes {
-            let w = weight(near) / sum;
-            if w > 0.0 {
-                row.push(near.slot, w * (1.0 - slope.dot(&(near.place - p - mean))));
-            }
-        }
-        Some(row)
+/// The row of the place `p` [m] on nodes `near` it, no more than a row has room for.
+fn fit<'a>(near: impl Iterator<Item = &'a Near>, p: Vec3, support: Real) -> Option<Row> {
+    let mut weighed = [(Slot::NONE, 0.0, Vec3::zeros()); MOST_ROW_NODES];
+    let mut len = 0;
+    let (mut sum, mut first, mut second) = (0.0, Vec3::zeros(), Mat3::zeros());
+    for (near, weighed) in near.zip(&mut weighed) {
+        let d = near.place - p;
+        let w = near.mass * spline(d.norm() / support);
+        *weighed = (near.slot, w, d);
+        len += 1;
+        sum += w;
+        first += d * w;
+        second += d * d.transpose() * w;
     }
+    if sum <= 0.0 {
+        return None;
+    }
+    let mean = first / sum;
+    let spread = second / sum - mean * mean.transpose();
+    // Its eigenvalues are squares of how far the nodes lie apart in each direction.
+    if spread.determinant() < LEAST_SPREAD * (support * support).powi(3) {
+        return None;
+    }
+    let slope = spread.try_inverse()? * mean;
+    let mut row = Row::EMPTY;
+    for (slot, w, d) in weighed[..len].iter().filter(|(_, w, _)| *w > 0.0) {
+        row.push(*slot, w / sum * (1.0 - slope.dot(&(d - mean))));
+    }
+    Some(row)
 }
 
 /// The cubic spline kernel on [0, 1], up to a factor.
