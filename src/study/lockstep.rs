@@ -11,7 +11,7 @@ use palpate_core::math::{Pose, Real, Vec3};
 use palpate_core::model::Body;
 use palpate_core::model::step_class::TICK;
 use palpate_core::simulation::{Inputs, Settings, Simulation, Snapshot, TICKS_PER_FRAME, ToolOutput};
-use palpate_phantom::{Hand, HeldDevice, Target};
+use palpate_phantom::{Given, Hand, HeldDevice, Target};
 use palpate_sdk::{Device, Link, LinkConditions, RenderMode, Renderer, Wrench};
 use std::io::{Error, Result};
 use std::sync::Arc;
@@ -151,8 +151,9 @@ impl Client<'_> {
         let (x, v) = (self.held.reported_position(), self.held.reported_velocity());
         let force = self.renderer.force(x.into(), v.into(), now_ns);
         self.poses.send(now_ns, (tick as u32, x));
-        let given = self.held.step(TICK, &(self.path)(tick as Real * TICK), Vec3::from(force));
-        (given, self.held.position())
+        let commanded = Given { force: Vec3::from(force), ..Given::default() };
+        let given = self.held.step(TICK, &(self.path)(tick as Real * TICK), commanded);
+        (given.force, self.held.position())
     }
 }
 

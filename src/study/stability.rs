@@ -111,7 +111,7 @@ fn target(time: Real) -> Target {
     let s = (time / in_time).min(1.0);
     let height = from + (to - from) * s * s * (3.0 - 2.0 * s);
     let speed = (to - from) * 6.0 * s * (1.0 - s) / in_time;
-    Target { position: over(height), velocity: Vec3::new(0.0, 0.0, speed) }
+    Target::upright(over(height), Vec3::new(0.0, 0.0, speed))
 }
 
 /// Centre of the ball when its lowest point is `height` over the middle of the top [m].

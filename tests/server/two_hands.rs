@@ -1,8 +1,8 @@
-//! Two virtual Phantoms in one body over the real network, and one of them killed in the middle of its press.
+//! Virtual Phantoms in one body over the real network: one that turns, and one of two killed in the middle of its press.
 
-use crate::{Running, serve, serve_cells, wait_for};
+use crate::{Running, serve, serve_cells, serve_tools, wait_for};
 use palpate::recording::Recording;
-use palpate_core::contact::tool::ToolEvent;
+use palpate_core::contact::tool::{PoseSample, ToolEvent};
 use palpate_core::simulation::{Inputs, Simulation};
 use palpate_phantom::{Device, Options, Pattern, Report, Vec3, run};
 use palpate_proto::{self as proto, control_request::Request};
@@ -56,6 +56,37 @@ fn a_hand_far_away_presses_the_real_body_within_its_energy_budget() {
         assert!(report.peak_energy <= report.energy_budget, "{report}");
     }
     running.stop();
+}
+
+#[test]
+fn a_hand_that_turns_a_rough_ball_feels_its_torque_and_its_button_is_recorded() {
+    let device = Device::by_name("PHANTOM Premium 1.5 6DOF").unwrap();
+    // On a machine that was away the hand may have been let go of.
+    let attempt = || {
+        let running = serve_tools("[[5,5,5]]", "tool=[{name=\"left\", radius=0.02, friction=0.8}]");
+        let control = Connection::open(&running.endpoints).unwrap();
+        control.control(Request::StartRecording(proto::StartRecording { path: "turn.mcap".into() })).unwrap();
+        let options = trembling(&running.endpoints, "left", 0.0);
+        let turning = Options { device: device.clone(), pattern: Pattern::Turn, seconds: Some(3.5), ..options };
+        let report = hold(&turning);
+        control.control(Request::StopRecording(proto::StopRecording {})).unwrap();
+        let recording = Recording::read(&running.folder.path().join("turn.mcap")).unwrap();
+        drop(control);
+        running.stop();
+        println!("{report}");
+        Some((recording, report)).filter(|(_, report)| report.peak_device_torque > 5e-4)
+    };
+    let (recording, report) = (0..5).find_map(|_| attempt()).expect("a torque in one of five runs");
+    assert!(report.turned > 0.5 && report.peak_device_torque <= device.max_torque, "{report}");
+    let poses = recording.inputs.iter().filter_map(|(_, inputs)| match inputs.tools[0] {
+        Some(ToolEvent::Pose(sample)) => Some(sample),
+        _ => None,
+    });
+    let turned = |sample: &PoseSample| 2.0 * sample.pose.orientation[2].atan2(sample.pose.orientation[3]);
+    let (held, free): (Vec<_>, Vec<_>) = poses.partition(|sample| sample.buttons == 1);
+    assert!(held.len() > 500 && free.iter().all(|sample| sample.buttons == 0), "{} with the button", held.len());
+    let range = held.iter().map(turned).fold([0.0f64; 2], |[low, high], angle| [low.min(angle), high.max(angle)]);
+    assert!(range[0] < -0.4 && range[1] > 0.4, "turned from {} to {} rad", range[0], range[1]);
 }
 
 /// The victim, in a process of its own.

@@ -1,6 +1,7 @@
 //! Where the hand wants to be: paths of palpation, as functions of time.
 
 use clap::ValueEnum;
+use nalgebra::UnitQuaternion;
 
 use crate::Vec3;
 
@@ -8,6 +9,8 @@ use crate::Vec3;
 const SETTLE: f64 = 0.5;
 /// Time of the way from the standoff to just outside [s], where a pattern begins there.
 const APPROACH: f64 = 0.5;
+/// A press and the rest after it [s].
+const PRESS_TIME: f64 = 3.5;
 /// Height "just outside" [m] at which the hand moves between two presses.
 const CLEARANCE: f64 = 2e-3;
 /// Height from which taps begin [m].
@@ -24,6 +27,11 @@ const STROKE_TIME: f64 = 0.5;
 /// A physiological tremor: frequency [Hz] and amplitude [m].
 const TREMOR_RATE: f64 = 10.0;
 const TREMOR_AMPLITUDE: f64 = 0.3e-3;
+/// A turn of a held tool [rad]: about the normal, and its tilt about the tangent.
+const TWIST: f64 = 0.6;
+const TILT: f64 = 0.25;
+/// Button that is held meanwhile.
+const BUTTON: u32 = 1;
 /// Half the distance of the central difference that gives velocities [s].
 const DIFFERENCE: f64 = 1e-5;
 
@@ -40,6 +48,8 @@ pub enum Pattern {
     Tap,
     /// Press and hold, with a trembling hand: 10 Hz, 0.3 mm.
     Tremor,
+    /// A press in which the tool is turned by 34° to either side and tilted by 14°, with a button down.
+    Turn,
 }
 
 impl Pattern {
@@ -71,6 +81,20 @@ pub struct Target {
     pub position: Vec3,
     /// [m/s]
     pub velocity: Vec3,
+    /// From the tool's own frame to the world's.
+    pub orientation: UnitQuaternion<f64>,
+    /// [rad/s], about the world's axes.
+    pub angular_velocity: Vec3,
+    /// Buttons that are down, one a bit.
+    pub buttons: u32,
+}
+
+impl Target {
+    /// Not turned, with no button down.
+    pub fn upright(position: Vec3, velocity: Vec3) -> Self {
+        let (orientation, angular_velocity) = (UnitQuaternion::identity(), Vec3::zeros());
+        Self { position, velocity, orientation, angular_velocity, buttons: 0 }
+    }
 }
 
 /// A pattern at a site.
@@ -85,8 +109,33 @@ pub struct Path {
 impl Path {
     /// The target `t` seconds after the beginning. Periodic patterns go on for ever.
     pub fn target(&self, t: f64) -> Target {
-        let velocity = (self.position(t + DIFFERENCE) - self.position(t - DIFFERENCE)) / (2.0 * DIFFERENCE);
-        Target { position: self.position(t), velocity }
+        let [before, after] = [t - DIFFERENCE, t + DIFFERENCE];
+        let velocity = (self.position(after) - self.position(before)) / (2.0 * DIFFERENCE);
+        let turn = self.orientation(after) * self.orientation(before).inverse();
+        let (orientation, angular_velocity) = (self.orientation(t), turn.scaled_axis() / (2.0 * DIFFERENCE));
+        Target {
+            orientation,
+            angular_velocity,
+            buttons: self.buttons(t),
+            ..Target::upright(self.position(t), velocity)
+        }
+    }
+
+    /// While a turning hand holds, it turns to one side, to the other and back.
+    fn orientation(&self, t: f64) -> UnitQuaternion<f64> {
+        let Some(held) = self.held(t) else { return UnitQuaternion::identity() };
+        let turn = (std::f64::consts::TAU * minimum_jerk(held)).sin();
+        UnitQuaternion::new(self.site.normal * (TWIST * turn)) * UnitQuaternion::new(self.site.tangent * (TILT * turn))
+    }
+
+    fn buttons(&self, t: f64) -> u32 {
+        if self.held(t).is_some() { BUTTON } else { 0 }
+    }
+
+    /// How long a turning hand has held its depth [s].
+    fn held(&self, t: f64) -> Option<f64> {
+        let held = (t - SETTLE).max(0.0) % PRESS_TIME - 1.0;
+        Some(held).filter(|held| self.pattern == Pattern::Turn && (0.0..1.0).contains(held))
     }
 
     fn position(&self, t: f64) -> Vec3 {
@@ -99,8 +148,8 @@ impl Path {
         let Site { standoff, depth, .. } = self.site;
         let pressed = |share: f64| between(standoff, -depth, share);
         match self.pattern {
-            Pattern::Press => {
-                let t = t % 3.5;
+            Pattern::Press | Pattern::Turn => {
+                let t = t % PRESS_TIME;
                 (0.0, pressed(minimum_jerk(t) - minimum_jerk(t - 2.0)))
             }
             Pattern::Palpate => {
@@ -221,6 +270,26 @@ mod tests {
         let path = path(Pattern::Press);
         assert!((height(&path, 1.5) + 0.008).abs() < 1e-12 && (height(&path, 2.5) + 0.008).abs() < 1e-12);
         assert!((height(&path, 3.6) - 0.02).abs() < 1e-12 && (height(&path, 4.0) - 0.02).abs() < 1e-12);
+    }
+
+    #[test]
+    fn only_a_turning_hand_turns_and_holds_a_button_while_it_is_in() {
+        for path in every_path() {
+            let (mut most, mut before) = (0.0f64, path.target(0.0).orientation);
+            for millisecond in 0..8000 {
+                let target = path.target(f64::from(millisecond) * 1e-3);
+                most = most.max(target.orientation.angle());
+                // Evenly: no more than it turns in a millisecond.
+                assert!(before.angle_to(&target.orientation) < 0.02);
+                before = target.orientation;
+                let is_in = (height(&path, f64::from(millisecond) * 1e-3) + path.site.depth).abs() < 1e-9;
+                assert!(target.buttons == 0 || is_in);
+                assert!(target.angular_velocity.norm() < 20.0);
+            }
+            let turns = path.pattern == Pattern::Turn;
+            assert!(if turns { (0.6..0.7).contains(&most) } else { most == 0.0 }, "{:?}: {most} rad", path.pattern);
+            assert_eq!(path.target(SETTLE + 1.5).buttons, u32::from(turns));
+        }
     }
 
     #[test]

@@ -105,6 +105,10 @@ pub struct Report {
     pub contact_wrenches: u64,
     /// Greatest force that the device gave, as its renderer made it of the wrenches [N].
     pub peak_device_force: f64,
+    /// Greatest torque that it gave [N·m].
+    pub peak_device_torque: f64,
+    /// How far it was turned from upright at most [rad].
+    pub turned: f64,
     /// Most energy that the passivity observer saw going out to the hand beyond what it had put in [J].
     pub peak_energy: f64,
     /// How much of that the device allows [J].
@@ -181,8 +185,10 @@ impl fmt::Display for Report {
         )?;
         writeln!(
             f,
-            "device: peak {:.3} N given, {:.2} mJ of {:.2} mJ given out to the hand at most",
+            "device: peak {:.3} N and {:.1} mN·m given, turned by {:.0}° at most, {:.2} mJ of {:.2} mJ given out to the hand at most",
             self.peak_device_force,
+            1e3 * self.peak_device_torque,
+            self.turned.to_degrees(),
             1e3 * self.peak_energy,
             1e3 * self.energy_budget
         )?;
@@ -199,8 +205,12 @@ pub struct Sample {
     pub target: [f64; 3],
     /// Where the tip was [m].
     pub position: [f64; 3],
-    /// What the motors gave [N].
+    /// How it was turned (x, y, z, w).
+    pub orientation: [f64; 4],
+    /// What the motors gave [N], ...
     pub force: [f64; 3],
+    /// ... and [N·m].
+    pub torque: [f64; 3],
 }
 
 /// The state of a run, for people watching.

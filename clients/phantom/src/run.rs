@@ -17,7 +17,7 @@ use palpate_sdk::{
 };
 
 use crate::{
-    Device, Distribution, Hand, HeldDevice, Live, Path, Pattern, Report, Sample, Site, Vec3,
+    Device, Distribution, Given, Hand, HeldDevice, Live, Path, Pattern, Report, Sample, Site, Vec3,
     report::histogram,
     scheduling::raise_this_thread,
     top_of_surface,
@@ -148,6 +148,7 @@ pub fn run(options: &Options, stop: &AtomicBool, live: &mut dyn FnMut(&Live)) ->
         update_age: histogram(),
         lateness: histogram(),
         newest: Sample::default(),
+        buttons: 0,
         phase: ToolPhase::Waiting,
         contact_points: 0,
         pose_slots: 0,
@@ -193,6 +194,8 @@ struct DeviceLoop<'a> {
     update_age: Histogram<u64>,
     lateness: Histogram<u64>,
     newest: Sample,
+    /// Buttons that the hand holds down, one a bit.
+    buttons: u32,
     phase: ToolPhase,
     contact_points: u32,
     /// Poses that the rate has given room for so far.
@@ -250,15 +253,20 @@ impl DeviceLoop<'_> {
             while let Some(wrench) = self.wrenches.poll(now_ns) {
                 self.renderer.receive(&wrench, now_ns);
             }
-            let force = self.render(now_ns);
+            let commanded = self.render(now_ns);
             let target = self.path.target(time);
-            let rendered = self.held.step(DT, &target, force);
-            self.report.peak_device_force = self.report.peak_device_force.max(rendered.norm());
+            let given = self.held.step(DT, &target, commanded);
+            self.buttons = target.buttons;
+            self.report.peak_device_force = self.report.peak_device_force.max(given.force.norm());
+            self.report.peak_device_torque = self.report.peak_device_torque.max(given.torque.norm());
+            self.report.turned = self.report.turned.max(self.held.orientation().angle());
             self.record(Sample {
                 time,
                 target: target.position.into(),
                 position: self.held.position().into(),
-                force: rendered.into(),
+                orientation: self.held.orientation().coords.into(),
+                force: given.force.into(),
+                torque: given.torque.into(),
             });
         }
         self.report.ticks += due;
@@ -277,12 +285,13 @@ impl DeviceLoop<'_> {
         Ok(())
     }
 
-    /// The force for the motors, from what the encoders say at `now_ns`.
-    fn render(&mut self, now_ns: u64) -> Vec3 {
+    /// What the motors are told to give, from what the encoders say at `now_ns`.
+    fn render(&mut self, now_ns: u64) -> Given {
         let in_body = self.registration.pose(&self.measured());
         let force = self.renderer.force(in_body.position, in_body.linear_velocity.unwrap_or_default(), now_ns);
         self.report.peak_energy = self.report.peak_energy.max(self.renderer.observed_energy());
-        self.registration.force_to_device(force).into()
+        let torque = self.registration.torque_to_device(self.renderer.torque(now_ns));
+        Given { force: self.registration.force_to_device(force).into(), torque: torque.into() }
     }
 
     fn record(&mut self, sample: Sample) {
@@ -299,9 +308,9 @@ impl DeviceLoop<'_> {
     fn measured(&self) -> PoseSample {
         PoseSample {
             position: self.held.reported_position().into(),
-            orientation: [0.0, 0.0, 0.0, 1.0],
+            orientation: self.held.orientation().coords.into(),
             linear_velocity: Some(self.held.reported_velocity().into()),
-            buttons: 0,
+            buttons: self.buttons,
         }
     }
 

@@ -5,7 +5,7 @@ mod fake_server;
 
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
-use fake_server::{FLOOR_STIFFNESS, FakeServer};
+use fake_server::{FLOOR_STIFFNESS, FLOOR_TORSION, FakeServer};
 use palpate_phantom::{Device, Hand, Options, Pattern, Report, Sample, Vec3, run};
 use palpate_sdk::LinkConditions;
 
@@ -50,6 +50,35 @@ fn pressing_a_springy_floor_ends_where_hand_and_floor_are_in_balance() {
     assert!(report.contact_wrenches > 0 && report.peak_force > 0.0 && report.non_finite_wrenches == 0);
     assert!(report.round_trip.count > 0 && report.bare_round_trip.unwrap().count > 0);
     assert!(shown > 0);
+}
+
+#[test]
+fn a_turning_hand_feels_the_torque_that_the_floor_gives_and_its_button_goes_along() {
+    let server = FakeServer::current();
+    let device = Device { friction: 0.0, ..Device::by_name("PHANTOM Premium 1.5 6DOF").unwrap() };
+    let options = Options {
+        endpoints: server.endpoints.clone(),
+        device,
+        pattern: Pattern::Turn,
+        seconds: Some(3.0),
+        samples: 3000,
+        echo: false,
+        ..Options::default()
+    };
+    let report = run(&options, &never(), &mut |_| ()).unwrap();
+    assert_eq!(server.attached.lock().unwrap().coupling_angular_stiffness, options.device.max_angular_stiffness);
+    assert_eq!(server.buttons.load(Relaxed), 1);
+    // Turned slowly, hand and floor are in balance at the farthest: k_hand (0.6 − θ) = k_floor · 2 sin(θ/2).
+    let turned = |sample: &Sample| 2.0 * sample.orientation[2].atan2(sample.orientation[3]);
+    let farthest = report.samples.iter().map(turned).fold(0.0, f64::max);
+    let hand = Hand::default();
+    let balanced = 0.6 * hand.angular_stiffness / (hand.angular_stiffness + FLOOR_TORSION);
+    assert!((farthest / balanced - 1.0).abs() < 0.1, "{farthest} of {balanced} rad");
+    let sent = server.torque.load(Relaxed) as f64 * 1e-9;
+    assert!(report.peak_device_torque > 0.9 * sent && sent > 0.9 * FLOOR_TORSION * farthest, "{report}");
+    // At the side to which it is turned it is pushed back.
+    let most = report.samples.iter().max_by(|a, b| turned(a).total_cmp(&turned(b))).unwrap();
+    assert!(most.torque[2] < 0.0 && report.turned > farthest && report.to_string().contains("mN·m given"));
 }
 
 #[test]

@@ -1,4 +1,5 @@
-//! A stand-in for the server: a springy floor at z = 0 that answers each pose at once, with its local model. Shared by the clients' tests.
+//! A stand-in for the server: a springy floor at z = 0, which also holds what presses it against turning about z, that answers each pose
+//! at once, with its local model. Shared by the clients' tests.
 #![allow(dead_code)] // each of them uses a part
 
 use std::{
@@ -29,6 +30,8 @@ use zenoh::{
 pub const TOOL_RADIUS: f64 = 0.005;
 /// Stiffness of the floor [N/m].
 pub const FLOOR_STIFFNESS: f64 = 300.0;
+/// And against turning about z [N·m/rad], for small turns.
+pub const FLOOR_TORSION: f64 = 0.1;
 const EPOCH: u32 = 41;
 /// That came with it.
 const SECRET: u64 = 0x0123_4567_89ab_cdef;
@@ -60,6 +63,9 @@ pub struct FakeServer {
     pub endpoints: Endpoints,
     /// While true, poses get no answer.
     pub mute: Arc<AtomicBool>,
+    /// Buttons that a pose has said are down, and the greatest torque of an answer [nN·m].
+    pub buttons: Arc<AtomicU64>,
+    pub torque: Arc<AtomicU64>,
     /// What the last client to get a tool asked for.
     pub attached: Arc<Mutex<Attach>>,
     /// Sequence of the newest key frame, published or not, and how often viewers have asked for it.
@@ -81,7 +87,8 @@ impl FakeServer {
         let endpoints =
             Endpoints { force: force_endpoint, surface: surface_endpoint, session: "fake".to_owned(), identity: None };
         let mute = Arc::new(AtomicBool::new(false));
-        answer_poses(&force, &endpoints.session, mute.clone());
+        let (buttons, torque) = <(Arc<AtomicU64>, Arc<AtomicU64>)>::default();
+        answer_poses(&force, &endpoints.session, mute.clone(), [buttons.clone(), torque.clone()]);
         let attached = Arc::new(Mutex::new(Attach::default()));
         let (session, name, to) = (surface.clone(), endpoints.session.clone(), attached.clone());
         let offer = move || answer_queries(&session, &name, version, to);
@@ -95,7 +102,7 @@ impl FakeServer {
         }
         let (newest_key, keys_asked_for) = <(Arc<AtomicU64>, Arc<AtomicU64>)>::default();
         answer_surface(&surface, &endpoints.session, newest_key.clone(), keys_asked_for.clone());
-        Self { endpoints, mute, attached, newest_key, keys_asked_for, surface, _force: force }
+        Self { endpoints, mute, buttons, torque, attached, newest_key, keys_asked_for, surface, _force: force }
     }
 
     /// A server of this contract's version.
@@ -165,7 +172,12 @@ fn publisher(session: &zenoh::Session, key: String) -> Publisher<'static> {
         .unwrap()
 }
 
-fn answer_poses(force: &zenoh::Session, session: &str, mute: Arc<AtomicBool>) {
+fn answer_poses(
+    force: &zenoh::Session,
+    session: &str,
+    mute: Arc<AtomicBool>,
+    [buttons, most_torque]: [Arc<AtomicU64>; 2],
+) {
     let wrenches = publisher(force, keys::tool_wrench(session, TOOL));
     let (sequence, started) = (AtomicU64::new(0), std::time::Instant::now());
     let answer = move |sample: zenoh::sample::Sample| {
@@ -176,6 +188,10 @@ fn answer_poses(force: &zenoh::Session, session: &str, mute: Arc<AtomicBool>) {
         let depth = TOOL_RADIUS - f64::from(pose.position[2]);
         let overlap = depth.max(0.0);
         let force = vec![0.0, 0.0, (FLOOR_STIFFNESS * overlap) as f32];
+        let turned = pose.orientation.get(2).map_or(0.0, |z| 2.0 * f64::from(*z));
+        let torque = if overlap > 0.0 { -FLOOR_TORSION * turned } else { 0.0 };
+        buttons.fetch_or(pose.buttons.into(), Relaxed);
+        most_torque.fetch_max((torque.abs() * 1e9) as u64, Relaxed);
         let number = sequence.fetch_add(1, Relaxed) + 1;
         let wrench = ToolWrench {
             tool: TOOL,
@@ -194,7 +210,7 @@ fn answer_poses(force: &zenoh::Session, session: &str, mute: Arc<AtomicBool>) {
             physical_force: force.clone(),
             physical_torque: vec![0.0; 3],
             force,
-            torque: vec![0.0; 3],
+            torque: vec![0.0, 0.0, torque as f32],
             contact_points: u32::from(overlap > 0.0),
             phase: ToolPhase::Engaged as i32,
             ..Default::default()
