@@ -7,18 +7,19 @@ use palpate::display::Display;
 use palpate::scene::LoadedScene;
 use palpate::wire;
 use palpate::wire::surface::SurfaceEncoder;
-use palpate_core::contact::tool::{Coupling, PoseSample, ToolEvent};
+use palpate_core::contact::tool::{Coupling, Part as ShapePart, PoseSample, Shape, ToolEvent};
 use palpate_core::ids::Node;
 use palpate_core::math::{Pose, Vec3};
 use palpate_core::model::active_set::Change;
 use palpate_core::model::element_kernel::{Rates, Simd};
 use palpate_core::model::element_pool::CLASSES;
 use palpate_core::model::{ActiveMesh, Body, State};
-use palpate_core::simulation::{Budget, Inputs, Simulation, Snapshot};
+use palpate_core::simulation::{Budget, Inputs, Laps, Part, Simulation, Snapshot};
 use palpate_proto::Message;
 use std::hint::black_box;
 use std::path::Path;
 use std::sync::Arc;
+use std::time::{Duration, Instant};
 
 /// Elements of the body that the kernel runs on, at least.
 const ELEMENTS: usize = 20_000;
@@ -132,6 +133,77 @@ fn ticks(c: &mut Criterion) {
     frame.finish();
 }
 
+/// Time in which contacts are found and solved.
+struct OfContact {
+    since: Instant,
+    sum: Duration,
+}
+
+impl Laps for OfContact {
+    fn lap(&mut self, part: Part, _: u32) {
+        let now = Instant::now();
+        if matches!(part, Part::Search | Part::Point | Part::SolidPoint | Part::Solve) {
+            self.sum += now - self.since;
+        }
+        self.since = now;
+    }
+}
+
+/// What each kind of tool takes of a tick while it presses the liver: finding its points, and all their solves.
+fn contact(c: &mut Criterion) {
+    let loaded = load(&["world.gravity=[0,0,0]"]);
+    let body = build(&loaded);
+    let top = body.surface().vertices.iter().copied().max_by(|a, b| a.z.total_cmp(&b.z)).unwrap();
+    let at = |part: ShapePart, position: Vec3| part.at(Pose { position, ..Pose::default() });
+    let lying =
+        Pose { orientation: [0.0, 0.5_f64.sqrt(), 0.0, 0.5_f64.sqrt()], position: Vec3::new(-0.01, 0.0, 0.004) };
+    let jaw = |y: f64| {
+        let corners = (0..8).map(|i| {
+            let far = |bit: i32| f64::from(i >> bit & 1);
+            Vec3::new(0.016 * far(0) - 0.008, y + 0.006 * far(1) - 0.003, 0.03 * far(2))
+        });
+        ShapePart::convex(&corners.collect::<Vec<_>>(), 0.0005).unwrap()
+    };
+    let tips = [-0.01, 0.01].map(|x| at(ShapePart::capsule(0.004, 0.0), Vec3::new(x, 0.0, 0.004)));
+    let kinds: [(&str, Shape); 6] = [
+        ("ball", at(ShapePart::capsule(0.01, 0.0), Vec3::z() * 0.01).into()),
+        ("capsule, lying", ShapePart::capsule(0.004, 0.02).at(lying).into()),
+        ("cylinder", ShapePart::cylinder(0.008, 0.03, 0.001).into()),
+        ("hull", jaw(0.0).into()),
+        ("two balls", Shape::compound(tips.to_vec()).unwrap()),
+        ("two flat jaws", Shape::compound(vec![jaw(-0.006), jaw(0.006)]).unwrap()),
+    ];
+    let mut group = c.benchmark_group("contact");
+    for (name, shape) in kinds {
+        let mut settings = loaded.scene.settings();
+        settings.tools[0].shape = shape;
+        let mut simulation = Simulation::new(body.clone(), settings, loaded.scene.at_rest(&body)).unwrap();
+        let mut inputs = Inputs::default();
+        inputs.tools[0] = Some(ToolEvent::Attach { epoch: 1, period_ticks: 1, coupling: Coupling::RIGID });
+        simulation.advance(&inputs);
+        let mut sequence = 0;
+        let mut press = |laps: &mut OfContact| {
+            sequence += 1;
+            let height = 0.005 - 2e-5 * f64::from(sequence.min(500));
+            inputs.tools[0] = pose(sequence, top + Vec3::z() * height);
+            laps.since = Instant::now();
+            simulation.advance_with(&inputs, laps).tools[0].contact_points
+        };
+        let mut laps = OfContact { since: Instant::now(), sum: Duration::ZERO };
+        let points = (0..800).map(|_| press(&mut laps)).last();
+        group.bench_function(format!("{name}, {} points", points.unwrap_or_default()), |b| {
+            b.iter_custom(|times| {
+                laps.sum = Duration::ZERO;
+                (0..times).for_each(|_| {
+                    press(&mut laps);
+                });
+                laps.sum
+            });
+        });
+    }
+    group.finish();
+}
+
 /// The same press on a body without and with a level ten times as large as its finest, which is not used.
 fn unused_level(c: &mut Criterion) {
     let mut group = c.benchmark_group("unused level");
@@ -182,5 +254,5 @@ fn change_of_resolution(c: &mut Criterion) {
     });
 }
 
-criterion_group!(benches, element_kernel, ticks, unused_level, change_of_resolution);
+criterion_group!(benches, element_kernel, ticks, contact, unused_level, change_of_resolution);
 criterion_main!(benches);
