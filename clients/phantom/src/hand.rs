@@ -186,7 +186,8 @@ mod tests {
             let still = Target::upright(Vec3::zeros(), Vec3::zeros());
             held.step(DT, &Target { orientation, angular_velocity: velocity, ..still }, Given::default());
         }
-        assert!(held.orientation().angle_to(&UnitQuaternion::new(velocity)) < 1e-4);
+        // Within what it turns in a sub-step.
+        assert!(held.orientation().angle_to(&UnitQuaternion::new(velocity)) < 1.1 * velocity.norm() * SUBSTEP);
     }
 
     #[test]
