@@ -169,8 +169,13 @@ impl Samples {
         let (radius, start) = (round.radius(), round.start());
         let is_first = self.own(round).next().is_none();
         let mut nearest = (if is_first { round.margin } else { -UNNOTICED }, None);
+        // What is farther away is not nearest.
+        let window = round.at.window(radius + if is_first { round.margin } else { 0.0 });
         for t in near {
             let corners = on.body.triangle(t).map(|v| on.vertices[v.index()]);
+            if window.is_apart(&corners) {
+                continue;
+            }
             let outward = area_vector(on, t);
             let (place, core) = round.at.nearest_in_triangle(&corners, -outward);
             let from = core.map_or(start, |core| round.at.frame.at(core));
