@@ -32,7 +32,7 @@ pub struct Hand {
 }
 
 impl Default for Hand {
-    /// A moderate grip: critically damped at 16 Hz where it turns.
+    /// A moderate grip. Of how it turns there is no source here: as stiff as to give 11° under a device's 0.1 N·m, critically damped at 16 Hz.
     fn default() -> Self {
         let (stiffness, damping, mass) = (150.0, 3.0, 0.05);
         Self { stiffness, damping, mass, angular_stiffness: 0.5, angular_damping: 0.01, inertia: 5e-5 }

@@ -27,7 +27,8 @@ const STROKE_TIME: f64 = 0.5;
 /// A physiological tremor: frequency [Hz] and amplitude [m].
 const TREMOR_RATE: f64 = 10.0;
 const TREMOR_AMPLITUDE: f64 = 0.3e-3;
-/// A turn of a held tool [rad]: about the normal, and its tilt about the tangent.
+/// A turn of a held tool [rad]: about the normal, and its tilt about the tangent. Chosen: with much less there is little to feel, and with
+/// much more a hand would turn from the elbow.
 const TWIST: f64 = 0.6;
 const TILT: f64 = 0.25;
 /// Button that is held meanwhile.

@@ -189,7 +189,6 @@ pub fn detect(
     for (i, candidate) in candidates.iter().enumerate() {
         let (n, core) = (candidate.normal, candidate.core);
         let [start, end] = [&start, &end].map(|posed| posed[candidate.part as usize].frame.at(core));
-        let part = all[candidate.part as usize].part;
         // That of the part's rounding, but for what stands for others, too.
         let radius = n.dot(&(candidate.place - all[candidate.part as usize].frame.at(core))) - candidate.gap;
         let known = candidate.known.map(|k| &pointed[k as usize]);
@@ -212,7 +211,7 @@ pub fn detect(
             let rises = n.dot(&load.row.interpolate(&mesh.motion.velocity)) * TICK;
             (overlap - share * shift + UNNOTICED + moved.abs() + rises.abs()).min(0.0)
         };
-        let shift = shift + known.filter(|m| part.is_solid() && m.multiplier > 0.0).map_or(0.0, escaped);
+        let shift = shift + known.filter(|m| m.multiplier > 0.0).map_or(0.0, escaped);
         let overlap = overlap - share * shift;
         let Closing { slack, slack_end, shift_end } = Closing::new(known, overlap, shift, moved);
         let same = |m: &&PointMemory| m.point % per_part == candidate.point % per_part;

@@ -307,8 +307,8 @@ impl Samples {
                 None => (sample.area, sample.load.variance) = (0.0, 0.0),
             }
             let known = sample.known.filter(|_| before.changed).map(|k| &before.memory[k as usize]);
-            if let Some(m) = known.filter(|m| m.multiplier > 0.0) {
-                let touched = touched_triangle(on, m);
+            let pushed = known.filter(|m| m.multiplier > 0.0);
+            if let Some((m, touched)) = pushed.and_then(|m| Some((m, touched_triangle(on, m)?))) {
                 let own = support * spacing(on, touched, m.weights);
                 let row = self.around.row(at_rest(on, touched, m.weights), own);
                 sample.moved = row.map_or(Vec3::zeros(), |row| row.interpolate(&on.mesh.motion.position) - m.place);
@@ -379,15 +379,15 @@ fn at_rest(on: &Touchable, t: Triangle, weights: [Real; 3]) -> Vec3 {
 }
 
 /// The triangle that a sample touched.
-fn touched_triangle(on: &Touchable, m: &PointMemory) -> Triangle {
-    Triangle(m.point % on.body.points_of_a_part() - on.vertices.len() as u32)
+fn touched_triangle(on: &Touchable, m: &PointMemory) -> Option<Triangle> {
+    (m.point % on.body.points_of_a_part()).checked_sub(on.vertices.len() as u32).map(Triangle)
 }
 
 /// Where a face of the last tick is now, whose points are `known` and begin at number `first`: about the direction in which it was pushed.
 fn still_ahead(on: &Touchable, round: &Round, known: &[PointMemory], first: u32) -> Option<Ahead> {
     let push: Vec3 = known.iter().map(|m| m.normal * m.multiplier).sum();
     let (middle, load) = (known.get(round.middle())?, push.norm());
-    let triangle = touched_triangle(on, middle);
+    let triangle = touched_triangle(on, middle)?;
     // Half of the way, as the patch's width goes: the direction and the force are each the other's answer, too.
     let half_way = |push: Vec3| (push + middle.normal).try_normalize(1e-6).unwrap_or(push);
     let ahead = if load > 0.0 { half_way(push / load) } else { middle.normal };

@@ -311,7 +311,8 @@ impl Budget {
 const ELEMENT_COST: u32 = 40;
 /// Change units of weighing the forces of one element, as is done before and after changes under a load.
 const RESIDUAL_COST: u32 = 10;
-/// Change units of both rows of a contact point.
+/// Change units of both rows of a contact point, measured: 3 µs with its part of gathering nodes. With less ticks that change the resolution
+/// are late, with more loads are weighed by the display's rows although there were time.
 const POINT_COST: u32 = 200;
 /// Change units per interface row made.
 const ROW_COST: u32 = 40;

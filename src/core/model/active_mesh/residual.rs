@@ -67,7 +67,8 @@ pub(super) const NO_RESIDUAL: Residual<Padded> = [[0.0; 4]; CLASSES];
 /// way with the body: one that lasts longer crushes what is under a tool, a shorter one lets the change be felt. What contact sees of a
 /// change fades as fast: as much as the mesh's dent becomes deeper, what the mesh leaves out of it becomes less.
 pub const RESIDUAL_KEPT: Real = 0.87;
-/// Over the support of a row, how far points are apart for which nodes are gathered together.
+/// Over the support of a row, how far points are apart at most for which nodes are gathered together: with less they are gathered for nearly
+/// each point, with more each row looks at more nodes than it needs. It decides about time only.
 const NEAR: Real = 0.5;
 /// Less than this [N] ends at once: so little that the sum of all stays nothing.
 const LEAST_RESIDUAL: Real = 1e-15;
