@@ -1,6 +1,7 @@
 //! The work budget: resolution gives way to it, the rate and the hand's safety never do.
 
 use super::*;
+use palpate_body::prepare::Elements;
 use palpate_core::ids::Slot;
 use palpate_core::math::is_finite;
 use palpate_core::simulation::{MOST_FROZEN, Outputs};
@@ -89,6 +90,35 @@ fn a_budget_cut_coarsens_and_no_tick_is_lost_or_too_dear() {
     assert!(dearest <= least, "{dearest} ns in one tick");
     // 0.99 N; on the next ticks it goes to what the coarse level feels like.
     assert!(physical < 0.05 * 0.99, "the force changes by {physical} N in a tick");
+}
+
+/// Where hardly more than the coarsest level fits, smoothed elements, whose changes take the most, are merged all the same: whatever
+/// part of the body a tick looks at that has to move, in the end it is every one.
+#[test]
+fn a_body_that_has_to_shed_nearly_all_of_it_gets_there() {
+    let mut cube = elastic_cube(2e4, true);
+    (cube.damping_ratio, cube.spacings) = (0.15, vec![0.060, 0.034, 0.020, 0.0115]);
+    let body = Arc::new(prepare(&Recipe { elements: Elements::Smoothed, ..cube.recipe() }, &mut |_, _, _| {}).unwrap());
+    let settings = settings(Some(Adaptivity { split: 0.02, reach: 1.0, ..Adaptivity::default() }));
+    let run = |settings: &Settings, ticks: std::ops::Range<u64>, budget: u32, press: &mut Simulation| -> u32 {
+        let mut still = 0;
+        for i in ticks {
+            let o = press.advance(&Inputs { budget: Budget::of(budget), prices: Some(dear()), ..hold(i) });
+            still += u32::from(o.plan.taken == 0);
+        }
+        println!("{still} ticks without a step, {:?} active, {:?}", press.mesh().set().count(), settings.adaptivity);
+        still
+    };
+    let fixed = Settings { adaptivity: None, ..settings.clone() };
+    let mut coarsest = simulation(&body, &fixed, uniform(&body, 0));
+    run(&fixed, 0..900, u32::MAX, &mut coarsest);
+    let taken = coarsest.outputs().plan.whole + work::of_frame(&dear());
+    let mut press = simulation(&body, &settings, uniform(&body, 0));
+    run(&settings, 0..900, u32::MAX, &mut press);
+    let before = press.outputs().active.iter().sum::<u32>();
+    let still = run(&settings, 900..1900, taken / 10 * 11, &mut press);
+    let after = press.outputs().active.iter().sum::<u32>();
+    assert!(before > 200 && after < before / 4 && still < 400, "{before} active, then {after}; {still} without a step");
 }
 
 /// On a machine that becomes half as fast no tick takes more than its budget, but one in six while much has to go; and neither

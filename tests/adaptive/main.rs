@@ -69,9 +69,13 @@ fn elastic_cube(young: Real, held: bool) -> Cube {
 
 impl Cube {
     fn body(&self) -> Arc<Body> {
+        Arc::new(prepare(&self.recipe(), &mut |_, _, _| {}).unwrap())
+    }
+
+    fn recipe(&self) -> Recipe {
         let face =
             Region { bounds: Bounds::new(Vec3::zeros(), Vec3::new(0.0, SIDE, SIDE)), stiffness: None, exact: false };
-        let recipe = Recipe {
+        Recipe {
             name: "cube".into(),
             shape: Shape::closed(box_surface(Vec3::repeat(SIDE), [12; 3]), self.spacings.clone()),
             material: self.material,
@@ -79,8 +83,7 @@ impl Cube {
             holds: if self.held { vec![face] } else { vec![] },
             elements: Default::default(),
             damping_ratio: self.damping_ratio,
-        };
-        Arc::new(prepare(&recipe, &mut |_, _, _| {}).unwrap())
+        }
     }
 }
 

@@ -49,7 +49,9 @@ pub(super) fn plan(
     work: &mut Workspace,
 ) -> u32 {
     let parts = mesh.active().len().div_ceil(LOOKED_AT);
-    let some = mesh.active().iter().skip(ticks as usize % parts).step_by(parts);
+    // Ticks that have to move come in a rhythm, and are to see every part, too.
+    let turned = if left.moves { ticks as usize / parts } else { 0 };
+    let some = mesh.active().iter().skip((ticks as usize + turned) % parts).step_by(parts);
     priorities.merge_candidates(mesh, some, Real::INFINITY, &mut work.merge_candidates);
     let mut with = |units: u32, weighs: bool, work: &mut Workspace| {
         let mut budget_left = ChangeBudget::new([units, units], left.residuals, MOST_REFUSED);
