@@ -59,9 +59,9 @@ pub fn energy(body: &Body, mesh: &ActiveMesh, gravity: Vec3) -> Energy {
     }
     for n in mesh.active().iter().map(|slot| mesh.node(*slot)).filter(|_| !body.stars().is_empty()) {
         let place = |n: &Node| mesh.position_of(*n).unwrap_or_else(|| body.rest(*n));
-        let f = body.stars().constants(n).deformation(place(&n), body.stars().neighbours(n).iter().map(place));
-        let star = body.stars().of(n);
-        sum.elastic += star.volume * star.material.energy_density(&f);
+        let constants = mesh.star_constants(body, n);
+        let f = constants.deformation(place(&n), body.stars().neighbours(n).iter().map(place));
+        sum.elastic += body.stars().of(n).volume * mesh.means_material(body, n).energy_density(&f);
     }
     for hold in body.supports() {
         let stretch = mesh.vertex(hold.vertex) - body.surface().vertices[hold.vertex.index()];

@@ -76,9 +76,11 @@ impl State {
         }
         let mut stars = vec![Vec::new(); CLASSES];
         if !body.stars().is_empty() {
-            nodes.iter().for_each(|n| {
-                stars[step_class::class_of_rest(body, step_class::omega_squared_of_star(body, *n))].push(*n)
-            });
+            for &n in &nodes {
+                let star = &body.stars().of(n).material;
+                let omega_squared = step_class::omega_squared_of_star(body, n, &body.parts().materials, star);
+                stars[step_class::class_of_rest(body, omega_squared)].push(n);
+            }
         }
         Self {
             star_history: vec![History::REST; stars.iter().map(Vec::len).sum()],

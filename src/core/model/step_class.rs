@@ -135,10 +135,11 @@ pub fn largest_omega_squared(class: usize, damping_time: Real) -> Real {
 }
 
 /// [`omega_squared`] of the star of node `n`. With the mean of the deformation gradients around it is no stiffer than the
-/// stiffest element there.
-pub fn omega_squared_of_star(body: &Body, n: Node) -> Real {
-    let around = body.elements_around(n).iter().map(|e| plain_omega_squared(body, body.material_of(*e), *e));
-    around.fold(0.0, Real::max) * instantaneous(&body.stars().of(n).material, 1.0, body.maxwell())
+/// stiffest element there, where those are the `materials` of the body and the star has `means` of them.
+pub fn omega_squared_of_star(body: &Body, n: Node, materials: &[Material], means: &Material) -> Real {
+    let stiffness = |e: &Element| plain_omega_squared(body, &materials[body.material_number(*e)], *e);
+    let stiffest = body.elements_around(n).iter().map(stiffness).fold(0.0, Real::max);
+    stiffest * instantaneous(means, 1.0, body.maxwell())
 }
 
 /// Class of the longest stable step at rest of what has this `omega_squared` [1/s²].

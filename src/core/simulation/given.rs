@@ -73,9 +73,7 @@ impl Simulation {
                 (Some(adaptivity), Threshold::Reach) => adaptivity.reach = value,
                 (None, _) => return false,
             },
-            // Stars are as stiff as prepared.
-            Parameter::Stiffness { tissue, .. }
-                if usize::from(tissue) < self.body.tissue_count() && self.body.stars().is_empty() => {}
+            Parameter::Stiffness { tissue, .. } if usize::from(tissue) < self.body.tissue_count() => {}
             _ => return false,
         }
         match self.parameters.iter_mut().find(|set| set.is_same_quantity(&parameter)) {

@@ -33,7 +33,7 @@ impl ParameterRanges {
     }
 
     /// Values that the quantity of `parameter` may take beside those that have been `set`; `None` where there is no such tool or
-    /// tissue, tissues are of smoothed elements, or the resolution does not adapt.
+    /// tissue, or the resolution does not adapt.
     pub fn of(&self, body: &Body, parameter: &Parameter, set: &[Parameter]) -> Option<RangeInclusive<Real>> {
         match parameter {
             Parameter::Gravity(_) => Some(GRAVITY),
@@ -43,8 +43,7 @@ impl ParameterRanges {
             Parameter::Resolution { threshold, .. } => self.adapts.then(|| threshold.range()),
             Parameter::Stiffness { tissue, .. } => {
                 let t = usize::from(*tissue);
-                (t < body.tissue_count() && body.stars().is_empty())
-                    .then(|| *STIFFNESS.start()..=self.stiffest(body, t, set))
+                (t < body.tissue_count()).then(|| *STIFFNESS.start()..=self.stiffest(body, t, set))
             }
         }
     }

@@ -112,12 +112,7 @@ impl Scene {
     ) -> Result<(), String> {
         for parameter in parameters {
             let name = || self.parameter_name(parameter);
-            let range = ranges.of(body, parameter, set).ok_or_else(|| match parameter {
-                Parameter::Stiffness { .. } if !body.stars().is_empty() => {
-                    format!("{}: smoothed elements keep the stiffness that they were prepared with", name())
-                }
-                _ => format!("there is no {}", name()),
-            })?;
+            let range = ranges.of(body, parameter, set).ok_or_else(|| format!("there is no {}", name()))?;
             if let Some(value) = parameter.values().iter().find(|value| !range.contains(value)) {
                 return Err(format!("{} is {value}: {} to {} is allowed", name(), range.start(), range.end()));
             }

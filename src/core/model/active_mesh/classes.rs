@@ -122,7 +122,7 @@ impl ActiveMesh {
     }
 
     fn step_of_star(&self, body: &Body, n: Node, strain: &[Real; 6], det: Real) -> Real {
-        let strained = Strained::of(&body.stars().of(n).material, strain, det);
+        let strained = Strained::of(&self.means_material(body, n), strain, det);
         let (omega_squared, springs) = (self.star_omega_squared[n.index()], self.springs_in_star(body, n));
         step_class::stable_step(omega_squared, strained, body.damping_time(), springs)
     }
@@ -141,7 +141,7 @@ impl ActiveMesh {
     }
 
     /// The same for the star of node `n`.
-    fn reclass_star(&mut self, body: &Body, n: Node) {
+    pub(super) fn reclass_star(&mut self, body: &Body, n: Node) {
         let (Some(class), Some((strain, det))) = (self.stars.class_of(n), self.stars.strain_and_det(n)) else { return };
         let wanted = class_wanted(body, class, self.step_of_star(body, n, &strain, det));
         if wanted != class {
@@ -169,9 +169,9 @@ impl ActiveMesh {
 
     /// The same for the star of node `n`.
     pub(super) fn limit_strain_of_star(&mut self, body: &Body, n: Node, class: usize) {
-        let (material, springs) = (&body.stars().of(n).material, self.springs_in_star(body, n));
+        let (material, springs) = (self.means_material(body, n), self.springs_in_star(body, n));
         let omega_squared = self.star_omega_squared[n.index()];
-        let limit = step_class::strain_limit(class, material, omega_squared, body.damping_time(), springs);
+        let limit = step_class::strain_limit(class, &material, omega_squared, body.damping_time(), springs);
         self.stars.set_strain_limit(n, limit);
     }
 

@@ -494,7 +494,7 @@ impl ActiveMesh {
 }
 
 /// Evaluations of a tetrahedron that take as long as one of a star of 14 neighbours: see the benchmarks.
-const STAR_EVALUATIONS: usize = 3;
+pub const STAR_EVALUATIONS: usize = 3;
 
 /// Rest gradients and weighted stiffness of element `e` of what it has of `material` with `active` active vertices.
 fn constants(body: &Body, material: &Material, e: Element, active: u8) -> ElementConstants {

@@ -301,11 +301,11 @@ impl ActiveMesh {
         }
         for i in 0..self.work.on.len() {
             let n = self.work.on[i].0;
-            let constants = body.stars().constants(n);
+            let constants = self.star_constants(body, n);
             self.note_star(body, n);
             let (strain, det) = self.strain(&constants, &self.work.star);
             let history = History { strain, det, branch: self.inherited_branches_of_star(body, n) };
-            self.star_omega_squared[n.index()] = step_class::omega_squared_of_star(body, n);
+            self.star_omega_squared[n.index()] = self.omega_squared_of_star(body, n);
             let class = self.class_of_star_strained(body, n, &strain, det);
             let taken = self.stars.insert(n, class, &self.work.star, &constants, &history);
             debug_assert!(taken, "each is around a node with a slot");

@@ -179,7 +179,7 @@ impl ActiveMesh {
                 let (class, history) = (self.stars.class_of(n)?, self.stars.history(n)?);
                 self.note_star(body, n);
                 let slots = std::mem::take(&mut self.work.star);
-                self.list_forces(body, &slots, &body.stars().constants(n), &history);
+                self.list_forces(body, &slots, &self.star_constants(body, n), &history);
                 self.work.star = slots;
                 Some(class)
             }

@@ -67,8 +67,9 @@ impl ActiveMesh {
             for &n in nodes {
                 self.note_star(body, n);
                 let history = histories.next().unwrap_or(&History::REST);
-                self.stars.insert(n, class, &self.work.star, &body.stars().constants(n), history);
-                self.star_omega_squared[n.index()] = step_class::omega_squared_of_star(body, n);
+                self.star_omega_squared[n.index()] = self.omega_squared_of_star(body, n);
+                let constants = self.star_constants(body, n);
+                self.stars.insert(n, class, &self.work.star, &constants, history);
             }
         }
         for i in 0..self.interface.len() {
@@ -85,7 +86,7 @@ impl ActiveMesh {
             }
             for &n in state.stars.iter().flatten() {
                 self.note_star(body, n);
-                let (strain, det) = self.strain(&body.stars().constants(n), &self.work.star);
+                let (strain, det) = self.strain(&self.star_constants(body, n), &self.work.star);
                 self.stars.set_history(n, &History { strain, det, ..History::REST });
             }
         }

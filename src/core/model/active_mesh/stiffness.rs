@@ -1,12 +1,14 @@
 //! Tissues whose stiffness changes while the body moves.
 //!
-//! Elements take over another stiffness one after another, by number, some in each tick: all at once would take several. Those
-//! below [`Stiffening::reached`] are as stiff as `now` says, the others as `before`, so that a saved state tells each one's.
+//! Elements take over another stiffness one after another, by number, some in each tick: all at once would take several; then
+//! stars do. What is below [`Stiffening::reached`] is as stiff as `now` says, the rest as `before`, so that a saved state tells
+//! each one's.
 
-use super::{ActiveMesh, constants};
-use crate::ids::{Element, Vertex};
+use super::{ActiveMesh, STAR_EVALUATIONS, constants};
+use crate::ids::{Element, Node, Vertex};
 use crate::math::Real;
-use crate::model::body::Body;
+use crate::model::body::{Body, stars};
+use crate::model::element::ElementConstants;
 use crate::model::element_pool::CLASSES;
 use crate::model::material::Material;
 use crate::model::step_class;
@@ -19,7 +21,7 @@ pub struct Stiffening {
     pub now: Vec<Real>,
     /// And was before the last change, (tissues).
     pub before: Vec<Real>,
-    /// Elements below this number are as stiff as `now` says.
+    /// Elements below this number, then nodes' stars below what it is beyond all elements, are as stiff as `now` says.
     pub reached: u32,
 }
 
@@ -39,6 +41,11 @@ impl Stiffening {
         fits(&self.now) && fits(&self.before)
     }
 
+    /// Whether all is as stiff as prepared, and was before.
+    fn is_prepared(&self) -> bool {
+        self.now.iter().chain(&self.before).all(|factor| *factor == 1.0)
+    }
+
     /// Feeds every bit of it to `hash`.
     pub fn hash_into(&self, hash: &mut xxhash_rust::xxh3::Xxh3) {
         hash.update(bytemuck::cast_slice(&self.now));
@@ -54,7 +61,7 @@ impl Stiffening {
     }
 }
 
-/// Elements in use that take over another stiffness in a tick: some 0.05 ms.
+/// Elements in use that take over another stiffness in a tick, of which a star is worth [`STAR_EVALUATIONS`]: some 0.05 ms.
 const AT_ONCE: usize = 128;
 /// And elements that are looked at for it, of which many are not in use: as long at most.
 const MOST_LOOKED_AT: usize = 8192;
@@ -66,22 +73,50 @@ pub(super) struct Materials {
     /// (materials)
     now: Vec<Material>,
     before: Vec<Material>,
+    /// Whether both are those of the body.
+    as_prepared: bool,
 }
 
 impl Materials {
     pub(super) fn new(body: &Body) -> Self {
         let (prepared, ones) = (body.parts().materials.clone(), vec![1.0; body.tissue_count()]);
         let stiffening = Stiffening { now: ones.clone(), before: ones, reached: u32::MAX };
-        Self { stiffening, now: prepared.clone(), before: prepared }
+        Self { stiffening, now: prepared.clone(), before: prepared, as_prepared: true }
     }
 }
 
 impl ActiveMesh {
     /// Material of element `e`.
     pub fn material_of(&self, body: &Body, e: Element) -> &Material {
-        let Materials { stiffening, now, before } = &self.materials;
+        let Materials { stiffening, now, before, .. } = &self.materials;
         let of = if e.0 < stiffening.reached { now } else { before };
         &of[body.material_number(e)]
+    }
+
+    /// What the materials of the elements around node `n` are to its star.
+    fn materials_of_star(&self, body: &Body, n: Node) -> &[Material] {
+        let Materials { stiffening, now, before, .. } = &self.materials;
+        if n.index() < (stiffening.reached as usize).saturating_sub(body.element_count()) { now } else { before }
+    }
+
+    /// What the star of node `n` has of the materials around it.
+    pub fn means_material(&self, body: &Body, n: Node) -> Material {
+        if self.materials.as_prepared {
+            body.stars().of(n).material
+        } else {
+            stars::means_around(body, n, self.materials_of_star(body, n))
+        }
+    }
+
+    /// The element that the star of node `n` is.
+    pub(crate) fn star_constants<'a>(&self, body: &'a Body, n: Node) -> ElementConstants<&'a [[Real; 3]]> {
+        body.stars().constants(n, &self.means_material(body, n))
+    }
+
+    /// [`step_class::omega_squared_of_star`] of node `n`.
+    pub fn omega_squared_of_star(&self, body: &Body, n: Node) -> Real {
+        let means = self.means_material(body, n);
+        step_class::omega_squared_of_star(body, n, self.materials_of_star(body, n), &means)
     }
 
     /// Material under display vertex `v`, on the finest level that reaches there, once all elements have taken it over.
@@ -96,7 +131,7 @@ impl ActiveMesh {
 
     /// Takes over `stiffening`, of which no element is told: before [`ActiveMesh::restore`].
     pub(crate) fn assume_stiffness(&mut self, body: &Body, stiffening: &Stiffening) {
-        let Materials { stiffening: own, now, before } = &mut self.materials;
+        let Materials { stiffening: own, now, before, as_prepared } = &mut self.materials;
         if stiffening.now.is_empty() {
             own.now.fill(1.0);
             own.before.fill(1.0);
@@ -107,12 +142,13 @@ impl ActiveMesh {
         for (materials, stiffness) in [(now, &own.now), (before, &own.before)] {
             materials.iter_mut().enumerate().for_each(|(m, material)| *material = body.mixed(m, stiffness));
         }
+        *as_prepared = own.is_prepared();
     }
 
     /// Elements begin to take over the stiffness that `wanted` gives tissues (number and factor), but not while they take over
     /// another one.
     pub(crate) fn begin_stiffening(&mut self, body: &Body, wanted: impl Iterator<Item = (usize, Real)> + Clone) {
-        let Materials { stiffening, now, before } = &mut self.materials;
+        let Materials { stiffening, now, before, as_prepared } = &mut self.materials;
         if stiffening.reached != u32::MAX || wanted.clone().all(|(t, factor)| stiffening.now[t] == factor) {
             return;
         }
@@ -121,6 +157,7 @@ impl ActiveMesh {
         wanted.for_each(|(t, factor)| stiffening.now[t] = factor);
         now.iter_mut().enumerate().for_each(|(m, material)| *material = body.mixed(m, &stiffening.now));
         stiffening.reached = 0;
+        *as_prepared = stiffening.is_prepared();
     }
 
     /// The next elements take over what they are to be: `λ` and `μ`, and with them their steps. The strain stays, so that the
@@ -132,32 +169,42 @@ impl ActiveMesh {
             if reached == u32::MAX || left == 0 {
                 return;
             }
-            if reached as usize == body.element_count() {
+            let stars = if body.is_smoothed() { body.node_count() } else { 0 };
+            if reached as usize == body.element_count() + stars {
                 self.materials.stiffening.reached = u32::MAX;
                 return;
             }
             self.materials.stiffening.reached += 1;
-            let e = Element(reached);
-            if self.active_vertices[e.index()] > 0 {
-                let m = body.material_number(e);
-                if self.materials.now[m] != self.materials.before[m] {
-                    self.stiffen(body, e);
-                    left -= 1;
+            let changes = |e: &Element| {
+                let m = body.material_number(*e);
+                self.materials.now[m] != self.materials.before[m]
+            };
+            if let Some(n) = (reached as usize).checked_sub(body.element_count()).map(Node::at) {
+                if self.stars.contains(n) && body.elements_around(n).iter().any(changes) {
+                    self.stiffen_star(body, n);
+                    left = left.saturating_sub(STAR_EVALUATIONS);
                 }
+            } else if self.active_vertices[reached as usize] > 0 && changes(&Element(reached)) {
+                self.stiffen(body, Element(reached));
+                left -= 1;
             }
         }
     }
 
     /// Gives all elements the steps that the stiffness asks for, after a state of the body as prepared has been restored.
     pub(crate) fn reclass_stiffened(&mut self, body: &Body) {
-        let Stiffening { now, before, .. } = &self.materials.stiffening;
-        if now.iter().chain(before).all(|factor| *factor == 1.0) {
+        if self.materials.as_prepared {
             return;
         }
         self.work.elements.clear();
         (0..CLASSES).for_each(|class| self.work.elements.extend(self.pool.ids(class)));
         for i in 0..self.work.elements.len() {
             self.stiffen(body, self.work.elements[i]);
+        }
+        self.work.nodes.clear();
+        (0..CLASSES).for_each(|class| self.work.nodes.extend(self.stars.ids(class)));
+        for i in 0..self.work.nodes.len() {
+            self.stiffen_star(body, self.work.nodes[i]);
         }
     }
 
@@ -169,6 +216,16 @@ impl ActiveMesh {
         self.reclass(body, e);
         if let Some(class) = self.pool.class_of(e) {
             self.limit_strain(body, e, class);
+        }
+    }
+
+    fn stiffen_star(&mut self, body: &Body, n: Node) {
+        let ElementConstants { lambda, mu, .. } = self.star_constants(body, n);
+        self.star_omega_squared[n.index()] = self.omega_squared_of_star(body, n);
+        self.stars.set_stiffness(n, lambda, mu);
+        self.reclass_star(body, n);
+        if let Some(class) = self.stars.class_of(n) {
+            self.limit_strain_of_star(body, n, class);
         }
     }
 }

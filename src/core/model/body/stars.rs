@@ -57,6 +57,13 @@ pub fn mean<'a>(materials: impl Iterator<Item = (&'a Material, Real)>) -> Option
     first.filter(|_| weights > 0.0).map(|first| Material { lambda: pressure - 2.0 * mu, mu, ..first })
 }
 
+/// The part that the star of node `n` has where those are the `materials` of `body`.
+pub fn means_around(body: &Body, n: Node, materials: &[Material]) -> Material {
+    let around = body.elements_around(n).iter().map(|e| (&materials[body.material_number(*e)], body.volume(*e)));
+    // Every node is of an element.
+    of_means(&mean(around).unwrap_or(*body.material()), body.stabilisation(n))
+}
+
 /// The stars of all nodes of a body; none where tetrahedra have all of the energy.
 #[derive(Debug, Default)]
 pub struct Stars {
@@ -76,7 +83,7 @@ pub struct Stars {
 pub struct Star {
     /// A quarter of the volume of the elements around [m³].
     pub volume: Real,
-    /// Its part of the [`mean`] of the materials around, by volume.
+    /// Its part of the [`mean`] of the materials around, by volume, as prepared.
     pub material: Material,
 }
 
@@ -123,9 +130,9 @@ impl Stars {
         &self.neighbours[self.range(n)]
     }
 
-    /// The element that the star of node `n` is: between `n` and its neighbours.
-    pub fn constants(&self, n: Node) -> ElementConstants<&[[Real; 3]]> {
-        let Star { volume, material, .. } = *self.of(n);
+    /// The element that the star of node `n` is where it has this `material`: between `n` and its neighbours.
+    pub fn constants(&self, n: Node, material: &Material) -> ElementConstants<&[[Real; 3]]> {
+        let volume = self.of(n).volume;
         ElementConstants {
             gradient: &self.gradients[self.range(n)],
             lambda: volume * material.lambda,
@@ -148,8 +155,6 @@ fn star(body: &Body, n: Node, neighbours: &[Node]) -> (Star, Vec<[Real; 3]>) {
             }
         }
     }
-    let around = body.elements_around(n).iter().map(|e| (body.material_of(*e), body.volume(*e)));
-    // Every node is of an element.
-    let material = of_means(&mean(around).unwrap_or(*body.material()), body.stabilisation(n));
+    let material = means_around(body, n, &body.parts().materials);
     (Star { volume, material }, gradient.into_iter().map(|b| (b / volume).into()).collect())
 }
