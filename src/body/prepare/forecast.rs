@@ -8,7 +8,8 @@ use palpate_core::contact::safety::ForceLimits;
 use palpate_core::contact::tool::{Coupling, Following, PoseSample, Shape, Tool, ToolEvent};
 use palpate_core::math::{Bounds, Pose, Real, Vec3};
 use palpate_core::model::Body;
-use palpate_core::model::step_class::{TICK_NS, class_at_rest, step_of};
+use palpate_core::model::active_mesh::STAR_EVALUATIONS;
+use palpate_core::model::step_class::{TICK_NS, class_at_rest, class_of_rest, step_of};
 use palpate_core::simulation::{Inputs, Laps, Part, Prices, Settings, Simulation, Snapshot, TICKS_PER_FRAME};
 use palpate_core::stepping::governor::{Governor, TickKind};
 use palpate_core::stepping::work;
@@ -162,8 +163,14 @@ pub fn forecast(body: &Arc<Body>, mut computed: impl FnMut() -> u64) -> Result<F
     let level = |r: usize| {
         let all = body.elements_of(r).len();
         let used = body.elements_of(r).filter(|e| pool.contains(*e)).count();
-        let evaluations: Real = body.elements_of(r).map(|e| step_of(0) / step_of(class_at_rest(body, e))).sum();
-        let tick = evaluations * each;
+        let steps = |class: usize| step_of(0) / step_of(class);
+        let elements: Real = body.elements_of(r).map(|e| steps(class_at_rest(body, e))).sum();
+        let mut stars = 0.0;
+        if body.is_smoothed() {
+            let (rest, all) = (touch.simulation.mesh(), body.nodes_of(r));
+            stars = all.map(|n| steps(class_of_rest(body, rest.omega_squared_of_star(body, n)))).sum();
+        }
+        let tick = (elements + STAR_EVALUATIONS as Real * stars) * each;
         if tick <= there {
             return LevelForecast { tick, elements: all, reach: None };
         }

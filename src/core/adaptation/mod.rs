@@ -15,7 +15,7 @@ use priority::{Priorities, TOUCHED, slice};
 
 use crate::ids::{Element, Node};
 use crate::math::Real;
-use crate::model::active_mesh::Loads;
+use crate::model::active_mesh::{Loads, STAR_EVALUATIONS};
 use crate::model::active_set::Change;
 use crate::model::element_pool::CLASSES;
 use crate::model::step_class::{self, Strained};
@@ -343,17 +343,17 @@ fn plan_splits(
     short
 }
 
-/// Time a tick that a split of `n` costs which adds `elements` [ns]: theirs, and that of as many nodes and row entries as
-/// come with each element that is in use now. They take shorter steps than at rest where those around `n` do.
+/// Time a tick that a split of `n` costs which adds `elements` [ns]: theirs and the children's stars', and that of as many nodes and
+/// row entries as come with each element that is in use now. They take shorter steps than at rest where those around `n` do.
 fn cost_of_split(body: &Body, mesh: &ActiveMesh, n: Node, elements: u32, prices: &Prices) -> u32 {
     let around = body.elements_around(n).iter();
     let shorter = |e: &Element| Some(mesh.pool().class_of(*e)?.saturating_sub(step_class::class_at_rest(body, *e)));
     let shorter = around.filter_map(shorter).max().unwrap_or_default();
     let class = (class_of_level(body, n) + shorter).min(CLASSES - 1);
-    let evaluations = elements << class;
-    let with_each =
-        |count: u32| (2 * u64::from(evaluations) * u64::from(count) / mesh.pool().len().max(1) as u64) as u32;
-    prices.of(Part::Element(class as u8), evaluations)
+    let stars = if body.is_smoothed() { (body.children(n).len() as u32) << class } else { 0 };
+    let elements = elements << class;
+    let with_each = |count: u32| (2 * u64::from(elements) * u64::from(count) / mesh.pool().len().max(1) as u64) as u32;
+    prices.of(Part::Element(class as u8), elements + STAR_EVALUATIONS as u32 * stars)
         + prices.of(Part::Node, with_each(mesh.active().len() as u32))
         + prices.of(Part::Row, with_each(mesh.row_entries()))
 }

@@ -57,23 +57,27 @@ impl ActiveMesh {
         cost.elements = coming + going;
         if residual {
             let used = self.work.concerned.iter().filter(|e| self.active_vertices[e.index()] > 0).count() as u32;
-            cost.residual = used + (used + coming - going) + 2 * STAR_EVALUATIONS as u32 * self.note_stars(body);
+            cost.residual = used + (used + coming - going);
+            if body.is_smoothed() {
+                self.note_stars(body);
+                let stars = self.work.concerned_stars.iter().filter(|n| self.stars.contains(**n)).count() as u32;
+                let (on, off) = (on().count() as u32, off().count() as u32);
+                cost.residual += STAR_EVALUATIONS as u32 * (2 * stars + on - off);
+            }
         }
         cost
     }
 
-    /// Lists the nodes of the concerned elements, whose stars are concerned: every two nodes of a star share an element. How many.
-    fn note_stars(&mut self, body: &Body) -> u32 {
+    /// Lists the nodes of the concerned elements, whose stars are concerned where they are in use: every two nodes of a star share
+    /// an element.
+    fn note_stars(&mut self, body: &Body) {
         self.work.concerned_stars.clear();
-        if !body.stars().is_empty() {
-            self.work.noted_stars.clear();
-            for n in self.work.concerned.iter().flat_map(|e| body.element(*e)) {
-                if self.work.noted_stars.visit(n.index()) {
-                    self.work.concerned_stars.push(n);
-                }
+        self.work.noted_stars.clear();
+        for n in self.work.concerned.iter().flat_map(|e| body.element(*e)) {
+            if self.work.noted_stars.visit(n.index()) {
+                self.work.concerned_stars.push(n);
             }
         }
-        self.work.concerned_stars.len() as u32
     }
 
     /// Puts `e` on the list of those concerned unless it is there.
