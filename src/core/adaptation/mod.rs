@@ -41,6 +41,8 @@ impl Default for Adaptivity {
     }
 }
 
+/// Ticks in a row in which a body may stand still: a force that keeps its value for longer feels like a stick.
+pub const MOST_FROZEN: u32 = 5;
 /// Most changes of one tick.
 const MOST_CHANGES: usize = 64;
 /// Ticks between two looks at where resolution is wanted, and the first of them: none ends a frame, or lies in the middle of

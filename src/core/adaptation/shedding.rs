@@ -5,7 +5,7 @@
 
 use super::change_budget::ChangeBudget;
 use super::priority::Priorities;
-use super::{INDICATOR_LOOKS, Saving, Workspace, plan_merges};
+use super::{INDICATOR_LOOKS, MOST_FROZEN, Saving, Workspace, plan_merges};
 use crate::math::Real;
 use crate::model::ActiveMesh;
 
@@ -49,9 +49,9 @@ pub(super) fn plan(
     work: &mut Workspace,
 ) -> u32 {
     let parts = mesh.active().len().div_ceil(LOOKED_AT);
-    // Ticks that have to move come in a rhythm, and are to see every part, too.
-    let turned = if left.moves { ticks as usize / parts } else { 0 };
-    let some = mesh.active().iter().skip((ticks as usize + turned) % parts).step_by(parts);
+    // Ticks that have to move come after so many that stand still, and each sees the next part, too.
+    let turn = if left.moves { ticks / u64::from(MOST_FROZEN + 1) } else { ticks };
+    let some = mesh.active().iter().skip(turn as usize % parts).step_by(parts);
     priorities.merge_candidates(mesh, some, Real::INFINITY, &mut work.merge_candidates);
     let mut with = |units: u32, weighs: bool, work: &mut Workspace| {
         let mut budget_left = ChangeBudget::new([units, units], left.residuals, MOST_REFUSED);

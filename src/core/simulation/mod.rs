@@ -13,6 +13,7 @@ mod ranges;
 mod room;
 mod snapshot;
 
+pub use crate::adaptation::MOST_FROZEN;
 pub use crate::model::step_class::TICK;
 pub use crate::stepping::work::{Budget, Laps, Part, Prices};
 pub use inputs::{Inputs, Settings};
@@ -569,5 +570,3 @@ const LOOK_AHEAD: Real = 0.025;
 /// A full look at which elements may take longer steps again takes this many ticks; those that need shorter ones are
 /// found by their evaluation.
 const RECLASS_TICKS: u64 = 64;
-/// Ticks in a row in which a body may stand still: a force that keeps its value for longer feels like a stick.
-pub const MOST_FROZEN: u32 = 5;
