@@ -72,7 +72,7 @@ impl Workspace {
             memory: Vec::with_capacity(points),
             near: Vec::with_capacity(surface.vertices.len()),
             seen: Visited::new(surface.triangles.len()),
-            samples: Samples::new(body),
+            samples: Samples::new(),
             hanging: Hanging::new(body),
             followed: TAKEN_FOLLOWED,
             longest_edge: longest,
@@ -84,12 +84,14 @@ impl Workspace {
 impl Workspace {
     /// What is where may have changed at once.
     pub(crate) fn forget(&mut self) {
+        self.hanging.around.forget();
         self.nearby.iter_mut().for_each(Nearby::forget);
     }
 
     /// The resolution is another in this tick than in the last one.
     pub(crate) fn follow_change(&mut self, body: &Body, mesh: &ActiveMesh) {
         self.changed = true;
+        self.hanging.around.forget();
         self.nearby.iter_mut().for_each(|nearby| nearby.follow_change(body, mesh));
     }
 
@@ -142,7 +144,8 @@ pub fn detect(
             work.near.push(v);
         }
     }
-    let on = &Touchable { body, mesh, vertices: &work.vertices };
+    let near = work.nearby[id.index()].placed();
+    let on = &Touchable { body, mesh, vertices: &work.vertices, near };
     // The pose is where the coupling's springs are as long as the last force and torque made them.
     let allowed_for = Pushed { force: -tool.physical_force, torque: -tool.physical_torque };
     work.memory.clear();
@@ -156,18 +159,18 @@ pub fn detect(
         Round { at, part, all, moves: [&start[part].frame, &end[part].frame], margin, density }
     };
     let rounds: [Round; MOST_PARTS] = std::array::from_fn(round);
-    let samples = &mut work.samples;
+    let (samples, nodes) = (&mut work.samples, &mut work.hanging.around);
     samples.begin(most, if memory.is_empty() { FIRST.max(room as usize) } else { room as usize });
     let before = Before { memory: sampled, changed: work.changed };
     let is_round = |round: &&Round| !round.at.is_solid();
-    rounds[..parts].iter().filter(is_round).for_each(|round| samples.follow(on, round, before));
+    rounds[..parts].iter().filter(is_round).for_each(|round| samples.follow(on, round, before, nodes));
     for round in rounds[..parts].iter().filter(is_round) {
         work.seen.clear();
         let window = &windows[round.part];
         let near = work.near.iter().filter(|v| window.contains(&work.vertices[v.index()]));
         let (seen, around) = (&mut work.seen, near.flat_map(|v| body.triangles_around(*v)));
         let around = around.copied().filter(|t| seen.visit(t.index()));
-        samples.find_new(on, round, before, around);
+        samples.find_new(on, round, before, nodes, around);
     }
 
     work.seen.clear();
@@ -195,7 +198,10 @@ pub fn detect(
         let load = work.loads[i];
         let points = work.loads.len();
         let mut compliance = [0.0; MOST_POINTS];
-        (0..points).for_each(|j| compliance[j] = hanging.between(i, j));
+        // Filled in once for both.
+        let before = constraints[first as usize..].iter().map(|other| other.compliance[i]);
+        compliance.iter_mut().zip(before).for_each(|(g, before)| *g = before);
+        (i..points).for_each(|j| compliance[j] = hanging.between(i, j));
         (0..samples.count()).for_each(|j| compliance[points + j] = samples.between_point(hanging.load(i), j));
         let moved = n.dot(&(end - start));
         let own: Real = compliance.iter().zip(&work.loads).map(|(g, other)| g * other.multiplier).sum();

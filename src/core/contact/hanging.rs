@@ -66,7 +66,8 @@ impl Load {
 /// What it takes to hang points on nodes.
 #[derive(Debug)]
 pub(super) struct Hanging {
-    around: Surroundings,
+    /// Nodes, for all that touches the body.
+    pub(super) around: Surroundings,
     /// Of each point.
     spread: Vec<Narrow>,
     /// Of each point, the support of its row [m]; zero once it has one.
@@ -131,8 +132,7 @@ impl Hanging {
             |j: usize, load: &Load| candidates[j].normal.dot(&normal) > ALIKE && (load.place - origin).norm() < near;
         let with = || (i..loads.len()).filter(|j| self.supports[*j] > 0.0 && is_near(*j, &loads[*j]));
         let radius = with().map(|j| (loads[j].place - origin).norm() + self.supports[j]).fold(0.0, Real::max);
-        let slots = on.mesh.embedding(candidates[i].stencil[0].0).slots;
-        self.around.gather(on.body, on.mesh, &slots, origin, radius);
+        self.around.gather(on.body, on.mesh, candidates[i].stencil[0].0, origin, radius);
         for j in i..loads.len() {
             let load = &mut loads[j];
             if self.supports[j] <= 0.0 || !is_near(j, load) {

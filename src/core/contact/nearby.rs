@@ -5,7 +5,7 @@ use crate::math::{Bounds, Real, Vec3};
 use crate::model::active_mesh::MOST_ASIDE;
 use crate::model::element_kernel::Padded;
 use crate::model::element_pool::CLASSES;
-use crate::model::{ActiveMesh, Body};
+use crate::model::{ActiveMesh, Body, sweeps};
 use crate::visited::Visited;
 
 /// Display vertices around a tool, kept until one that is not among them may have come near. Which they are makes no
@@ -66,6 +66,11 @@ impl Nearby {
         &self.vertices
     }
 
+    /// Those that have been moved to their places.
+    pub(super) fn placed(&self) -> &Visited {
+        &self.marked
+    }
+
     /// True while nothing else can have come into the `window`.
     fn holds(&self, mesh: &ActiveMesh, window: Bounds) -> bool {
         if !self.is_known {
@@ -78,12 +83,11 @@ impl Nearby {
 
     /// No vertex has moved farther since it was looked at [m], but by what fades.
     fn farthest(&self, mesh: &ActiveMesh) -> Real {
-        let mut moved = 0.0 as Real;
-        for &slot in mesh.active().iter().chain(mesh.interface()) {
-            let (now, then) = (&mesh.motion.position[slot.index()], &self.from[slot.index()]);
-            moved = moved.max((0..3).map(|c| (now[c] - then[c]) * (now[c] - then[c])).sum());
+        let mut squares = [0.0; 4];
+        for slots in [mesh.active(), mesh.interface()] {
+            sweeps::farthest(mesh.registers(), slots, &mesh.motion.position, &self.from, &mut squares);
         }
-        mesh.lever() * moved.sqrt()
+        mesh.lever() * squares.iter().sum::<Real>().sqrt()
     }
 
     fn look(&mut self, body: &Body, mesh: &ActiveMesh, window: Bounds) {

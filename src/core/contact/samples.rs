@@ -10,20 +10,19 @@ use super::influence::{Grid, Narrow, variance_of_disc};
 use super::patch::{COLUMNS, Cell, Foot, MOST_PATCHES, Patch, Pressed, ROWS, Round};
 use super::rigid::{Found, Rigid};
 use super::touchable::{Touchable, area_vector};
-use super::view::{LEAST_FACING, View, outward, part_before};
+use super::view::{LEAST_FACING, View, part_before};
 use super::wrench::middle_pose;
 use crate::ids::{Triangle, Vertex};
 use crate::math::{Real, Vec3};
 use crate::model::active_mesh::contact_row::{self, DEVIATION, Surroundings, support};
 use crate::model::constraint::{Constraint, Friction, MOST_POINTS, PointMemory, Pushed};
 use crate::model::step_class::TICK;
-use crate::model::{Body, Material, Row};
+use crate::model::{Material, Row};
 use std::f64::consts::PI;
 
 /// What samples need and no one keeps.
 #[derive(Debug)]
 pub(super) struct Samples {
-    around: Surroundings,
     faces: Vec<Face>,
     /// Of all faces, one after the other.
     found: Vec<Sample>,
@@ -92,14 +91,8 @@ struct Ahead {
 }
 
 impl Samples {
-    pub(super) fn new(body: &Body) -> Self {
-        Self {
-            around: Surroundings::new(body),
-            faces: Vec::with_capacity(MOST_PATCHES),
-            found: Vec::with_capacity(MOST_POINTS),
-            most: 0,
-            room: 0,
-        }
+    pub(super) fn new() -> Self {
+        Self { faces: Vec::with_capacity(MOST_PATCHES), found: Vec::with_capacity(MOST_POINTS), most: 0, room: 0 }
     }
 
     /// Begins with a tool that may have at most so many samples, and this many new ones.
@@ -120,7 +113,7 @@ impl Samples {
     }
 
     /// Finds the samples of a part of a tool on the faces that it touched a tick ago, of which `before` holds the points.
-    pub(super) fn follow(&mut self, on: &Touchable, round: &Round, before: Before) {
+    pub(super) fn follow(&mut self, on: &Touchable, round: &Round, before: Before, nodes: &mut Surroundings) {
         let per_part = on.body.points_of_a_part();
         let of_part = |from: usize| before.memory.partition_point(|m| ((m.point / per_part) as usize) < from);
         let (first, end) = (of_part(round.part), of_part(round.part + 1));
@@ -135,7 +128,7 @@ impl Samples {
                 let is_covered =
                     |face: &Face| foot.is_some_and(|f| face.covers(f.arm, f.normal, face.patch.half_width));
                 if !self.own(round).any(is_covered) {
-                    self.look(on, round, before, &ahead);
+                    self.look(on, round, before, nodes, &ahead);
                 }
             }
         }
@@ -147,6 +140,7 @@ impl Samples {
         on: &Touchable,
         round: &Round,
         before: Before,
+        nodes: &mut Surroundings,
         near: impl Iterator<Item = Triangle>,
     ) {
         if self.found.len() + round.samples() > self.most || round.samples() > self.room {
@@ -154,7 +148,7 @@ impl Samples {
         }
         if let Some(ahead) = self.new_ahead(on, round, near) {
             self.room -= round.samples();
-            self.look(on, round, before, &ahead);
+            self.look(on, round, before, nodes, &ahead);
         }
     }
 
@@ -205,7 +199,7 @@ impl Samples {
     }
 
     /// Adds a face, and its samples, where something is `ahead`.
-    fn look(&mut self, on: &Touchable, round: &Round, before: Before, ahead: &Ahead) {
+    fn look(&mut self, on: &Touchable, round: &Round, before: Before, nodes: &mut Surroundings, ahead: &Ahead) {
         let memory = before.memory;
         let Ahead { triangle, view, pressed, known } = *ahead;
         let (radius, start, first) = (round.radius(), round.start(), self.found.len());
@@ -247,7 +241,7 @@ impl Samples {
             let area = if part > LEAST_PART { part * area } else { 0.0 };
             let curved = spread[1] + foot.map_or(0.0, |foot| foot.curved_along(spread[0]));
             let known = known.map(|k| k + i as u32);
-            let corners = on.body.triangle(end.triangle).map(|v| on.mesh.vertex(v));
+            let corners = on.body.triangle(end.triangle).map(|v| on.vertex(v));
             self.found.push(Sample {
                 face: number,
                 load: Narrow { place: start + arm, normal, variance: variance_of_disc(area), shown: 0.0, compliance },
@@ -266,7 +260,7 @@ impl Samples {
         }
         let spacing = spacing(on, under, weights);
         let cap = patch.half_width + 0.5 * patch.straight();
-        self.hang(on, first, before, (support(on.body) * spacing).min(cap));
+        self.hang(on, first, before, nodes, (support(on.body) * spacing).min(cap));
         let shown = shown_variance(on, corners[0], spacing);
         self.found[first..].iter_mut().for_each(|sample| sample.load.shown = shown);
         // Of the mesh, which does not show the dent, the tool overlaps more than its patch: the most where the mesh is dented the least.
@@ -288,18 +282,18 @@ impl Samples {
 
     /// Gives the samples from the `first` on their rows, on nodes that are gathered for all within `near` [m] of one of them at once: a
     /// long strip is near more nodes than can be gathered.
-    fn hang(&mut self, on: &Touchable, first: usize, before: Before, near: Real) {
+    fn hang(&mut self, on: &Touchable, first: usize, before: Before, nodes: &mut Surroundings, near: Real) {
         let (support, near) = (support(on.body), REACH * near);
         let mut origin: Option<Vec3> = None;
         for sample in self.found[first..].iter_mut().filter(|sample| sample.area > 0.0) {
             let at = at_rest(on, sample.triangle, sample.weights);
             let own = support * spacing(on, sample.triangle, sample.weights);
             if origin.is_none_or(|origin| (at - origin).norm() > near) {
-                let slots = on.mesh.embedding(on.body.triangle(sample.triangle)[0]).slots;
-                self.around.gather(on.body, on.mesh, &slots, at, near + REACH * own);
+                let corner = on.body.triangle(sample.triangle)[0];
+                nodes.gather(on.body, on.mesh, corner, at, near + REACH * own);
                 origin = Some(at);
             }
-            match self.around.row(at, own) {
+            match nodes.row(at, own) {
                 Some(row) => {
                     sample.row = row;
                     sample.place = row.interpolate(&on.mesh.motion.position);
@@ -310,7 +304,7 @@ impl Samples {
             let pushed = known.filter(|m| m.multiplier > 0.0);
             if let Some((m, touched)) = pushed.and_then(|m| Some((m, touched_triangle(on, m)?))) {
                 let own = support * spacing(on, touched, m.weights);
-                let row = self.around.row(at_rest(on, touched, m.weights), own);
+                let row = nodes.row(at_rest(on, touched, m.weights), own);
                 sample.moved = row.map_or(Vec3::zeros(), |row| row.interpolate(&on.mesh.motion.position) - m.place);
             }
         }
@@ -392,7 +386,7 @@ fn still_ahead(on: &Touchable, round: &Round, known: &[PointMemory], first: u32)
     let half_way = |push: Vec3| (push + middle.normal).try_normalize(1e-6).unwrap_or(push);
     let ahead = if load > 0.0 { half_way(push / load) } else { middle.normal };
     // A surface that it sees from the edge tells nothing of where it touches: it goes on looking as before, or straight at it.
-    let inward = (-outward(on, triangle)).try_normalize(0.0).unwrap_or(ahead);
+    let inward = (-area_vector(on, triangle)).try_normalize(0.0).unwrap_or(ahead);
     let ahead = [ahead, middle.normal].into_iter().find(|d| d.dot(&inward) > LEAST_FACING).unwrap_or(inward);
     let view = View::new(ahead, first_axis(round, known, ahead));
     let [along, start] = [view.across[0], round.start()];
@@ -574,7 +568,7 @@ impl Samples {
 
 /// Where the place of the surface is now that a sample touched [m].
 fn displayed(on: &Touchable, m: &PointMemory) -> Vec3 {
-    let corners = on.body.corners_of_point(m.point).map(|v| on.mesh.vertex(v));
+    let corners = on.body.corners_of_point(m.point).map(|v| on.vertex(v));
     corners.iter().zip(m.weights).map(|(c, w)| c * w).sum()
 }
 

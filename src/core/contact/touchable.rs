@@ -1,8 +1,9 @@
 //! The displayed surface near a tool, as contact looks at it.
 
-use crate::ids::Triangle;
+use crate::ids::{Triangle, Vertex};
 use crate::math::{Real, Vec3};
 use crate::model::{ActiveMesh, Body};
+use crate::visited::Visited;
 
 /// Points this far from the tool [m] become constraints, so that contact begins with an open gap, and no tool passes
 /// between two ticks what it did not push: more where a tick's motion is more.
@@ -16,13 +17,22 @@ pub(super) const FASTEST_SURFACE: Real = 1.0;
 pub(super) struct Touchable<'a> {
     pub(super) body: &'a Body,
     pub(super) mesh: &'a ActiveMesh,
-    /// Display vertices at the start of the tick [m], (n_vertices), as far as they are near the tool.
+    /// Display vertices at the start of the tick [m], (n_vertices), as far as they are `near` the tool.
     pub(super) vertices: &'a [Vec3],
+    pub(super) near: &'a Visited,
+}
+
+impl Touchable<'_> {
+    /// Where display vertex `v` is [m], near the tool or not.
+    #[inline]
+    pub(super) fn vertex(&self, v: Vertex) -> Vec3 {
+        if self.near.contains(v.index()) { self.vertices[v.index()] } else { self.mesh.vertex(v) }
+    }
 }
 
 /// Outward area vector of display triangle `t`, twice its area long [m²].
 pub(super) fn area_vector(on: &Touchable, t: Triangle) -> Vec3 {
-    let [a, b, c] = on.body.triangle(t).map(|v| on.vertices[v.index()]);
+    let [a, b, c] = on.body.triangle(t).map(|v| on.vertex(v));
     (b - a).cross(&(c - a))
 }
 

@@ -1,6 +1,6 @@
 //! The surface as a tool sees it along the direction in which it pushes.
 
-use super::touchable::Touchable;
+use super::touchable::{Touchable, area_vector};
 use crate::ids::Triangle;
 use crate::math::{Real, Vec3};
 use std::f64::consts::PI;
@@ -39,7 +39,7 @@ impl View {
         for _ in 0..MOST_STEPS {
             let triangle = on.body.triangle(at);
             let corners = triangle.map(|c| {
-                let away = on.mesh.vertex(c) - place;
+                let away = on.vertex(c) - place;
                 [away.dot(&u), away.dot(&v)]
             });
             // Twice the area that the place has with each side, above zero inside of what faces the tool.
@@ -57,7 +57,7 @@ impl View {
             let (i, j) = ((out + 1) % 3, (out + 2) % 3);
             let has = |t: &&Triangle| **t != at && on.body.triangle(**t).contains(&triangle[j]);
             let next = on.body.triangles_around(triangle[i]).iter().find(has);
-            match next.filter(|t| outward(on, **t).dot(&self.ahead) < 0.0) {
+            match next.filter(|t| area_vector(on, **t).dot(&self.ahead) < 0.0) {
                 Some(next) => at = *next,
                 None => return end(at, corners, [out, i, j]),
             }
@@ -75,7 +75,7 @@ impl View {
             let end = self.walk(on, from, place + aside);
             if end.beyond > 0.0 && end.beyond.is_finite() {
                 // The edge is that far before a place which lies `reach` away.
-                let corners = on.body.triangle(end.triangle).map(|c| on.mesh.vertex(c));
+                let corners = on.body.triangle(end.triangle).map(|c| on.vertex(c));
                 let border: Vec3 = corners.iter().zip(end.weights).map(|(c, w)| c * w).sum();
                 let across = border - (place + aside);
                 let flat = across - self.ahead * self.ahead.dot(&across);
@@ -103,12 +103,6 @@ fn end(triangle: Triangle, corners: [[Real; 2]; 3], [out, i, j]: [usize; 3]) -> 
 pub(super) fn part_before(beyond: Real) -> Real {
     let x = beyond.clamp(-1.0, 1.0);
     (libm::acos(x) - x * (1.0 - x * x).sqrt()) / PI
-}
-
-/// As [`area_vector`], also of what has not been near the tool.
-pub(super) fn outward(on: &Touchable, t: Triangle) -> Vec3 {
-    let [a, b, c] = on.body.triangle(t).map(|v| on.mesh.vertex(v));
-    (b - a).cross(&(c - a))
 }
 
 /// Cosine between a view and a normal below which what has it is seen from the edge: that of the outermost samples of a ball,

@@ -47,12 +47,10 @@ impl Row {
         }
     }
 
-    /// Adds the node in `slot`, which is not among them and for which there is room.
-    pub fn push(&mut self, slot: Slot, weight: Real) {
-        if let Some(entry) = self.entries.get_mut(self.len as usize) {
-            *entry = (slot, weight);
-            self.len += 1;
-        }
+    /// Of the first `len` of these, no slot twice.
+    #[inline(always)]
+    pub fn of(slots: &[Slot; MOST_ROW_NODES], weights: &[Real; MOST_ROW_NODES], len: usize) -> Self {
+        Self { entries: std::array::from_fn(|i| (slots[i], weights[i])), len: len as u32 }
     }
 
     /// Slots and weights.
@@ -60,14 +58,42 @@ impl Row {
         &self.entries[..self.len as usize]
     }
 
-    /// `Σ b_i field_i`.
+    /// `Σ b_i field_i`, of every fourth entry each: in one sum each term would wait for the one before.
+    #[inline(always)]
     pub fn interpolate(&self, field: &[Padded]) -> Vec3 {
-        let mut sum = Vec3::zeros();
-        for &(n, b) in self.entries() {
+        let [mut s, mut t, mut u, mut v] = [[0.0; 4]; 4];
+        let add = |sum: &mut Padded, &(n, b): &(Slot, Real)| {
             let x = &field[n.index()];
-            sum += Vec3::new(x[0], x[1], x[2]) * b;
+            for c in 0..4 {
+                sum[c] += b * x[c];
+            }
+        };
+        let (fours, rest) = self.entries().as_chunks::<4>();
+        for [a, b, c, d] in fours {
+            add(&mut s, a);
+            add(&mut t, b);
+            add(&mut u, c);
+            add(&mut v, d);
         }
-        sum
+        rest.iter().for_each(|entry| add(&mut s, entry));
+        let total = |c: usize| (s[c] + t[c]) + (u[c] + v[c]);
+        Vec3::new(total(0), total(1), total(2))
+    }
+
+    /// `Σ b_i field_i` of numbers, likewise.
+    #[inline(always)]
+    pub fn sum(&self, field: &[Real]) -> Real {
+        let [mut s, mut t, mut u, mut v] = [0.0; 4];
+        let of = |&(n, b): &(Slot, Real)| b * field[n.index()];
+        let (fours, rest) = self.entries().as_chunks::<4>();
+        for [a, b, c, d] in fours {
+            s += of(a);
+            t += of(b);
+            u += of(c);
+            v += of(d);
+        }
+        rest.iter().for_each(|entry| s += of(entry));
+        (s + t) + (u + v)
     }
 }
 

@@ -1,4 +1,5 @@
-//! Loops over nodes and interface rows, compiled twice: for any CPU, and with AVX2 registers, which hold one [`Padded`].
+//! Loops that are compiled twice: for any CPU, and with AVX2 registers, which hold one [`Padded`]. Those over nodes and interface rows
+//! are here.
 //!
 //! Both are the same source. Neither fuses a multiply with an add, and each sum has one order, so both give the same bits.
 
@@ -28,9 +29,9 @@ impl Registers {
 }
 
 macro_rules! sweep {
-    ($(#[$meta:meta])* $name:ident($($argument:ident: $kind:ty),* $(,)?) $body:block) => {
+    ($(#[$meta:meta])* $visibility:vis fn $name:ident($($argument:ident: $kind:ty),* $(,)?) $body:block) => {
         $(#[$meta])*
-        pub fn $name(registers: Registers, $($argument: $kind),*) {
+        $visibility fn $name(registers: $crate::model::sweeps::Registers, $($argument: $kind),*) {
             #[inline(always)]
             fn with_any($($argument: $kind),*) $body
             #[cfg(target_arch = "x86_64")]
@@ -41,16 +42,18 @@ macro_rules! sweep {
             match registers {
                 #[cfg(target_arch = "x86_64")]
                 // SAFETY: only `Registers::best` names them, where the CPU has them.
-                Registers::Avx2 => unsafe { with_avx2($($argument),*) },
+                $crate::model::sweeps::Registers::Avx2 => unsafe { with_avx2($($argument),*) },
                 _ => with_any($($argument),*),
             }
         }
     };
 }
 
+pub(crate) use sweep;
+
 sweep! {
     /// Places the interface nodes in `slots` where the rows' masters say: `x_i = Σ_j P_ij x_j`.
-    place(rows: &[InterfaceRow<Slot>], slots: &[Slot], position: &mut [Padded]) {
+    pub fn place(rows: &[InterfaceRow<Slot>], slots: &[Slot], position: &mut [Padded]) {
         for &slot in slots {
             let mut sum = [0.0; 4];
             for (master, weight) in rows[slot.index()].entries() {
@@ -66,7 +69,7 @@ sweep! {
 
 sweep! {
     /// Hands the forces on the interface nodes in `slots` to their masters: `f_j += P_ij f_i`, and `f_i = 0`.
-    hand_back(rows: &[InterfaceRow<Slot>], slots: &[Slot], force: &mut [Padded]) {
+    pub fn hand_back(rows: &[InterfaceRow<Slot>], slots: &[Slot], force: &mut [Padded]) {
         for &slot in slots {
             let f = std::mem::replace(&mut force[slot.index()], [0.0; 4]);
             if f == [0.0; 4] {
@@ -96,7 +99,7 @@ pub struct Falling<'a> {
 
 sweep! {
     /// Free fall of the nodes in `slots` up to `now` [s] in the field `gravity` [m/s²].
-    fall(slots: &[Slot], falling: Falling, gravity: Padded, now: Real) {
+    pub fn fall(slots: &[Slot], falling: Falling, gravity: Padded, now: Real) {
         let Falling { position, velocity, inverse_mass, time } = falling;
         for &slot in slots {
             let s = slot.index();
@@ -114,7 +117,7 @@ sweep! {
 
 sweep! {
     /// Gives the nodes in `slots` the impulse of their forces over `step` [s], and sets these to zero.
-    kick(slots: &[Slot], inverse_mass: &[Real], step: Real, force: &mut [Padded], velocity: &mut [Padded]) {
+    pub fn kick(slots: &[Slot], inverse_mass: &[Real], step: Real, force: &mut [Padded], velocity: &mut [Padded]) {
         for &slot in slots {
             let s = slot.index();
             let f = std::mem::replace(&mut force[s], [0.0; 4]);
@@ -124,6 +127,21 @@ sweep! {
                 v[c] += impulse * f[c];
             }
         }
+    }
+}
+
+sweep! {
+    /// Raises `squares` to those of how far any node in `slots` is from where it was `before`, along each axis [m²].
+    pub fn farthest(slots: &[Slot], position: &[Padded], before: &[Padded], squares: &mut Padded) {
+        let mut most = *squares;
+        for &slot in slots {
+            let (now, then) = (&position[slot.index()], &before[slot.index()]);
+            for c in 0..4 {
+                let way = now[c] - then[c];
+                most[c] = if way * way > most[c] { way * way } else { most[c] };
+            }
+        }
+        *squares = most;
     }
 }
 
@@ -144,7 +162,9 @@ mod tests {
             let falling = Falling { position, velocity, inverse_mass: &inverse_mass, time: &mut time };
             fall(registers, &slots, falling, [0.1, -0.2, -9.81, 0.0], 0.37);
             kick(registers, &slots, &inverse_mass, 0.013, force, velocity);
-            (field, time)
+            let mut far = [0.0; 4];
+            farthest(registers, &slots, &field[0], &field[1], &mut far);
+            (field, time, far)
         };
         assert_eq!(run(Registers::Any), run(Registers::best()));
     }

@@ -6,122 +6,397 @@
 //! and on the other points' dents. The gap is closed as a whole: scaling it (Baumgarte) would make the force too small,
 //! because G turns gap into force. Where there is friction, the tangential multiplier follows the same way, and is then cut
 //! to the disc of radius μ λ [Coulomb]. A tool that hangs on springs gives way to the sum of its points' forces and turns
-//! with the sum of their moments: compliances that all of them share.
+//! with the sum of their moments: compliances that all of them share. What an impulse at one point does to the velocity of another of
+//! the same tool is known for the whole tick ([`prepare`]), so that the sweeps leave the nodes alone.
 
 use crate::math::{Real, Vec3};
-use crate::model::constraint::{MOST_OBSTACLES, MOST_TOOLS, Pushed};
+use crate::model::active_mesh::Motion;
+use crate::model::constraint::{MOST_OBSTACLES, MOST_POINTS, MOST_TOOLS, Pushed};
 use crate::model::element_kernel::Padded;
+use crate::model::sweeps::sweep;
 use crate::model::{ActiveMesh, Constraint};
+use std::ops::Range;
 
 /// Sweeps over all points in one sub-step; the multipliers of the last sub-step are the start.
 const SWEEPS: usize = 5;
 
-/// What the sweeps need of each point beside the constraint itself; reused from tick to tick.
+/// What the sweeps need of a point, one beside the other: a constraint is as long as its row.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Prepared {
-    /// Within which the gap is closed [s].
-    horizon: Real,
-    /// `Δt h Σ b²/m` [m/N].
-    mobility: Real,
-    /// Its own compliance G [m/N].
-    compliance: Real,
-    /// `n·Σ b_i x_i` at the start of the sub-step [m].
-    position: Real,
-    /// When it is to be closed, from the start of the tick [s].
-    due: Real,
-    /// Least `n·q` then [m].
-    target: Real,
-    /// `Σ_j G_j λ_j` [m].
-    dent: Real,
+struct Point {
+    normal: Vec3,
+    arm: Vec3,
     /// `Σ b_i x_i` at the start of the sub-step [m].
     place: Vec3,
+    /// Within which the gap is closed [s].
+    horizon: Real,
+    /// Least `n·q` then [m].
+    target: Real,
+    /// Where it sticks then [m].
+    anchor: Vec3,
+    /// `Σ_k b_k²/m_k` [1/kg].
+    inverse_mass: Real,
+    /// What a gap gives, along the normal and across [N/m].
+    stiffness: [Real; 2],
+    /// Coefficient of friction, and tangential compliances over the normal ones.
+    friction: [Real; 2],
+    /// [N].
+    multiplier: Real,
+    /// Along the surface [N].
+    tangential: Vec3,
+    /// What the nodes have not been given yet [N·s].
+    impulse: Vec3,
+}
+
+/// Constraints whose compliances are known from one to another: those of a tool, or one patch on the ground.
+#[derive(Clone, Copy, Debug)]
+struct Group {
+    first: usize,
+    end: usize,
+    /// Whether others hang on the same nodes.
+    shared: bool,
+}
+
+/// What the solve needs beside the constraints; reused from tick to tick.
+#[derive(Debug)]
+pub struct Workspace {
+    points: Vec<Point>,
+    groups: Vec<Group>,
+    /// By constraint and by those of the same group: what an impulse at one adds to the velocity of the other,
+    /// `Σ_k b_ik b_jk / m_k` [1/kg].
+    mobility: Vec<[Real; MOST_POINTS]>,
+    /// `b/m` of the nodes of one row [1/kg], by slot; else zero.
+    weights: Vec<Real>,
+    /// Number of the group that hangs on a node, by slot.
+    holders: Vec<Option<u32>>,
+    /// `Σ b_i v_i` [m/s], by constraint.
+    velocities: Vectors,
+    /// `Σ_j G_j λ_j` [m].
+    dents: Vec<Real>,
     /// `Σ_j G_j τ_j` [m], tangential compliances.
-    shear: Vec3,
+    shears: Vectors,
+}
+
+/// Vectors by constraint, component by component: so that four of them are changed at once.
+#[derive(Debug)]
+struct Vectors([Vec<Real>; 3]);
+
+impl Vectors {
+    fn new(constraints: usize) -> Self {
+        Self(std::array::from_fn(|_| vec![0.0; constraints]))
+    }
+
+    #[inline(always)]
+    fn at(&self, i: usize) -> Vec3 {
+        Vec3::from(self.0.each_ref().map(|all| all[i]))
+    }
+
+    #[inline(always)]
+    fn set(&mut self, i: usize, vector: Vec3) {
+        self.0.iter_mut().zip(vector.iter()).for_each(|(all, x)| all[i] = *x);
+    }
+
+    /// Adds `change` times `of` each to its `own`.
+    #[inline(always)]
+    fn add_times(&mut self, own: &Range<usize>, of: &[Real; MOST_POINTS], change: Vec3) {
+        self.0.iter_mut().zip(change.iter()).for_each(|(all, x)| add_times(&mut all[own.clone()], of, *x));
+    }
+}
+
+impl Workspace {
+    /// For so many `constraints` on nodes in so many `slots` at most.
+    pub fn new(constraints: usize, slots: usize) -> Self {
+        Self {
+            points: vec![Point::default(); constraints],
+            groups: Vec::with_capacity(constraints),
+            mobility: vec![[0.0; MOST_POINTS]; constraints],
+            weights: vec![0.0; slots],
+            holders: vec![None; slots],
+            velocities: Vectors::new(constraints),
+            dents: vec![0.0; constraints],
+            shears: Vectors::new(constraints),
+        }
+    }
+}
+
+/// Readies `work` for all sub-steps of a tick.
+pub fn prepare(mesh: &ActiveMesh, constraints: &[Constraint], work: &mut Workspace) {
+    prepare_in(mesh.registers(), &mesh.motion.inverse_mass, constraints, work);
 }
 
 /// Changes the velocities so that no surface point ends the sub-step inside a tool, and leaves each point's
 /// multiplier [N] in `constraint.multiplier`. `end` [s]: end of the sub-step, from the start of the tick.
-pub fn solve(mesh: &mut ActiveMesh, constraints: &mut [Constraint], prepared: &mut [Prepared], step: Real, end: Real) {
-    let motion = &mut mesh.motion;
-    let inverse_mass = &motion.inverse_mass;
-    // By tool: the sum of what its points push with.
-    let mut pushed = [Pushed::default(); MOST_TOOLS + MOST_OBSTACLES];
-    for c in constraints.iter() {
-        pushed[c.tool.index()].add(&c.arm, &(c.normal * c.multiplier + c.friction.multiplier));
-    }
-    for (i, p) in prepared[..constraints.len()].iter_mut().enumerate() {
-        let c = &constraints[i];
-        let mobility: Real = c.row.entries().iter().map(|&(n, b)| b * b * inverse_mass[n.index()]).sum();
-        // Those of other tools have a compliance of zero.
-        let others = || constraints[c.first as usize..].iter().zip(&c.compliance);
-        let place = c.row.interpolate(&motion.position);
-        let horizon = c.horizon.max(step);
-        let due = end + (horizon - step);
-        *p = Prepared {
-            horizon,
-            due,
-            mobility: step * horizon * mobility,
-            compliance: c.compliance[i - c.first as usize],
-            position: c.normal.dot(&place),
-            target: c.offset + c.rate * due,
-            dent: others().map(|(other, g)| g * other.multiplier).sum(),
-            place,
-            shear: others().map(|(other, g)| other.friction.multiplier * (g * c.friction.compliance)).sum(),
-        };
-        push(&mut motion.velocity, inverse_mass, c, &c.normal, step * c.multiplier);
-        if c.friction.coefficient > 0.0 {
-            push(&mut motion.velocity, inverse_mass, c, &c.friction.multiplier, step);
-        }
-    }
-    for sweep in 0..SWEEPS {
-        for k in 0..constraints.len() {
-            // To and fro: what one end is told by the other must not take a sweep for the way back.
-            let i = if sweep % 2 == 0 { k } else { constraints.len() - 1 - k };
-            let (c, p) = (&mut constraints[i], &prepared[i]);
-            let moved = p.horizon * c.normal.dot(&c.row.interpolate(&motion.velocity));
-            let pushed = &mut pushed[c.tool.index()];
-            let open = p.position + moved - p.target + c.normal.dot(&pushed.give(&c.allowed_for, &c.coupling, &c.arm));
-            let turned = c.coupling.angular_compliance * c.arm.cross(&c.normal).norm_squared();
-            let mobility = p.mobility + c.coupling.compliance + turned;
-            // A point that would pull is released: its multiplier stays at zero.
-            let multiplier = (c.multiplier - (open + p.dent) / (mobility + p.compliance)).max(0.0);
-            let change = multiplier - c.multiplier;
-            if change != 0.0 {
-                c.multiplier = multiplier;
-                pushed.add(&c.arm, &(c.normal * change));
-                push(&mut motion.velocity, inverse_mass, c, &c.normal, step * change);
-                let others = prepared[c.first as usize..].iter_mut().zip(&c.compliance);
-                others.for_each(|(other, g)| other.dent += g * change);
+pub fn solve(mesh: &mut ActiveMesh, constraints: &mut [Constraint], work: &mut Workspace, step: Real, end: Real) {
+    solve_in(mesh.registers(), &mut mesh.motion, constraints, work, step, end);
+}
+
+sweep! {
+    /// As [`prepare`].
+    fn prepare_in(inverse_mass: &[Real], constraints: &[Constraint], work: &mut Workspace) {
+        let Workspace { groups, mobility, weights, holders, .. } = work;
+        groups.clear();
+        for (i, c) in constraints.iter().enumerate() {
+            match groups.last_mut().filter(|group| group.first == c.first as usize) {
+                Some(group) => group.end = i + 1,
+                None => groups.push(Group { first: i, end: i + 1, shared: false }),
             }
-            if c.friction.coefficient > 0.0 {
-                let p = prepared[i];
-                let place = p.place + c.row.interpolate(&motion.velocity) * p.horizon;
-                let given_way = pushed.give(&c.allowed_for, &c.coupling, &c.arm);
-                let apart = place + p.shear + given_way - (c.friction.anchor + c.friction.rate * p.due);
-                let gap = apart - c.normal * c.normal.dot(&apart);
-                // No direction along the surface turns the tool by more than this.
-                let turned = c.coupling.angular_compliance * c.arm.norm_squared();
-                let mobility = p.mobility + c.coupling.compliance + turned;
-                let stuck = c.friction.multiplier - gap / (mobility + c.friction.compliance * p.compliance);
-                let (most, size) = (c.friction.coefficient * c.multiplier, stuck.norm());
-                let multiplier = if size > most { stuck * (most / size) } else { stuck };
-                let change = multiplier - c.friction.multiplier;
-                c.friction.multiplier = multiplier;
-                pushed.add(&c.arm, &change);
-                push(&mut motion.velocity, inverse_mass, c, &change, step);
-                let others = prepared[c.first as usize..].iter_mut().zip(&c.compliance);
-                others.for_each(|(other, g)| other.shear += change * (g * c.friction.compliance));
+            let own = groups.len() - 1;
+            for &(n, _) in c.row.entries() {
+                let before = holders[n.index()].replace(own as u32);
+                if let Some(other) = before.filter(|other| *other != own as u32) {
+                    (groups[own].shared, groups[other as usize].shared) = (true, true);
+                }
+            }
+        }
+        let held = constraints.iter().flat_map(|c| c.row.entries());
+        held.for_each(|&(n, _)| holders[n.index()] = None);
+        for &Group { first, end, .. } in groups.iter() {
+            for i in first..end {
+                let row = &constraints[i].row;
+                row.entries().iter().for_each(|&(n, b)| weights[n.index()] = b * inverse_mass[n.index()]);
+                for j in i..end {
+                    let mobile = constraints[j].row.sum(weights);
+                    (mobility[i][j - first], mobility[j][i - first]) = (mobile, mobile);
+                }
+                row.entries().iter().for_each(|&(n, _)| weights[n.index()] = 0.0);
             }
         }
     }
 }
 
-/// Gives the point's nodes the impulse `impulse`·`direction` [N·s] through its row.
-fn push(velocity: &mut [Padded], inverse_mass: &[Real], c: &Constraint, direction: &Vec3, impulse: Real) {
-    for &(n, b) in c.row.entries() {
-        let change = direction * (impulse * b * inverse_mass[n.index()]);
-        for (v, d) in velocity[n.index()].iter_mut().zip(change.iter()) {
-            *v += d;
+sweep! {
+    /// As [`solve`].
+    fn solve_in(motion: &mut Motion, constraints: &mut [Constraint], work: &mut Workspace, step: Real, end: Real) {
+        let Workspace { points, groups, mobility, velocities, dents, shears, .. } = work;
+        let Motion { position, velocity, inverse_mass, .. } = motion;
+        // By tool: the sum of what its points push with.
+        let mut pushed = [Pushed::default(); MOST_TOOLS + MOST_OBSTACLES];
+        let all = constraints.len();
+        dents[..all].fill(0.0);
+        shears.0.iter_mut().for_each(|shears| shears[..all].fill(0.0));
+        for (i, c) in constraints.iter().enumerate() {
+            let force = c.normal * c.multiplier + c.friction.multiplier;
+            pushed[c.tool.index()].add(&c.arm, &force);
+            let horizon = c.horizon.max(step);
+            let due = end + (horizon - step);
+            let own = i - c.first as usize;
+            let (compliance, inverse_mass) = (c.compliance[own], mobility[i][own]);
+            let turned = c.coupling.angular_compliance * c.arm.cross(&c.normal).norm_squared();
+            // No direction along the surface turns the tool by more than this.
+            let turned_across = c.coupling.angular_compliance * c.arm.norm_squared();
+            let gives = step * horizon * inverse_mass + c.coupling.compliance;
+            let stiffness =
+                [1.0 / (gives + turned + compliance), 1.0 / (gives + turned_across + c.friction.compliance * compliance)];
+            points[i] = Point {
+                normal: c.normal,
+                arm: c.arm,
+                place: c.row.interpolate(position),
+                horizon,
+                target: c.offset + c.rate * due,
+                anchor: c.friction.anchor + c.friction.rate * due,
+                inverse_mass,
+                stiffness,
+                friction: [c.friction.coefficient, c.friction.compliance],
+                multiplier: c.multiplier,
+                tangential: c.friction.multiplier,
+                impulse: force * step,
+            };
+            add_times(&mut dents[c.first as usize..], &c.compliance, c.multiplier);
+            let sheared = c.friction.multiplier * c.friction.compliance;
+            shears.add_times(&(c.first as usize..all), &c.compliance, sheared);
         }
+        push(velocity, inverse_mass, constraints, points);
+        for sweep in 0..SWEEPS {
+            // To and fro: what one end is told by the other must not take a sweep for the way back.
+            let forth = sweep % 2 == 0;
+            for k in 0..groups.len() {
+                let Group { first, end, shared } = groups[if forth { k } else { groups.len() - 1 - k }];
+                let own = first..end;
+                let Constraint { tool, coupling, allowed_for, .. } = &constraints[own.start];
+                let pushed = &mut pushed[tool.index()];
+                // What one group does to another goes through the nodes; between its own points, it is known beforehand.
+                if sweep == 0 || shared {
+                    for i in own.clone() {
+                        velocities.set(i, constraints[i].row.interpolate(velocity));
+                    }
+                }
+                for k in own.clone() {
+                    let i = if forth { k } else { own.start + own.end - 1 - k };
+                    let p = &mut points[i];
+                    let place = p.place + velocities.at(i) * p.horizon;
+                    let open = p.normal.dot(&(place + pushed.give(allowed_for, coupling, &p.arm))) - p.target;
+                    // A point that would pull is released: its multiplier stays at zero.
+                    let multiplier = (p.multiplier - (open + dents[i]) * p.stiffness[0]).max(0.0);
+                    let change = multiplier - p.multiplier;
+                    if multiplier == 0.0 && change == 0.0 && p.tangential == Vec3::zeros() {
+                        continue;
+                    }
+                    p.multiplier = multiplier;
+                    let compliance = &constraints[i].compliance;
+                    let mut force = p.normal * change;
+                    pushed.add(&p.arm, &force);
+                    add_times(&mut dents[own.clone()], compliance, change);
+                    if p.friction[0] > 0.0 {
+                        let place = place + force * (step * p.inverse_mass * p.horizon);
+                        let apart = place + shears.at(i) + pushed.give(allowed_for, coupling, &p.arm) - p.anchor;
+                        let gap = apart - p.normal * p.normal.dot(&apart);
+                        let stuck = p.tangential - gap * p.stiffness[1];
+                        let (most, square) = (p.friction[0] * multiplier, stuck.norm_squared());
+                        let tangential = if square > most * most { stuck * (most / square.sqrt()) } else { stuck };
+                        let change = tangential - p.tangential;
+                        p.tangential = tangential;
+                        pushed.add(&p.arm, &change);
+                        shears.add_times(&own, compliance, change * p.friction[1]);
+                        force += change;
+                    }
+                    p.impulse += force * step;
+                    velocities.add_times(&own, &mobility[i], force * step);
+                }
+                if sweep == SWEEPS - 1 || shared {
+                    push(velocity, inverse_mass, &constraints[own.clone()], &mut points[own]);
+                }
+            }
+        }
+        for (c, p) in constraints.iter_mut().zip(points.iter()) {
+            (c.multiplier, c.friction.multiplier) = (p.multiplier, p.tangential);
+        }
+    }
+}
+
+/// Adds `change` times `of` each to the `sums`.
+#[inline(always)]
+fn add_times(sums: &mut [Real], of: &[Real; MOST_POINTS], change: Real) {
+    for (sum, g) in sums.iter_mut().zip(of) {
+        *sum += g * change;
+    }
+}
+
+/// Gives the nodes the impulses of the `points` through their rows.
+#[inline(always)]
+fn push(velocity: &mut [Padded], inverse_mass: &[Real], constraints: &[Constraint], points: &mut [Point]) {
+    for (c, p) in constraints.iter().zip(points) {
+        let impulse = std::mem::take(&mut p.impulse);
+        if impulse == Vec3::zeros() {
+            continue;
+        }
+        let impulse = [impulse.x, impulse.y, impulse.z, 0.0];
+        for &(n, b) in c.row.entries() {
+            let (part, v) = (b * inverse_mass[n.index()], &mut velocity[n.index()]);
+            for k in 0..4 {
+                v[k] += part * impulse[k];
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ids::{Slot, ToolId};
+    use crate::model::Row;
+    use crate::model::constraint::{Coupling, Friction, MOST_ROW_NODES};
+    use crate::model::sweeps::Registers;
+
+    fn number(i: usize, k: usize) -> Real {
+        libm::sin((11 * i + 5 * k) as Real + 0.3)
+    }
+
+    fn motion(nodes: usize) -> Motion {
+        let field = |k: usize| (0..nodes).map(|i| [number(i, k), number(i, k + 1), number(i, k + 2), 0.0]).collect();
+        Motion {
+            position: field(1),
+            velocity: field(4),
+            force: vec![[0.0; 4]; nodes],
+            residual: vec![],
+            inverse_mass: (0..nodes).map(|i| 2.0 + number(i, 9)).collect(),
+            mass: vec![],
+        }
+    }
+
+    /// Of a tool, each on nine nodes from number `4 i` on.
+    fn constraint(tool: u32, first: usize, i: usize) -> Constraint {
+        let (mut slots, mut weights) = ([Slot(0); MOST_ROW_NODES], [0.0; MOST_ROW_NODES]);
+        for k in 0..9 {
+            (slots[k], weights[k]) = (Slot((4 * i + k) as u32), (1.0 + 0.3 * number(i, k)) / 9.0);
+        }
+        let normal = Vec3::new(0.2 * number(i, 1), 0.2 * number(i, 2), -1.0).normalize();
+        let friction = Friction {
+            coefficient: 0.4,
+            compliance: 1.2,
+            anchor: Vec3::zeros(),
+            rate: Vec3::zeros(),
+            multiplier: Vec3::zeros(),
+            mean_multiplier: Vec3::zeros(),
+        };
+        Constraint {
+            row: Row::of(&slots, &weights, 9),
+            normal,
+            offset: number(i, 3),
+            rate: 0.1,
+            first: first as u32,
+            compliance: std::array::from_fn(|j| libm::exp(-(((i - first) as Real) - j as Real).powi(2))),
+            tool: ToolId(tool),
+            point: i as u32,
+            multiplier: 0.0,
+            mean_multiplier: 0.0,
+            friction,
+            arm: Vec3::new(number(i, 6), number(i, 7), 0.1),
+            coupling: Coupling { compliance: 0.01, angular_compliance: 0.02 },
+            allowed_for: Pushed::default(),
+            horizon: 0.0,
+        }
+    }
+
+    fn solved(registers: Registers) -> (Vec<Padded>, Vec<(Real, Vec3)>) {
+        let mut motion = motion(80);
+        // The second tool hangs on nodes of the first.
+        let mut constraints: Vec<Constraint> =
+            (0..12).map(|i| constraint(u32::from(i > 6), if i > 6 { 7 } else { 0 }, i)).collect();
+        let mut work = Workspace::new(12, 80);
+        prepare_in(registers, &motion.inverse_mass, &constraints, &mut work);
+        assert!(work.groups.len() == 2 && work.groups.iter().all(|group| group.shared));
+        for _ in 0..40 {
+            let before = motion.velocity.clone();
+            solve_in(registers, &mut motion, &mut constraints, &mut work, 1e-3, 1e-3);
+            // What pushes is the answer of one step, from the same start.
+            motion.velocity = before;
+        }
+        solve_in(registers, &mut motion, &mut constraints, &mut work, 1e-3, 1e-3);
+        (motion.velocity, constraints.iter().map(|c| (c.multiplier, c.friction.multiplier)).collect())
+    }
+
+    #[test]
+    fn all_registers_give_the_same_forces() {
+        assert_eq!(solved(Registers::Any), solved(Registers::best()));
+    }
+
+    /// Impulses go through the nodes or by what is known of them beforehand: together they leave what the rows say.
+    #[test]
+    fn points_that_push_lie_where_they_are_to_and_the_nodes_have_what_they_pushed() {
+        let (velocity, multipliers) = solved(Registers::best());
+        let before = motion(80);
+        let mut given = before.velocity.clone();
+        let all: Vec<Constraint> =
+            (0..12).map(|i| constraint(u32::from(i > 6), if i > 6 { 7 } else { 0 }, i)).collect();
+        for (c, (normal, tangential)) in all.iter().zip(&multipliers) {
+            let impulse = (c.normal * *normal + tangential) * 1e-3;
+            for &(n, b) in c.row.entries() {
+                (0..3).for_each(|k| given[n.index()][k] += b * before.inverse_mass[n.index()] * impulse[k]);
+            }
+        }
+        let apart = |(a, b): (&Padded, &Padded)| (0..3).map(|k| (a[k] - b[k]).abs()).fold(0.0, Real::max);
+        assert!(velocity.iter().zip(&given).map(apart).fold(0.0, Real::max) < 1e-9);
+        let mut pushing = 0;
+        for (i, c) in all.iter().enumerate().filter(|(i, _)| multipliers[*i].0 > 0.0) {
+            let own = all.iter().zip(&multipliers).filter(|(other, _)| other.first == c.first);
+            let mut pushed = Pushed::default();
+            own.clone().for_each(|(other, m)| pushed.add(&other.arm, &(other.normal * m.0 + m.1)));
+            let dent: Real = own.zip(&c.compliance).map(|((_, m), g)| g * m.0).sum();
+            let place = c.row.interpolate(&before.position) + c.row.interpolate(&velocity) * 1e-3;
+            let gap =
+                c.normal.dot(&(place + pushed.give(&c.allowed_for, &c.coupling, &c.arm))) + dent - (c.offset + 1e-4);
+            assert!(gap.abs() < 1e-6, "point {i}: {gap:e}");
+            pushing += 1;
+        }
+        assert!(pushing > 3, "{multipliers:?}");
     }
 }

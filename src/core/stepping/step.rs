@@ -6,7 +6,7 @@
 //! the next event of its own class. What changes of resolution have left held acts at the events of the class that it stands
 //! for.
 
-use super::constraint_solve::{self, Prepared};
+use super::constraint_solve;
 use super::work::{Laps, Part};
 use crate::ids::Slot;
 use crate::math::{Real, Vec3};
@@ -33,7 +33,7 @@ struct Concerned {
 pub struct Workspace {
     /// Time of each slot's position [s] since the start of the tick.
     time: Vec<Real>,
-    prepared: Vec<Prepared>,
+    solve: constraint_solve::Workspace,
     concerned: Vec<Concerned>,
     /// Slots that have been noted.
     noted: Visited,
@@ -49,7 +49,7 @@ impl Workspace {
         let list = || Vec::with_capacity(slots);
         Self {
             time: vec![0.0; slots],
-            prepared: vec![Prepared::default(); constraints],
+            solve: constraint_solve::Workspace::new(constraints, slots),
             concerned: (0..CLASSES)
                 .map(|_| Concerned { active: list(), interface: list(), entries: 0, revision: None })
                 .collect(),
@@ -101,6 +101,7 @@ pub fn tick(
     if !constraints.is_empty() {
         deepest = deepest.max(contact);
         collect_contact_nodes(constraints, work);
+        constraint_solve::prepare(mesh, constraints, &mut work.solve);
     }
     if !body.supports().is_empty() {
         deepest = deepest.max(holds);
@@ -122,7 +123,7 @@ pub fn tick(
         if touched {
             let step = step_class::step_of(class);
             drift(&work.contact_nodes, &mut work.time, mesh, gravity, now);
-            constraint_solve::solve(mesh, constraints, &mut work.prepared, step, now + step);
+            constraint_solve::solve(mesh, constraints, &mut work.solve, step, now + step);
             for c in constraints.iter_mut() {
                 c.mean_multiplier += c.multiplier;
                 c.friction.mean_multiplier += c.friction.multiplier;

@@ -216,6 +216,9 @@ impl ActiveMesh {
         class: usize,
         sign: Real,
     ) {
+        if let Some(around) = around.as_deref_mut() {
+            around.forget();
+        }
         let mut gathered: Option<Vec3> = None;
         let mut number = 0;
         for point in loads.pushing() {
@@ -229,7 +232,7 @@ impl ActiveMesh {
             let fitted = around.as_deref_mut().filter(|_| patch.is_none()).and_then(|around| {
                 let (at, support) = (at_rest(body, hangs), support(body) * spacing(self, hangs));
                 if gathered.is_none_or(|from| (at - from).norm() > NEAR * support) {
-                    around.gather(body, self, &self.embedding(hangs[0].0).slots, at, (1.0 + NEAR) * support);
+                    around.gather(body, self, hangs[0].0, at, (1.0 + NEAR) * support);
                     gathered = Some(at);
                 }
                 around.row(at, support)
