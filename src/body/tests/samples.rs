@@ -7,6 +7,7 @@ use palpate_core::contact::shape::Part;
 use palpate_core::contact::tool::{Coupling, Following, PoseSample, Shape, Tool, ToolEvent};
 use palpate_core::geometry::primitives::box_surface;
 use palpate_core::math::{Bounds, Pose, Real, Vec3};
+use palpate_core::model::active_mesh::contact_row::{Surroundings, at_rest, spacing, support};
 use palpate_core::model::{Body, Material};
 use palpate_core::simulation::{Inputs, Settings, Simulation, Snapshot};
 use std::sync::Arc;
@@ -263,5 +264,70 @@ fn a_rough_ball_on_a_spring_slides_by_coulombs_law_and_goes_on_from_a_snapshot()
         println!("{elements:?}: {changes} changes, tangential force {ratios:.4?} of the normal one");
         // It ploughs, too: what it pushes ahead of itself pushes back.
         assert!(changes > 20 && ratios[0] > 0.99 * friction && ratios[1] < 1.07 * friction);
+    }
+}
+
+/// Rows on nodes that were gathered before, for other places of the surface, are those on nodes that are gathered anew: a simulation that
+/// goes on from a snapshot has none that it kept.
+#[test]
+fn rows_on_nodes_that_are_kept_are_those_on_nodes_looked_for_anew() {
+    let body = block_of(vec![0.036, 0.02, 0.0125], Elements::Tetrahedra, Material::from_young(1e4, 0.45, 1000.0), 20);
+    let adaptive = Settings { adaptivity: Some(Adaptivity::default()), ..settings(&body, Shape::ball(0.01), 0.0) };
+    let mut simulation = Simulation::new(body.clone(), adaptive, Snapshot::at_rest(&body, 0, 1)).unwrap();
+    attach(&mut simulation, Coupling::RIGID);
+    presses(&mut simulation, 0.01, [0.1, 0.1], &[4e-3]);
+    let mesh = simulation.mesh();
+    assert!(mesh.set().count().iter().filter(|nodes| **nodes > 0).count() > 1, "levels are mixed");
+    let mut kept = Surroundings::new(&body);
+    let (mut rows, mut uneven) = (0, 0.0 as Real);
+    for t in body.triangles().step_by(7).chain(body.triangles().step_by(11)) {
+        let stencil = [(t[0], 0.2), (t[1], 0.5), (t[2], 0.3)];
+        let (place, support) = (at_rest(&body, stencil), support(&body) * spacing(mesh, stencil));
+        let row = |nodes: &mut Surroundings| {
+            nodes.gather(&body, mesh, t[0], place, support);
+            nodes.row(place, support)
+        };
+        let found = row(&mut kept);
+        assert_eq!(found, row(&mut Surroundings::new(&body)));
+        let Some(found) = found else { continue };
+        rows += 1;
+        let sum: Real = found.entries().iter().map(|(_, b)| b).sum();
+        let mean: Vec3 = found.entries().iter().map(|(slot, b)| body.rest(mesh.node(*slot)) * *b).sum();
+        uneven = uneven.max((sum - 1.0).abs()).max((mean - place).norm() / support);
+    }
+    assert!(rows > 500 && uneven < 1e-12, "{rows} rows, off by {uneven:e}");
+}
+
+/// What one does to the other goes through nodes that both push, where they are near each other.
+#[test]
+fn two_balls_near_each_other_come_to_rest_and_bear_alike() {
+    let body = block(0.0125, Elements::Tetrahedra, 0.35, 1e4, 20);
+    for apart in [1e-3, 8e-3, 0.08] {
+        let mut both = settings(&body, Shape::ball(0.01), 0.3);
+        both.tools.push(Tool { name: "other".into(), ..both.tools[0].clone() });
+        let mut simulation = Simulation::new(body.clone(), both, Snapshot::at_rest(&body, 0, 2)).unwrap();
+        let attach = Some(ToolEvent::Attach { epoch: 1, period_ticks: 1, coupling: Coupling::RIGID });
+        let mut inputs = Inputs::default();
+        inputs.tools[..2].fill(attach);
+        simulation.advance(&inputs);
+        let (mut last, mut step) = ([Vec3::zeros(); 2], 0.0 as Real);
+        for tick in 0..1200 {
+            let depth = 0.004 * (Real::from(tick) / 200.0).min(1.0) - 1e-3;
+            let pose = |side: Real| {
+                let position = Vec3::new(0.1 + side * apart / 2.0, 0.1, SIZE.z + 0.01 - depth);
+                let pose = Pose { position, ..Pose::default() };
+                Some(ToolEvent::Pose(PoseSample { sequence: tick + 1, time_ns: 0, pose, buttons: 0 }))
+            };
+            inputs.tools[..2].copy_from_slice(&[-1.0, 1.0].map(pose));
+            simulation.advance(&inputs);
+            let forces = [0, 1].map(|i| simulation.outputs().tools[i].state.physical_force);
+            step =
+                if tick > 1000 { step.max((forces[0] - last[0]).norm() + (forces[1] - last[1]).norm()) } else { 0.0 };
+            last = forces;
+        }
+        let [left, right] = last;
+        println!("{apart} m apart: {left:.5?} and {right:.5?} N, {step:e} N a tick");
+        assert!(left.z > 0.05 && step < 1e-6 * left.z, "at rest they push alike from tick to tick: {step:e} N");
+        assert!((left.z - right.z).abs() < 0.05 * left.z && (left.x + right.x).abs() < 0.05 * left.z);
     }
 }
