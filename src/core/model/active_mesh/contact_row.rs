@@ -222,7 +222,7 @@ mod tests {
 
     #[test]
     fn all_registers_give_the_same_row() {
-        let number = |i: usize, k: usize| libm::sin((7 * i + 3 * k) as Real + 0.4);
+        let number = |i: usize, k: usize| libm::sin(((7 + 2 * k) * i + 3 * k) as Real + 0.4);
         let mut around = Around::new();
         for i in 0..90 {
             around.slots.push(Slot(i as u32));
