@@ -208,7 +208,8 @@ const MOST_NEAR: usize = 512;
 /// ... around so many places at once: a strip has three or four, a flat face about as many.
 const KEPT: usize = 16;
 /// In what steps the radius goes within which nodes are gathered, over the spacing of the nodes: with less they are gathered anew more
-/// often while a tool slides, with more each row looks at more that are too far away. It changes no row.
+/// often while a tool slides, with more each row looks at more that are too far away. A row has the same nodes, but beside the end of a slit, which a
+/// wider search may go around.
 const STEP: Real = 0.5;
 /// A support that is too wide or too narrow is made narrower or wider by this, ...
 const NARROWER: Real = 0.9;
