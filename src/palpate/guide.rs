@@ -46,7 +46,6 @@ macro_rules! page {
         /// [`palpate_body::prepare::body_file`]: palpate_body::prepare::body_file
         /// [`palpate_body::prepare::calibration`]: palpate_body::prepare::calibration
         /// [`palpate_core::contact`]: palpate_core::contact
-        /// [`palpate_core::contact::detection`]: palpate_core::contact::detection
         /// [`palpate_core::contact::ground`]: palpate_core::contact::ground
         /// [`palpate_core::contact::obstacle`]: palpate_core::contact::obstacle
         /// [`palpate_core::feedback::relaxed`]: palpate_core::feedback::relaxed

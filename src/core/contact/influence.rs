@@ -59,11 +59,12 @@ fn potential(distance_squared: Real, variance: Real) -> Real {
     (0.5 * PI / variance).sqrt() * scaled_bessel(distance_squared / (4.0 * variance))
 }
 
-/// The same of a load that is spread along and across by these `variances` [m²], at multiples of `sides` [m] from its middle, (rows,
+/// The same of a load that is spread along and across by these `variances` [m²], at so many multiples of `sides` [m] from its middle, (rows,
 /// columns): the integral over `u` of what each of the normal distributions `e^{−r²u²}` that make up `1/r` becomes, `u` going as a
 /// tangent, which makes the integrand periodic. That is a product of one factor along and one across, whose values at the multiples of
 /// a side are its powers.
 fn stretched_potentials<const COLUMNS: usize, const ROWS: usize>(
+    [columns, rows]: [usize; 2],
     sides: [Real; 2],
     variances: [Real; 2],
 ) -> [[Real; COLUMNS]; ROWS] {
@@ -78,9 +79,9 @@ fn stretched_potentials<const COLUMNS: usize, const ROWS: usize>(
         let [along, across] = [0, 1].map(|k| libm::exp(-sides[k] * sides[k] * up / (between * widened[k])));
         let mut row = whole / (widened[0] * widened[1]).sqrt();
         let mut to_next_row = across;
-        for line in &mut potentials {
+        for line in potentials.iter_mut().take(rows) {
             let (mut here, mut to_next) = (row, along);
-            for potential in line.iter_mut() {
+            for potential in line.iter_mut().take(columns) {
                 *potential += here;
                 here *= to_next;
                 to_next *= along * along;
@@ -100,23 +101,30 @@ const STEPS: usize = 32;
 pub(super) struct Grid<const COLUMNS: usize, const ROWS: usize> {
     /// How many there are in a row.
     columns: usize,
+    /// Variance of a load on one of them, were it a disc [m²].
+    variance: Real,
     /// By how many rows and columns they are apart.
     left_out: [[Real; COLUMNS]; ROWS],
 }
 
 impl<const COLUMNS: usize, const ROWS: usize> Grid<COLUMNS, ROWS> {
-    /// Of so many `columns` of cells with these `sides` [m], whose loads the mesh shows with the variance `shown` [m²].
-    pub(super) fn new(columns: usize, sides: [Real; 2], shown: Real) -> Self {
+    /// Of so many `columns` and `rows` of cells with these `sides` [m], whose loads the mesh shows with the variance `shown` [m²].
+    pub(super) fn new([columns, rows]: [usize; 2], sides: [Real; 2], shown: Real) -> Self {
         let variances = sides.map(|side| variance_of_disc(PI * side * side) / PI);
         let shown = shown.max(variances[0]).max(variances[1]);
-        let mut left_out = stretched_potentials(sides, variances.map(|v| 2.0 * v));
-        for (row, line) in left_out.iter_mut().enumerate() {
+        let mut left_out = stretched_potentials([columns, rows], sides, variances.map(|v| 2.0 * v));
+        for (row, line) in left_out.iter_mut().take(rows).enumerate() {
             for (column, left_out) in line.iter_mut().take(columns).enumerate() {
                 let place = [column as Real * sides[0], row as Real * sides[1]];
                 *left_out -= potential(place[0] * place[0] + place[1] * place[1], 2.0 * shown);
             }
         }
-        Self { columns, left_out }
+        Self { columns, variance: variance_of_disc(sides[0] * sides[1]), left_out }
+    }
+
+    /// How much more a load gives way under itself than a whole cell's, of which a part alone is loaded, with that variance [m²].
+    pub(super) fn more_of_its_own(&self, variance: Real) -> Real {
+        (potential(0.0, 2.0 * variance) - potential(0.0, 2.0 * self.variance)).max(0.0)
     }
 
     /// Of the cells with these numbers, row by row.
@@ -169,7 +177,7 @@ mod tests {
     #[test]
     fn a_load_that_is_not_stretched_is_round_and_one_that_is_gives_way_by_the_mean_of_gauss() {
         for away in [0.0, 1e-3, 7e-3] {
-            let potentials = stretched_potentials::<3, 3>([away; 2], [4e-6; 2]);
+            let potentials = stretched_potentials::<3, 3>([3; 2], [away; 2], [4e-6; 2]);
             for (row, line) in potentials.iter().enumerate() {
                 for (column, potential_there) in line.iter().enumerate() {
                     let squares = away * away * (row * row + column * column) as Real;
@@ -182,7 +190,7 @@ mod tests {
             for _ in 0..10 {
                 (a, b) = (0.5 * (a + b), Real::sqrt(a * b));
             }
-            let [[own]] = stretched_potentials::<1, 1>([0.0; 2], [1e-6 * times * times, 1e-6]);
+            let [[own]] = stretched_potentials::<1, 1>([1; 2], [0.0; 2], [1e-6 * times * times, 1e-6]);
             assert!((own * 1e-3 * a / (0.5 * PI).sqrt() - 1.0).abs() < 1e-6, "{times}");
         }
     }

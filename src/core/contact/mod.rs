@@ -2,14 +2,14 @@
 //!
 //! Emits point constraints and receives their multipliers; knows nothing of how they are solved.
 
-mod areas;
-mod candidate;
+mod ahead;
 mod closing;
+mod density;
 pub mod detection;
 pub mod friction;
 pub mod ground;
-mod hanging;
 mod influence;
+mod moving_part;
 mod nearby;
 pub mod obstacle;
 pub mod outside;

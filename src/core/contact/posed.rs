@@ -71,6 +71,14 @@ impl<'a> Posed<'a> {
         }
     }
 
+    /// How deep the world's place `p` is inside of a solid core at the least [m]; zero outside.
+    pub(super) fn depth(&self, p: Vec3) -> Real {
+        match &self.part.core {
+            Core::Axis(_) => 0.0,
+            Core::Solid(solid) => solid.depth(self.frame.own(p)),
+        }
+    }
+
     /// Box around the core, grown by `reach`.
     pub fn window(&self, reach: Real) -> Bounds {
         let own = self.part.core.bounds();
@@ -87,8 +95,7 @@ impl<'a> Posed<'a> {
             Core::Axis(_) => self.nearest_to_axis(corners),
             Core::Solid(solid) => {
                 let own = corners.map(|p| self.frame.own(p));
-                let blend = BLEND * self.part.radius;
-                (self.frame.at(solid.nearest_in_triangle(&own, self.frame.own_direction(push), blend)), None)
+                (self.frame.at(solid.nearest_in_triangle(&own, self.frame.own_direction(push))), None)
             }
         }
     }
@@ -121,7 +128,3 @@ impl<'a> Posed<'a> {
         (best.1, Some(best.2))
     }
 }
-
-/// Difference of distances, over the rounding, up to which a triangle's point goes from next to its middle to where it is
-/// nearest: half as much makes a flat end on a flat face rattle, more hides the nearest place.
-const BLEND: Real = 0.3;

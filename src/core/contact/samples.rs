@@ -1,13 +1,16 @@
-//! Where balls and capsules touch the surface, as samples on it: a patch of them in each direction in which one pushes, as wide as
+//! Where the parts of a tool touch the surface, as samples on it: a patch of them in each direction in which one pushes, as wide as
 //! what it touches there ([`super::patch`]).
 //!
 //! The samples follow the tool and not the displayed triangles: they neither come nor go while the tool slides, and each touches the
 //! surface wherever that is straight ahead of it. The surface is the one of the mesh, through rows of nodes around each place
 //! ([`crate::model::active_mesh::contact_row`]), plus what the mesh leaves out of the samples' own loads ([`super::influence`]).
 
+use super::ahead::{Ahead, overlapped, still_ahead};
 use super::closing::{Before, Closing, UNNOTICED};
+use super::density::{COLUMNS, MOST_PATCHES, ROWS};
 use super::influence::{Grid, Narrow, variance_of_disc};
-use super::patch::{COLUMNS, Cell, Foot, MOST_PATCHES, Patch, Pressed, ROWS, Round};
+use super::moving_part::{MovingPart, Silhouette};
+use super::patch::{Patch, Pressed};
 use super::rigid::{Found, Rigid};
 use super::touchable::{Touchable, area_vector};
 use super::view::{LEAST_FACING, View, part_before};
@@ -26,9 +29,7 @@ pub(super) struct Samples {
     faces: Vec<Face>,
     /// Of all faces, one after the other.
     found: Vec<Sample>,
-    /// Samples that the tool may have, ...
-    most: usize,
-    /// ... and how many of them may be new ones.
+    /// How many of them may be new ones yet.
     room: usize,
 }
 
@@ -41,9 +42,11 @@ struct Face {
     first: usize,
     view: View,
     patch: Patch,
-    /// How far from the patch's line the surface of the mesh may overlap the tool [m].
+    /// How far from the patch's line the surface of the mesh may overlap a round part [m], ...
     reach: Real,
-    /// What the mesh leaves out of loads on the cells of a strip.
+    /// ... and how far ahead of the start of a solid one the surface under it is at least [m].
+    level: Real,
+    /// What the mesh leaves out of loads on the cells of a strip or of a rectangle.
     grid: Option<Grid<COLUMNS, ROWS>>,
     /// Where the resolution has changed since the last tick, the variance with which the mesh showed the loads then [m²], and what of them
     /// it left out.
@@ -80,57 +83,50 @@ struct Sample {
     multiplier: Real,
 }
 
-/// Where the surface is about to be touched: a triangle, how it is looked at, and how it was pushed.
+/// A place of the surface near the tool.
 #[derive(Clone, Copy, Debug)]
-struct Ahead {
-    triangle: Triangle,
-    view: View,
-    pressed: Pressed,
-    /// What is remembered of its first sample.
-    known: Option<u32>,
+struct Met {
+    /// From the part's start [m].
+    arm: Vec3,
+    /// Out of the part.
+    normal: Vec3,
+    /// Out of the tool and into the body, straight.
+    inward: Vec3,
+    /// How far away the part is along the normal [m].
+    gap: Real,
+    /// Whether it is inside of a solid core: then the normal and the gap are those of what is straight ahead.
+    is_inside: bool,
 }
 
 impl Samples {
     pub(super) fn new() -> Self {
-        Self { faces: Vec::with_capacity(MOST_PATCHES), found: Vec::with_capacity(MOST_POINTS), most: 0, room: 0 }
+        Self { faces: Vec::with_capacity(MOST_PATCHES), found: Vec::with_capacity(MOST_POINTS), room: 0 }
     }
 
-    /// Begins with a tool that may have at most so many samples, and this many new ones.
-    pub(super) fn begin(&mut self, most: usize, room: usize) {
+    /// Begins with a tool that may have so many new samples.
+    pub(super) fn begin(&mut self, room: usize) {
         self.found.clear();
         self.faces.clear();
-        (self.most, self.room) = (most, room);
+        self.room = room;
     }
 
-    /// How many have been found.
-    pub(super) fn count(&self) -> usize {
-        self.found.len()
-    }
-
-    /// How many more new points there may be.
-    pub(super) fn room(&self) -> usize {
-        self.room
-    }
-
-    /// Finds the samples of a part of a tool on the faces that it touched a tick ago, of which `before` holds the points.
-    pub(super) fn follow(&mut self, on: &Touchable, round: &Round, before: Before, nodes: &mut Surroundings) {
+    /// Finds the samples of a tool of these `parts` on the faces that they touched a tick ago, of which `before` holds the points, face by
+    /// face.
+    pub(super) fn follow(&mut self, on: &Touchable, parts: &[MovingPart], before: Before, nodes: &mut Surroundings) {
         let per_part = on.body.points_of_a_part();
-        let of_part = |from: usize| before.memory.partition_point(|m| ((m.point / per_part) as usize) < from);
-        let (first, end) = (of_part(round.part), of_part(round.part + 1));
-        for (i, known) in before.memory[first..end].chunks_exact(round.samples()).enumerate() {
+        let mut first = 0;
+        while let Some(m) = before.memory.get(first) {
+            let Some(part) = parts.get((m.point / per_part) as usize) else { return };
+            let Some(known) = before.memory.get(first..first + part.samples()) else { return };
             // One beside others that does nothing is not looked for again.
-            let idle = known.iter().all(|m| m.multiplier <= 0.0 && m.slack <= 0.0);
-            if idle && self.own(round).next().is_some() {
-                continue;
-            }
-            if let Some(ahead) = still_ahead(on, round, known, (first + i * round.samples()) as u32) {
-                let foot = round.front(&ahead.view, [ahead.pressed.middle, 0.0]);
-                let is_covered =
-                    |face: &Face| foot.is_some_and(|f| face.covers(f.arm, f.normal, face.patch.half_width));
-                if !self.own(round).any(is_covered) {
-                    self.look(on, round, before, nodes, &ahead);
+            let idle = known.iter().all(|m| m.multiplier <= 0.0 && m.slack <= 0.0) && self.own(part).next().is_some();
+            if let Some(ahead) = still_ahead(on, part, known, first as u32).filter(|_| !idle) {
+                let foot = part.front(&ahead.view, ahead.pressed.middle);
+                if !self.own(part).any(|face| foot.is_some_and(|foot| face.has(foot.arm, foot.normal))) {
+                    self.look(on, part, before, nodes, &ahead);
                 }
             }
+            first += part.samples();
         }
     }
 
@@ -138,58 +134,81 @@ impl Samples {
     pub(super) fn find_new(
         &mut self,
         on: &Touchable,
-        round: &Round,
+        part: &MovingPart,
         before: Before,
         nodes: &mut Surroundings,
         near: impl Iterator<Item = Triangle>,
     ) {
-        if self.found.len() + round.samples() > self.most || round.samples() > self.room {
+        if self.found.len() + part.samples() > MOST_POINTS || part.samples() > self.room {
             return;
         }
-        if let Some(ahead) = self.new_ahead(on, round, near) {
-            self.room -= round.samples();
-            self.look(on, round, before, nodes, &ahead);
+        if let Some(ahead) = self.new_ahead(on, part, near) {
+            self.room -= part.samples();
+            self.look(on, part, before, nodes, &ahead);
         }
     }
 
     /// Faces of a part.
-    fn own<'a>(&'a self, round: &Round) -> impl Iterator<Item = &'a Face> {
-        let part = round.part;
-        self.faces.iter().filter(move |face| face.part == part)
+    fn own<'a>(&'a self, part: &MovingPart) -> impl Iterator<Item = &'a Face> {
+        let number = part.number;
+        self.faces.iter().filter(move |face| face.part == number)
     }
 
     /// Where the tool touches the surface next beside the faces that there are: at first what is nearest.
-    fn new_ahead(&self, on: &Touchable, round: &Round, near: impl Iterator<Item = Triangle>) -> Option<Ahead> {
-        let (radius, start) = (round.radius(), round.start());
-        let is_first = self.own(round).next().is_none();
-        let mut nearest = (if is_first { round.margin } else { -UNNOTICED }, None);
+    fn new_ahead(&self, on: &Touchable, part: &MovingPart, near: impl Iterator<Item = Triangle>) -> Option<Ahead> {
+        let (radius, start) = (part.radius(), part.start());
+        let is_first = self.own(part).next().is_none();
+        let mut nearest = (if is_first { part.margin } else { -UNNOTICED }, None);
         // What is farther away is not nearest.
-        let window = round.at.window(radius + if is_first { round.margin } else { 0.0 });
+        let window = part.at.window(radius + if is_first { part.margin } else { 0.0 });
         for t in near {
             let corners = on.body.triangle(t).map(|v| on.vertices[v.index()]);
             if window.is_apart(&corners) {
                 continue;
             }
             let outward = area_vector(on, t);
-            let (place, core) = round.at.nearest_in_triangle(&corners, -outward);
-            let from = core.map_or(start, |core| round.at.frame.at(core));
+            let Some(inward) = (-outward).try_normalize(0.0) else { continue };
+            if self.own(part).any(|face| part.is_solid() && face.has_all(part, &corners, inward)) {
+                continue;
+            }
+            let (place, core) = part.at.nearest_in_triangle(&corners, inward);
+            let from = part.at.frame.at(core.unwrap_or_else(|| part.at.nearest(place)));
             let away = place - from;
             let mut gap = away.norm() - radius;
-            let Some(normal) = away.try_normalize(1e-12) else { continue };
-            let is_covered = |face: &Face| face.covers(place - start, normal, face.reach);
-            if outward.dot(&away) >= 0.0 || gap >= nearest.0 || self.own(round).any(is_covered) {
+            let (normal, is_inside) = match away.try_normalize(1e-12) {
+                Some(normal) => (normal, false),
+                // Inside of a solid core it is pushed out straight ahead, unless it is the part's side that is there.
+                None => {
+                    let Some((out, normal)) = part.way_out(place, inward) else { continue };
+                    gap = -out;
+                    (normal, true)
+                }
+            };
+            let met = Met { arm: place - start, normal, inward, gap, is_inside };
+            // Beside a solid part, what is seen from the edge is pushed aside by what is under it.
+            let least = if is_first || !part.is_solid() { 0.0 } else { LEAST_FACING };
+            if inward.dot(&normal) <= least || gap >= nearest.0 || self.own(part).any(|face| face.covers(part, &met)) {
                 continue;
             }
             if !is_first {
-                gap += self.dent(place, normal);
+                gap += DENTED * self.dent(place, normal);
             }
             if gap < nearest.0 {
-                nearest = (gap, Some((t, normal, place - start)));
+                nearest = (gap, Some((t, if is_inside { inward } else { normal }, place - start)));
             }
         }
         let (triangle, normal, place) = nearest.1?;
-        let view = View::new(normal, round.axis());
-        Some(Ahead { triangle, view, pressed: Pressed::not(view.across[0].dot(&place)), known: None })
+        let view = if part.is_solid() {
+            View::of_solid(normal, part.longest_across(normal))
+        } else {
+            View::new(normal, part.axis())
+        };
+        let pressed = Pressed::not(if part.is_solid() {
+            view.across.map(|u| u.dot(&place))
+        } else {
+            [view.across[0].dot(&place), 0.0]
+        });
+        Some(Ahead { triangle, view, pressed, known: None })
     }
 
     /// What the mesh leaves out of the dent of all samples [m] at `place` [m], along `normal`.
@@ -199,59 +218,71 @@ impl Samples {
     }
 
     /// Adds a face, and its samples, where something is `ahead`.
-    fn look(&mut self, on: &Touchable, round: &Round, before: Before, nodes: &mut Surroundings, ahead: &Ahead) {
+    fn look(&mut self, on: &Touchable, part: &MovingPart, before: Before, nodes: &mut Surroundings, ahead: &Ahead) {
         let memory = before.memory;
         let Ahead { triangle, view, pressed, known } = *ahead;
-        let (radius, start, first) = (round.radius(), round.start(), self.found.len());
-        let end = view.walk(on, triangle, start + view.across[0] * pressed.middle);
+        let (radius, start, first) = (part.radius(), part.start(), self.found.len());
+        let middle = view.across[0] * pressed.middle[0] + view.across[1] * pressed.middle[1];
+        let end = view.walk(on, triangle, start + middle);
         let (under, weights) = (end.triangle, end.weights);
         let corners = on.body.triangle(under);
         let material = on.mesh.material_at(on.body, corners[0]);
         let nu = material.poisson_ratio();
-        let patch = |k: Real| Patch::of(round, &view, k, &pressed);
-        // Large strain makes it wider, and softens what gives way as under a ball.
-        let firm = patch(material.half_space());
-        let as_ball = 2.0 * firm.half_width / (2.0 * firm.half_width + firm.straight());
-        let softening = as_ball * Material::softening(nu, firm.half_width / radius);
-        let compliance = material.half_space() * (1.0 + softening);
-        let mut patch = patch(compliance);
-        let ends = known.into_iter().flat_map(|k| memory[k as usize..].iter().take(round.samples()).enumerate());
-        let mut ends = ends.filter(|(i, _)| round.is_outermost(*i));
-        patch.grows = !round.is_ball() && (pressed.force <= 0.0 || ends.any(|(_, m)| m.multiplier > 0.0));
+        let outline = part.solid().map(|solid| Silhouette::of(part, solid, &view));
+        let known_samples = || known.into_iter().flat_map(|k| memory[k as usize..].iter().take(part.samples()));
+        let (patch, compliance) = match &outline {
+            Some(outline) => {
+                let patch = match pressed.edges {
+                    Some(edges) => Patch::of_solid(part, outline, &pressed, edges),
+                    None => overlapped(on, part, &view, outline, under),
+                };
+                (patch, material.half_space())
+            }
+            None => {
+                let patch = |k: Real| Patch::of(part, &view, k, &pressed);
+                // Large strain makes it wider, and softens what gives way as under a ball.
+                let firm = patch(material.half_space());
+                let as_ball = 2.0 * firm.half_width / (2.0 * firm.half_width + firm.straight()[0]);
+                let softening = as_ball * Material::softening(nu, firm.half_width / radius);
+                let compliance = material.half_space() * (1.0 + softening);
+                let mut ends = known_samples().enumerate().filter(|(i, _)| part.is_outermost(*i));
+                let grows = !part.is_ball() && (pressed.force <= 0.0 || ends.any(|(_, m)| m.multiplier > 0.0));
+                (Patch { grows, ..patch(compliance) }, compliance)
+            }
+        };
         let (number, mut triangle) = (self.faces.len() as u32, under);
-        for i in 0..round.samples() {
-            let Cell { at, area, spread, starts_row } = patch.cell(round, i);
-            let foot = round.front(&view, at);
-            let arm = foot.map_or(view.across[0] * at[0] + view.across[1] * at[1], |foot| foot.arm);
-            let from = if starts_row { under } else { triangle };
-            let end = view.walk(on, from, start + arm);
+        for i in 0..part.samples() {
+            let spot = patch.spot(part, &view, outline.as_ref(), i);
+            let from = if spot.starts_row { under } else { triangle };
+            let end = view.walk(on, from, start + spot.arm);
             triangle = end.triangle;
-            let normal = foot.map_or(view.ahead, |foot| foot.normal);
-            let slope = normal.dot(&view.ahead);
             // What another patch has samples of already is not touched twice.
-            let is_taken = |foot: &Foot| self.own(round).any(|f| f.covers(foot.arm, foot.normal, f.patch.half_width));
-            let whole = |foot: Foot| area * round.part_touchable(&foot, (area / PI).sqrt()) / slope;
-            let area = foot.filter(|foot| !is_taken(foot)).map_or(0.0, whole);
+            let is_taken = self.own(part).any(|face| face.has(spot.arm, spot.normal));
+            let area = if is_taken { 0.0 } else { spot.area };
             let width = (area / PI).sqrt();
             let beyond = match end.beyond {
                 found if found > 0.0 || width == 0.0 => found,
-                _ => view.margin(on, end.triangle, start + arm, width),
+                _ => view.margin(on, end.triangle, start + spot.arm, width),
             };
-            let part = if width > 0.0 { part_before(beyond / width) } else { 0.0 };
-            let area = if part > LEAST_PART { part * area } else { 0.0 };
-            let curved = spread[1] + foot.map_or(0.0, |foot| foot.curved_along(spread[0]));
+            let share = if width > 0.0 { part_before(beyond / width) } else { 0.0 };
+            let area = if share > LEAST_PART { share * area } else { 0.0 };
             let known = known.map(|k| k + i as u32);
-            let corners = on.body.triangle(end.triangle).map(|v| on.vertex(v));
             self.found.push(Sample {
                 face: number,
-                load: Narrow { place: start + arm, normal, variance: variance_of_disc(area), shown: 0.0, compliance },
-                core: foot.map_or(Vec3::zeros(), |foot| foot.core),
+                load: Narrow {
+                    place: start + spot.arm,
+                    normal: spot.normal,
+                    variance: variance_of_disc(area),
+                    shown: 0.0,
+                    compliance,
+                },
+                core: spot.core,
                 area,
-                rounded: part * curved / (2.0 * radius * slope),
+                rounded: share * spot.rounded,
                 triangle: end.triangle,
                 weights: end.weights,
-                displayed: corners.iter().zip(end.weights).map(|(c, w)| c * w).sum(),
-                place: start + arm,
+                displayed: on.displayed(end.triangle, end.weights),
+                place: start + spot.arm,
                 row: Row::EMPTY,
                 known,
                 moved: Vec3::zeros(),
@@ -259,25 +290,29 @@ impl Samples {
             });
         }
         let spacing = spacing(on, under, weights);
-        let cap = patch.half_width + 0.5 * patch.straight();
+        let [long, wide] = patch.straight();
+        let cap = patch.half_width + 0.5 * (long * long + wide * wide).sqrt();
         self.hang(on, first, before, nodes, (support(on.body) * spacing).min(cap));
         let shown = shown_variance(on, corners[0], spacing);
         self.found[first..].iter_mut().for_each(|sample| sample.load.shown = shown);
         // Of the mesh, which does not show the dent, the tool overlaps more than its patch: the most where the mesh is dented the least.
         let along = |v: Vec3| view.ahead.dot(&v);
         let depth = |sample: &Sample| {
-            let [from, to] = round.moves.map(|frame| frame.at(sample.core));
-            along(sample.displayed - round.at.frame.at(sample.core)) - along(to - from).abs()
+            let [from, to] = part.moves.map(|frame| frame.at(sample.core));
+            along(sample.displayed - part.at.frame.at(sample.core)) - along(to - from).abs()
         };
-        let depth = self.found[first..][round.on_line()].iter().map(depth).fold(radius, Real::min);
-        let reach = patch.half_width.max((radius * radius - depth.max(0.0).powi(2)).sqrt());
-        let grid = |shown| (!round.is_ball()).then(|| Grid::new(round.columns(), patch.sides(round.columns()), shown));
-        let before_change = known.filter(|_| before.changed).map_or(&[][..], |k| &memory[k as usize..]);
+        let foremost = &self.found[first..][part.on_line()];
+        let least = foremost.iter().map(depth).fold(radius, Real::min);
+        let reach = patch.half_width.max((radius * radius - least.max(0.0).powi(2)).sqrt());
+        let touched = foremost.iter().filter(|sample| sample.area > 0.0);
+        let level = |sample: &Sample| depth(sample) + along(part.at.frame.at(sample.core) - start);
+        let level = touched.map(level).fold(Real::INFINITY, Real::min);
+        let grid = |shown| part.cells().map(|cells| Grid::new(cells, patch.sides(cells), shown));
         // Those beside the tool have touched nothing.
-        let was = before_change.iter().take(round.samples()).map(|m| m.shown).find(|was| *was > 0.0);
+        let was = known_samples().filter(|_| before.changed).map(|m| m.shown).find(|was| *was > 0.0);
         let was = was.filter(|was| *was != shown);
         let (grid, was) = (grid(shown), was.map(|was| (was, grid(was))));
-        self.faces.push(Face { part: round.part, first, view, patch, reach, grid, was, nu });
+        self.faces.push(Face { part: part.number, first, view, patch, reach, level, grid, was, nu });
     }
 
     /// Gives the samples from the `first` on their rows, on nodes that are gathered for all within `near` [m] of one of them at once: a
@@ -301,8 +336,8 @@ impl Samples {
                 None => (sample.area, sample.load.variance) = (0.0, 0.0),
             }
             let known = sample.known.filter(|_| before.changed).map(|k| &before.memory[k as usize]);
-            let pushed = known.filter(|m| m.multiplier > 0.0);
-            if let Some((m, touched)) = pushed.and_then(|m| Some((m, touched_triangle(on, m)?))) {
+            if let Some(m) = known.filter(|m| m.multiplier > 0.0) {
+                let touched = on.body.triangle_of_point(m.point);
                 let own = support * spacing(on, touched, m.weights);
                 let row = nodes.row(at_rest(on, touched, m.weights), own);
                 sample.moved = row.map_or(Vec3::zeros(), |row| row.interpolate(&on.mesh.motion.position) - m.place);
@@ -318,16 +353,6 @@ impl Samples {
             Some(grid) => between_cells(grid, [(i - face.first, a), (j - face.first, b)]),
             None => a.load.between(&b.load),
         }
-    }
-
-    /// The same of a point of the display.
-    pub(super) fn between_point(&self, point: &Narrow, i: usize) -> Real {
-        point.between(&self.found[i].load)
-    }
-
-    /// Last force on a sample [N].
-    pub(super) fn multiplier(&self, i: usize) -> Real {
-        self.found[i].multiplier
     }
 
     /// By how much a change of resolution has made what the mesh leaves out of the last loads of sample `i`'s face deeper there [m].
@@ -347,13 +372,15 @@ impl Samples {
     }
 }
 
-/// As [`Narrow::between`], of cells of one strip.
+/// As [`Narrow::between`], of cells of one strip or rectangle.
 fn between_cells(grid: &Grid<COLUMNS, ROWS>, [(i, a), (j, b)]: [(usize, &Sample); 2]) -> Real {
     if a.area <= 0.0 || b.area <= 0.0 {
         return 0.0;
     }
     let facing = a.load.normal.dot(&b.load.normal).max(0.0);
-    0.5 * (a.load.compliance + b.load.compliance) * grid.between(i, j) * facing
+    // What is only partly on the tool or on the surface gives way more under the same force.
+    let own = if i == j { grid.more_of_its_own(a.load.variance) } else { 0.0 };
+    0.5 * (a.load.compliance + b.load.compliance) * (grid.between(i, j) + own) * facing
 }
 
 /// A place of a triangle with these barycentric weights, as a combination of display vertices.
@@ -372,76 +399,39 @@ fn at_rest(on: &Touchable, t: Triangle, weights: [Real; 3]) -> Vec3 {
     contact_row::at_rest(on.body, stencil(on, t, weights))
 }
 
-/// The triangle that a sample touched.
-fn touched_triangle(on: &Touchable, m: &PointMemory) -> Option<Triangle> {
-    (m.point % on.body.points_of_a_part()).checked_sub(on.vertices.len() as u32).map(Triangle)
-}
-
-/// Where a face of the last tick is now, whose points are `known` and begin at number `first`: about the direction in which it was pushed.
-fn still_ahead(on: &Touchable, round: &Round, known: &[PointMemory], first: u32) -> Option<Ahead> {
-    let push: Vec3 = known.iter().map(|m| m.normal * m.multiplier).sum();
-    let (middle, load) = (known.get(round.middle())?, push.norm());
-    let triangle = touched_triangle(on, middle)?;
-    // Half of the way, as the patch's width goes: the direction and the force are each the other's answer, too.
-    let half_way = |push: Vec3| (push + middle.normal).try_normalize(1e-6).unwrap_or(push);
-    let ahead = if load > 0.0 { half_way(push / load) } else { middle.normal };
-    // A surface that it sees from the edge tells nothing of where it touches: it goes on looking as before, or straight at it.
-    let inward = (-area_vector(on, triangle)).try_normalize(0.0).unwrap_or(ahead);
-    let ahead = [ahead, middle.normal].into_iter().find(|d| d.dot(&inward) > LEAST_FACING).unwrap_or(inward);
-    let view = View::new(ahead, first_axis(round, known, ahead));
-    let [along, start] = [view.across[0], round.start()];
-    // Where on the tool it was: the tool has moved since, about as far as within this tick.
-    let [from, to] = round.moves.map(|frame| frame.at(Vec3::zeros()));
-    let place = |m: &PointMemory| along.dot(&(displayed(on, m) - start + (to - from)));
-    if load <= 0.0 {
-        // It has let go, unless the mesh alone would swallow the tool.
-        let foot = displayed(on, middle);
-        let shadow = along.dot(&round.axis());
-        let part = if shadow > 0.0 { (place(middle) / shadow).clamp(0.0, 1.0) } else { 0.0 };
-        if ahead.dot(&(foot - start - round.axis() * part)) > 0.0 {
-            return None;
-        }
-        let pressed = Pressed::not(if round.is_ball() { 0.0 } else { place(middle) });
-        return Some(Ahead { triangle, view, pressed, known: Some(first) });
-    }
-    let half_width = Some(Patch::half_width_of(round, &view, |i| known.get(i).map_or(ahead, |m| m.normal)));
-    if round.is_ball() {
-        let pressed = Pressed { force: load, middle: 0.0, along: 0.0, half_width };
-        return Some(Ahead { triangle, view, pressed, known: Some(first) });
-    }
-    let all: Real = known.iter().map(|m| m.multiplier).sum();
-    let mean = |of: &dyn Fn(&PointMemory) -> Real| known.iter().map(|m| m.multiplier * of(m)).sum::<Real>() / all;
-    let middle = mean(&place);
-    // Each lies on a cell as long as the samples are apart.
-    let cell = (place(known.get(round.columns() - 1)?) - place(&known[0])) / (round.columns() - 1) as Real;
-    let along = mean(&|m| (place(m) - middle).powi(2)) + cell * cell / 12.0;
-    let pressed = Pressed { force: load, middle, along, half_width };
-    Some(Ahead { triangle, view, pressed, known: Some(first) })
-}
-
-/// Which way the first axis of a view along `ahead` goes whose samples of the last tick are `known`: a rod's own, as far as that is seen from
-/// aside. From ahead it could be any: it stays as it was.
-fn first_axis(round: &Round, known: &[PointMemory], ahead: Vec3) -> Vec3 {
-    if round.is_ball() {
-        return known.get(1).map_or(ahead, |m| m.normal);
-    }
-    let axis = round.axis().normalize();
-    let aside = axis - ahead * ahead.dot(&axis);
-    let part = (aside.norm_squared() / (LEAST_FACING * LEAST_FACING)).min(1.0);
-    let line = round.on_line();
-    let turns = known[line.end - 1].normal - known[line.start].normal;
-    match (turns.try_normalize(1e-6), aside.try_normalize(1e-6)) {
-        (Some(before), Some(now)) if part < 1.0 => before + (now - before) * part,
-        (Some(before), None) => before,
-        _ => axis,
-    }
-}
-
 impl Face {
-    /// True for a place [m] from the start of the tool's axis that is within `reach` [m] of the patch's line, ahead or, where the tool's
-    /// `normal` there says so, beside.
-    fn covers(&self, place: Vec3, normal: Vec3, reach: Real) -> bool {
-        self.view.ahead.dot(&normal) > -0.5 && self.patch.covers(self.view.across.map(|u| u.dot(&place)), reach)
+    /// True for a place of the part, `arm` from its start [m], on its patch, ahead or, where the part's `normal` there says so, beside.
+    fn has(&self, arm: Vec3, normal: Vec3) -> bool {
+        let is_solid = self.patch.half_width == 0.0;
+        self.view.ahead.dot(&normal) > if is_solid { LEAST_FACING } else { -0.5 }
+            && self.patch.covers(self.seen(arm), self.patch.half_width)
+    }
+
+    fn seen(&self, arm: Vec3) -> [Real; 2] {
+        self.view.across.map(|u| u.dot(&arm))
+    }
+
+    /// True for a triangle which faces along `inward` and is seen within a rectangle of a solid part.
+    fn has_all(&self, part: &MovingPart, corners: &[Vec3; 3], inward: Vec3) -> bool {
+        corners.iter().all(|corner| self.has(corner - part.start(), inward))
+    }
+
+    /// True for a place of the surface that the part overlaps on this face: on its patch or, as the mesh does not show the dent, beside it.
+    fn covers(&self, part: &MovingPart, met: &Met) -> bool {
+        let at = self.seen(met.arm);
+        if !part.is_solid() {
+            return self.view.ahead.dot(&met.normal) > -0.5 && self.patch.covers(at, self.reach);
+        }
+        let faces = |v: Vec3| self.view.ahead.dot(&v) > LEAST_FACING;
+        // It may not be told apart from what is touched within a cell of that.
+        let cell = part.cells().map_or([0.0; 2], |cells| self.patch.sides(cells));
+        if (faces(met.normal) || faces(met.inward)) && self.patch.grown(cell).covers(at, 0.0) {
+            return true;
+        }
+        let Some(foot) = part.front(&self.view, at) else { return false };
+        let far = self.view.ahead.dot(&foot.arm);
+        // As deep as what it touches, or nearer to where this face would push it out than to where a face of its own would.
+        (faces(met.inward) && far > self.level) || (met.is_inside && far - self.view.ahead.dot(&met.arm) < -met.gap)
     }
 }
 
@@ -459,7 +449,7 @@ pub(super) fn shown_variance(on: &Touchable, under: Vertex, spacing: Real) -> Re
 pub(super) struct Hold<'a> {
     pub(super) rigid: Rigid<'a>,
     /// Its parts.
-    pub(super) rounds: &'a [Round<'a>],
+    pub(super) parts: &'a [MovingPart<'a>],
     pub(super) allowed_for: Pushed,
     /// Number of its first constraint.
     pub(super) first: usize,
@@ -477,27 +467,23 @@ impl Samples {
     ) {
         let Rigid { id, friction, state: tool, horizon, .. } = hold.rigid;
         let first = hold.first;
-        let points = out.constraints.len() - first;
         for (i, sample) in self.found.iter().enumerate() {
             let face = &self.faces[sample.face as usize];
-            let round = &hold.rounds[face.part];
-            let radius = round.radius();
+            let part = &hold.parts[face.part];
+            let radius = part.radius();
             let n = sample.load.normal;
-            let [start, end] = round.moves.map(|frame| frame.at(sample.core));
+            let [start, end] = part.moves.map(|frame| frame.at(sample.core));
             let known = sample.known.map(|k| &known[k as usize]);
             let mut compliance = [0.0; MOST_POINTS];
             let before = &out.constraints[first..];
             // Filled in once for both.
-            for (j, g) in compliance[..points + self.found.len()].iter_mut().enumerate() {
-                *g = match before.get(j) {
-                    Some(other) => other.compliance[points + i],
-                    None => self.between(i, j - points),
-                };
+            for (j, g) in compliance[..self.found.len()].iter_mut().enumerate() {
+                *g = before.get(j).map_or_else(|| self.between(i, j), |other| other.compliance[i]);
             }
             // The mesh shows the place above the tool's own. A ball is pushed through its middle all the same, and feels no moment.
-            let met_at = if round.is_ball() { sample.load.place } else { sample.place };
+            let met_at = if part.is_ball() { sample.load.place } else { sample.place };
             let nu = face.nu;
-            let point = face.part as u32 * on.body.points_of_a_part() + on.vertices.len() as u32 + sample.triangle.0;
+            let point = face.part as u32 * on.body.points_of_a_part() + sample.triangle.0;
             let moved = n.dot(&(end - start));
             let mut constraint = Constraint {
                 row: sample.row,
@@ -524,18 +510,17 @@ impl Samples {
                 allowed_for: hold.allowed_for,
                 horizon,
             };
-            let mut remembered = PointMemory { point, normal: n, weights: sample.weights, ..PointMemory::default() };
+            let mut remembered =
+                PointMemory { point, normal: n, weights: sample.weights, core: sample.core, ..PointMemory::default() };
             if sample.area > 0.0 {
-                let of_points: Real =
-                    compliance.iter().zip(&before[..points]).map(|(g, other)| g * other.multiplier).sum();
-                let own = compliance[points..].iter().zip(&self.found);
-                let dent = own.map(|(g, other)| g * other.multiplier).sum::<Real>() + of_points;
+                let own = compliance.iter().zip(&self.found);
+                let dent: Real = own.map(|(g, other)| g * other.multiplier).sum();
                 // The mean over its area of where the tool is.
                 let flat = radius - sample.rounded;
                 let place = sample.place;
                 let overlap = n.dot(&(start - place)) - dent + flat;
                 // Other nodes show other parts of the dents: nothing is to be felt of that at once.
-                let changed = n.dot(&sample.moved) + self.deepened(round.samples(), i);
+                let changed = n.dot(&sample.moved) + self.deepened(part.samples(), i);
                 let shift = known.map_or(0.0, |m| m.shift) - changed;
                 let Closing { slack, slack_end, shift_end } = Closing::new(known, overlap - shift, shift, moved);
                 constraint.offset = n.dot(&start) + flat - slack - shift;
@@ -549,7 +534,7 @@ impl Samples {
                     let tangential = stuck.map_or(Vec3::zeros(), |m| m.tangential - n * n.dot(&m.tangential));
                     let anchor = match stuck {
                         // The samples have moved over the surface: the anchor goes along by as much.
-                        Some(m) => tool.previous.to_world(m.anchor) + sample.displayed - displayed(on, m),
+                        Some(m) => tool.previous.to_world(m.anchor) + sample.displayed - on.touched(m),
                         None => place,
                     };
                     let own = tool.previous.to_own(anchor);
@@ -566,13 +551,9 @@ impl Samples {
     }
 }
 
-/// Where the place of the surface is now that a sample touched [m].
-fn displayed(on: &Touchable, m: &PointMemory) -> Vec3 {
-    let corners = on.body.corners_of_point(m.point).map(|v| on.vertex(v));
-    corners.iter().zip(m.weights).map(|(c, w)| c * w).sum()
-}
-
 /// Over its size at rest, how far the surface is drawn out under a tool.
 const REACH: Real = 1.3;
+/// What the mesh leaves out of a dent is known to some 5 %: what is overlapped by less is no face of its own.
+const DENTED: Real = 1.05;
 /// Part of a sample's disc on the surface below which it touches nothing.
 const LEAST_PART: Real = 0.02;

@@ -151,6 +151,14 @@ impl Part {
         self.core.is_solid()
     }
 
+    /// Unit vectors along the two longest sides of a solid, in its own frame.
+    pub(super) fn long_sides(&self) -> [Vec3; 2] {
+        match &self.core {
+            Core::Solid(Solid::Hull(hull)) => hull.long_sides,
+            Core::Axis(_) | Core::Solid(Solid::Cylinder { .. }) => [Vec3::z(), Vec3::x()],
+        }
+    }
+
     /// What it is made of, in the tool's own frame: all that is within [`radius`](Self::radius) of the convex hull of
     /// points [m]; in a cylinder, of a disc that goes from one to the other: its radius [m] and the unit vector across it.
     pub fn hull(&self) -> (Vec<Vec3>, Option<(Real, Vec3)>) {
@@ -230,6 +238,11 @@ impl Frame {
     /// Coordinates of the world's place `p`, for a solid core.
     pub(super) fn own(&self, p: Vec3) -> Vec3 {
         self.own_direction(p - self.from)
+    }
+
+    /// World's direction of one in coordinates, for a solid core.
+    pub(super) fn direction(&self, d: Vec3) -> Vec3 {
+        self.axes[0] * d.x + self.axes[1] * d.y + self.axes[2] * d.z
     }
 
     pub(super) fn own_direction(&self, d: Vec3) -> Vec3 {

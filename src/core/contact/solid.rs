@@ -1,6 +1,6 @@
 //! Cores of tools that a surface point can get inside of: cylinders and convex hulls.
 
-use crate::math::{Bounds, ParryVec, Real, Vec3, from_parry, is_finite, to_parry};
+use crate::math::{Bounds, Mat3, ParryVec, Real, Vec3, from_parry, is_finite, to_parry};
 use parry3d_f64::query::PointQuery;
 use parry3d_f64::query::details::closest_points_support_map_support_map_with_params as closest_of_support_maps;
 use parry3d_f64::query::gjk::{ConstantPoint, GJKResult, VoronoiSimplex};
@@ -29,6 +29,8 @@ pub(super) struct Hull {
     /// Outward unit normals and heights of the faces.
     faces: Vec<(Vec3, Real)>,
     pub(super) bounds: Bounds,
+    /// Unit vectors along its two longest sides: of its corners, the principal axes.
+    pub(super) long_sides: [Vec3; 2],
 }
 
 /// Width of a hull, over its size, below which it counts as flat.
@@ -83,7 +85,14 @@ impl Hull {
             }
         }
         let bounds = Bounds::of(corners.iter().copied());
-        let hull = Self { corners, faces, bounds };
+        let scatter: Mat3 = corners.iter().map(|p| (p - middle) * (p - middle).transpose()).sum();
+        // Where two sides are as long, rounding must not turn them.
+        let least = 1e-9 * scatter.trace();
+        let axes = scatter.map(|x| if x.abs() > least { x } else { 0.0 }).symmetric_eigen();
+        let mut order = [0, 1, 2];
+        order.sort_by(|a, b| axes.eigenvalues[*b].total_cmp(&axes.eigenvalues[*a]));
+        let long_sides = [order[0], order[1]].map(|i| axes.eigenvectors.column(i).into_owned());
+        let hull = Self { corners, faces, bounds, long_sides };
         (hull.faces.len() >= 4 && hull.least_width() > FLAT * size).then_some(hull)
     }
 
@@ -174,22 +183,70 @@ impl Solid {
         if way.is_finite() { way.max(0.0) } else { 0.0 }
     }
 
-    /// The place of the triangle where it is nearest to the core, or deepest in it against `inward`: a smooth function of
-    /// where they are, but for edges and corners.
-    pub(super) fn nearest_in_triangle(&self, corners: &[Vec3; 3], inward: Vec3, blend: Real) -> Vec3 {
+    /// How deep `p` is inside at the least [m]; zero outside.
+    pub(super) fn depth(&self, p: Vec3) -> Real {
+        let room = match self {
+            Solid::Cylinder { radius, low, high } => {
+                (radius - (p.x * p.x + p.y * p.y).sqrt()).min(p.z - low).min(high - p.z)
+            }
+            Solid::Hull(hull) => -hull.height(&p),
+        };
+        room.max(0.0)
+    }
+
+    /// The place of it that is foremost along `direction`.
+    pub(super) fn foremost(&self, direction: Vec3) -> Vec3 {
+        from_parry(self.local_support_point(to_parry(direction)))
+    }
+
+    /// What is foremost along the unit vector `ahead`, of all that is within `radius` [m] of the core, on the line along that through `p`: the
+    /// place of the core that it is next to, and the unit vector from there. Nothing where the cosine between the two is less than `least`.
+    pub(super) fn front(&self, p: Vec3, ahead: Vec3, radius: Real, least: Real) -> Option<(Vec3, Vec3)> {
+        let mut at = match self {
+            // The line ends on the first of the planes of the faces, there or, near an edge, before it.
+            Solid::Hull(hull) => {
+                let facing = hull.faces.iter().filter(|(n, _)| n.dot(&ahead) > 1e-9);
+                let ends = facing.map(|(n, h)| ((h + radius - n.dot(&p)) / n.dot(&ahead), *n));
+                let (way, normal) = ends.reduce(|a, b| if b.0 < a.0 { b } else { a })?;
+                let core = p + ahead * way - normal * radius;
+                if hull.height(&core) <= CLOSE * radius {
+                    return (normal.dot(&ahead) >= least).then_some((core, normal));
+                }
+                p + ahead * way
+            }
+            Solid::Cylinder { .. } => {
+                let foremost = self.foremost(ahead);
+                p + ahead * (ahead.dot(&(foremost - p)) + radius)
+            }
+        };
+        // Back along the line the distance from what is convex falls, and ever more slowly: Newton's steps go never too far.
+        for _ in 0..STEPS {
+            let core = self.nearest(at);
+            let away = at - core;
+            let distance = away.norm();
+            let normal = away / distance;
+            let facing = normal.dot(&ahead);
+            #[expect(clippy::neg_cmp_op_on_partial_ord, reason = "NaN, too, must leave here")]
+            if !(facing >= least) {
+                return None;
+            }
+            if distance - radius <= CLOSE * radius {
+                return Some((core, normal));
+            }
+            at -= ahead * ((distance - radius) / facing);
+        }
+        None
+    }
+
+    /// The place of the triangle where it is nearest to the core, or deepest in it against `inward`.
+    pub(super) fn nearest_in_triangle(&self, corners: &[Vec3; 3], inward: Vec3) -> Vec3 {
         let triangle = Triangle::new(to_parry(corners[0]), to_parry(corners[1]), to_parry(corners[2]));
         let on_triangle = |p: Vec3| from_parry(triangle.project_local_point(to_parry(p), true).point);
         let middle = (corners[0] + corners[1] + corners[2]) / 3.0;
         match closest(self, &triangle, middle) {
-            Closest::Apart(on_core, place) => {
-                // Where a face of the core lies flat on the triangle, many places are about as near, and the nearest would
-                // jump about; the one next to the middle stays.
-                let steady = on_triangle(self.nearest(middle));
-                let farther = (steady - self.nearest(steady)).norm() - (place - on_core).norm();
-                steady + (place - steady) * (farther / blend).clamp(0.0, 1.0)
-            }
+            Closest::Apart(_, place) => place,
             Closest::Through => {
-                let deepest = on_triangle(from_parry(self.local_support_point(to_parry(inward))));
+                let deepest = on_triangle(self.foremost(inward));
                 if self.contains(deepest) { deepest } else { self.meet(middle, on_triangle) }
             }
             Closest::Unknown => self.meet(middle, on_triangle),
@@ -205,6 +262,10 @@ impl Solid {
     }
 }
 
+/// Steps along a line: they double the digits.
+const STEPS: usize = 12;
+/// Over the radius, how far from the surface they may end.
+const CLOSE: Real = 1e-6;
 /// Steps between core and triangle where they intersect.
 const MEETINGS: usize = 8;
 

@@ -2,6 +2,7 @@
 
 use crate::ids::{Triangle, Vertex};
 use crate::math::{Real, Vec3};
+use crate::model::constraint::PointMemory;
 use crate::model::{ActiveMesh, Body};
 use crate::visited::Visited;
 
@@ -27,6 +28,17 @@ impl Touchable<'_> {
     #[inline]
     pub(super) fn vertex(&self, v: Vertex) -> Vec3 {
         if self.near.contains(v.index()) { self.vertices[v.index()] } else { self.mesh.vertex(v) }
+    }
+
+    /// Where the place of a triangle with these barycentric weights is displayed [m].
+    pub(super) fn displayed(&self, t: Triangle, weights: [Real; 3]) -> Vec3 {
+        let corners = self.body.triangle(t).map(|v| self.vertex(v));
+        corners.iter().zip(weights).map(|(c, w)| c * w).sum()
+    }
+
+    /// Where the place is now that a sample touched [m].
+    pub(super) fn touched(&self, m: &PointMemory) -> Vec3 {
+        self.displayed(self.body.triangle_of_point(m.point), m.weights)
     }
 }
 

@@ -10,6 +10,8 @@ use std::f64::consts::PI;
 pub(super) struct View {
     pub(super) ahead: Vec3,
     pub(super) across: [Vec3; 2],
+    /// Cosine between what is ahead and a surface below which that is not seen.
+    pub(super) least_facing: Real,
 }
 
 /// Where a walk over the surface ends.
@@ -28,7 +30,17 @@ impl View {
         let other = if ahead.x.abs() < 0.7 { Vec3::x() } else { Vec3::y() };
         let flat = |v: Vec3| v - ahead * ahead.dot(&v);
         let first = flat(near).try_normalize(1e-6).unwrap_or_else(|| flat(other).normalize());
-        Self { ahead, across: [first, ahead.cross(&first)] }
+        Self { ahead, across: [first, ahead.cross(&first)], least_facing: 0.0 }
+    }
+
+    /// The same of a solid part: what is seen from the edge is beside it.
+    pub(super) fn of_solid(ahead: Vec3, near: Vec3) -> Self {
+        Self { least_facing: LEAST_FACING, ..Self::new(ahead, near) }
+    }
+
+    /// True for a triangle with this area vector, out of the body.
+    fn sees(&self, outward: Vec3) -> bool {
+        -outward.dot(&self.ahead) > self.least_facing * outward.norm()
     }
 
     /// Walks from a triangle over the surface as it is seen towards the place ahead of `place` [m], and ends where the surface goes
@@ -57,7 +69,7 @@ impl View {
             let (i, j) = ((out + 1) % 3, (out + 2) % 3);
             let has = |t: &&Triangle| **t != at && on.body.triangle(**t).contains(&triangle[j]);
             let next = on.body.triangles_around(triangle[i]).iter().find(has);
-            match next.filter(|t| area_vector(on, **t).dot(&self.ahead) < 0.0) {
+            match next.filter(|t| self.sees(area_vector(on, **t))) {
                 Some(next) => at = *next,
                 None => return end(at, corners, [out, i, j]),
             }

@@ -173,8 +173,8 @@ pub struct Constraint {
     pub compliance: [Real; MOST_POINTS],
     /// The tool.
     pub tool: ToolId,
-    /// What tells this point from the tool's others, from tick to tick: a display vertex, or the number of vertices
-    /// plus a display triangle; plus, for each part of the tool before its own, the number of both.
+    /// Which display triangle it is on, and of which part of the tool: the triangle's number plus, for each part of the tool before its
+    /// own, that of all triangles.
     pub point: u32,
     /// Multiplier to start from [N].
     pub multiplier: Real,
@@ -208,13 +208,10 @@ pub struct PointMemory {
     pub point: u32,
     /// Last multiplier [N].
     pub multiplier: Real,
-    /// Area that it stands for beside its own, of points that were left out [m²].
-    pub taken: Real,
     /// Overlap that has not been closed yet [m].
     pub slack: Real,
-    /// What changes of resolution have made of the dent more (below zero) or less, how far the tool has come while the body
-    /// stood still, and how deep the point was in a solid core before it came out at another side (below zero), as far as none
-    /// of that is followed yet [m].
+    /// What changes of resolution have made of the dent more (below zero) or less, and how far the tool has come while the body
+    /// stood still, as far as neither is followed yet [m].
     pub shift: Real,
     /// [`Constraint::dent`] after the last tick [m].
     pub dent: Real,
@@ -228,6 +225,8 @@ pub struct PointMemory {
     pub tangential: Vec3,
     /// The place of the tool, in its own frame [m], that the point sticks to.
     pub anchor: Vec3,
-    /// Barycentric weights of the point in its display triangle; (1, 0, 0) for a vertex.
+    /// Barycentric weights of the point in its display triangle.
     pub weights: [Real; 3],
+    /// The place of the tool's core that it is next to: on an axis, the part of it; else in the frame of its part [m].
+    pub core: Vec3,
 }

@@ -230,7 +230,6 @@ impl Simulation {
     /// The body, where the tools touch it, standing still, and its display vertices [m]: for questions about a copy.
     pub fn contacts(&mut self) -> (&mut ActiveMesh, &[Constraint], &[Vec3]) {
         self.tools.iter_mut().for_each(|tool| tool.previous = tool.pose);
-        self.detection.settle();
         self.find_contacts(Budget::UNLIMITED, &mut ());
         self.mesh.skin(&mut self.vertices);
         (&mut self.mesh, &self.constraints, &self.vertices)

@@ -346,17 +346,19 @@ impl Body {
         self.around.of(n.index())
     }
 
-    /// Points of the display surface at which one part of a tool may touch it: first its vertices, then its triangles.
+    /// How many triangles of the display surface one part of a tool may touch.
     pub fn points_of_a_part(&self) -> u32 {
-        (self.surface().vertices.len() + self.surface().triangles.len()) as u32
+        self.surface().triangles.len() as u32
     }
 
-    /// Corners of the point numbered as [`Constraint::point`](crate::model::Constraint::point): of its triangle, or three
-    /// times its vertex.
+    /// The triangle of the point numbered as [`Constraint::point`](crate::model::Constraint::point).
+    pub fn triangle_of_point(&self, point: u32) -> Triangle {
+        Triangle(point % self.points_of_a_part())
+    }
+
+    /// Its corners.
     pub fn corners_of_point(&self, point: u32) -> [Vertex; 3] {
-        let number = point % self.points_of_a_part();
-        let triangle = number.checked_sub(self.surface().vertices.len() as u32);
-        triangle.map_or([Vertex(number); 3], |t| self.triangle(Triangle(t)))
+        self.triangle(self.triangle_of_point(point))
     }
 
     /// Patches of the display surface, each of which meets flat ground as one.
@@ -369,7 +371,7 @@ impl Body {
         self.points_of_a_part() * MOST_PARTS as u32 + i
     }
 
-    /// The patch with this number as a point; `None` for a vertex or a triangle.
+    /// The patch with this number as a point; `None` for a triangle.
     pub fn patch_of_point(&self, point: u32) -> Option<&[(Vertex, Real)]> {
         point.checked_sub(self.point_of_patch(0)).map(|i| self.patches.of(i))
     }
