@@ -5,7 +5,8 @@ use palpate::recording::{Recording, RecordingWriter, replay};
 use palpate::scene::LoadedScene;
 use palpate_body::prepare::body_file::{BodyFile, Provenance};
 use palpate_body::prepare::merge::merge;
-use palpate_core::contact::tool::{Coupling, PoseSample, ToolEvent};
+use palpate_core::contact::Shape as ToolShape;
+use palpate_core::contact::tool::{Coupling, Part, PoseSample, ToolEvent};
 use palpate_core::ids::{OrganId, Slot, Vertex};
 use palpate_core::math::{Pose, Real, Vec3, is_finite};
 use palpate_core::model::active_set::Change;
@@ -119,6 +120,41 @@ fn finest(body: &Body, mesh: &ActiveMesh) -> [usize; 2] {
         nodes.filter(|n| body.organ_of(*n).index() == organ && mesh.set().is_active(*n)).count()
     };
     [active(0), active(1)]
+}
+
+/// Each of the parts has two faces, of which the second ones come later than the first ones of all.
+#[test]
+fn four_balls_of_one_tool_between_two_organs_push_both_of_them_and_quietly() {
+    let beside = ["organ.0.position=[0.116,0,0]", "organ.0.orientation=[0,0,0,1]", "organ.0.body.size=[0.1,0.1,0.1]"];
+    let loaded =
+        load(&[&beside[..], &["organ.0.material.youngs_modulus=10000", "material.damping_time=0.01"]].concat());
+    let body = build(&loaded);
+    let mut settings = loaded.scene.settings();
+    let ball = |y: Real| Part::capsule(0.01, 0.0).at(Pose { position: Vec3::new(0.0, y, 0.0), ..Pose::default() });
+    settings.tools[0].shape = ToolShape::compound([-0.036, -0.012, 0.012, 0.036].map(ball).to_vec()).unwrap();
+    let mut press = Simulation::new(body.clone(), settings, loaded.scene.at_rest(&body)).unwrap();
+    let (mut forces, mut walls) = (Vec::new(), [[0.0; 2]; 4]);
+    for tick in 0..600u64 {
+        let position = Vec3::new(0.108, 0.05, 0.115 - 0.045 * (tick as Real / 400.0).min(1.0));
+        let pose = Pose { position, ..Pose::default() };
+        let mut inputs = Inputs::default();
+        inputs.tools[0] = Some(match tick {
+            0 => ToolEvent::Attach { epoch: 1, period_ticks: 1, coupling: Coupling::RIGID },
+            _ => ToolEvent::Pose(PoseSample { sequence: tick as u32, time_ns: 0, pose, buttons: 0 }),
+        });
+        forces.push(press.advance(&inputs).tools[0].state.physical_force);
+        walls = [[0.0; 2]; 4];
+        for p in &press.snapshot().points[0] {
+            let part = (p.point / body.points_of_a_part()) as usize;
+            walls[part][usize::from(p.normal.x > 0.0)] += p.multiplier;
+        }
+    }
+    // The organs still swing.
+    let kink = forces[500..].windows(3).map(|f| (f[2] - 2.0 * f[1] + f[0]).norm()).fold(0.0, Real::max);
+    println!("walls {walls:.4?} N, kinks of {kink:.1e} N");
+    let mean = walls.iter().flatten().sum::<Real>() / 8.0;
+    assert!(walls.iter().flatten().all(|wall| (wall / mean - 1.0).abs() < 0.1), "{walls:?}");
+    assert!(mean > 0.05 && kink < 3e-3 * mean, "{kink} of {mean} N");
 }
 
 #[test]

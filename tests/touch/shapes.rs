@@ -168,11 +168,15 @@ fn a_rim_an_edge_and_a_corner_are_felt_alike_and_quietly_on_any_mesh() {
                     forces[499].xy().norm(),
                     1e3 * kink
                 );
-                assert!(kink < 0.01, "{name} {depth} on {cells}: {kink} of {held} N");
-                assert!(forces[499].xy().norm() < 0.3 * held, "{name} {depth} on {cells}: {:?}", forces[499]);
+                assert!(kink < 0.008, "{name} {depth} on {cells}: {kink} of {held} N");
+                // Only the rim leans to one side.
+                let sideways = if name == "rim" { 0.2 } else { 0.05 };
+                assert!(forces[499].xy().norm() < sideways * held, "{name} {depth} on {cells}: {:?}", forces[499]);
                 felt.push(held);
             }
-            assert!((felt[0] / felt[1] - 1.0).abs() < 0.1, "{name} {depth}: {felt:?}");
+            // At the largest, strains under a coarse mesh are those of a small one no more.
+            let most = if depth < 0.01 { 0.1 } else { 0.16 };
+            assert!((felt[0] / felt[1] - 1.0).abs() < most, "{name} {depth}: {felt:?}");
         }
     }
 }
