@@ -7,7 +7,7 @@
 
 use super::ahead::{Ahead, overlapped, still_ahead};
 use super::closing::{Before, Closing, UNNOTICED};
-use super::density::{COLUMNS, MOST_PATCHES, ROWS};
+use super::density::{COLUMNS, MOST_PATCHES, MOST_SAMPLES, ROWS};
 use super::influence::{Grid, Narrow, variance_of_disc};
 use super::moving_part::{MovingPart, Silhouette};
 use super::patch::{Patch, Pressed};
@@ -316,18 +316,18 @@ impl Samples {
     }
 
     /// Gives the samples from the `first` on their rows, on nodes that are gathered for all within `near` [m] of one of them at once: a
-    /// long strip is near more nodes than can be gathered.
+    /// long face is near more nodes than can be gathered.
     fn hang(&mut self, on: &Touchable, first: usize, before: Before, nodes: &mut Surroundings, near: Real) {
         let (support, near) = (support(on.body), REACH * near);
-        let mut origin: Option<Vec3> = None;
+        let mut origins = [None; MOST_SAMPLES];
         for sample in self.found[first..].iter_mut().filter(|sample| sample.area > 0.0) {
             let at = at_rest(on, sample.triangle, sample.weights);
             let own = support * spacing(on, sample.triangle, sample.weights);
-            if origin.is_none_or(|origin| (at - origin).norm() > near) {
-                let corner = on.body.triangle(sample.triangle)[0];
-                nodes.gather(on.body, on.mesh, corner, at, near + REACH * own);
-                origin = Some(at);
-            }
+            let is_near =
+                |origin: &Option<(Vec3, Vertex)>| origin.is_none_or(|(origin, _)| (at - origin).norm() <= near);
+            let Some(origin) = origins.iter_mut().find(|origin| is_near(origin)) else { continue };
+            let (origin, corner) = *origin.get_or_insert((at, on.body.triangle(sample.triangle)[0]));
+            nodes.gather(on.body, on.mesh, corner, origin, near + REACH * own);
             match nodes.row(at, own) {
                 Some(row) => {
                     sample.row = row;
