@@ -194,5 +194,6 @@ fn first_axis(part: &MovingPart, known: &[PointMemory], ahead: Vec3) -> Vec3 {
 const NEARER: usize = 6;
 /// ... in so many places along and across: each time it may be two fifths as wide, in all a two-hundredth.
 const LOOKS: usize = 5;
-/// Over the rounding of a solid part, how much farther on it is taken to be: as a ball's patch before there is a load.
+/// Over the rounding of a solid part, how much farther on it is taken to be, as a ball before there is a load: with none a patch may have no
+/// width, with more an edge begins on wide cells and is felt late.
 const LEAST_DEPTH: Real = 0.002;

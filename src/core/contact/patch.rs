@@ -253,5 +253,6 @@ fn rings(part: &MovingPart) -> Real {
 const WIDER: Real = 1.05;
 /// Over the radius, what is looked at before there is a load: the disc of a depth of 1/500 of the radius.
 const LEAST_CAP: Real = 0.045;
-/// How far inside of its silhouette a part is looked at where it ends [m]: there what is foremost does not hang on rounding.
+/// How far inside of its silhouette a part is looked at where it ends [m]: with nothing, rounding decides whether there is anything ahead;
+/// with more than a micrometre the place would not be the end.
 const EDGE: Real = 1e-9;

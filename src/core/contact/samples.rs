@@ -120,7 +120,8 @@ impl Samples {
             let Some(known) = before.memory.get(first..first + part.samples()) else { return };
             // One beside others that does nothing is not looked for again.
             let idle = known.iter().all(|m| m.multiplier <= 0.0 && m.slack <= 0.0) && self.own(part).next().is_some();
-            if let Some(ahead) = still_ahead(on, part, known, first as u32).filter(|_| !idle) {
+            let ahead = if idle { None } else { still_ahead(on, part, known, first as u32) };
+            if let Some(ahead) = ahead {
                 let foot = part.front(&ahead.view, ahead.pressed.middle);
                 if !self.own(part).any(|face| foot.is_some_and(|foot| face.has(foot.arm, foot.normal))) {
                     self.look(on, part, before, nodes, &ahead);
@@ -553,7 +554,8 @@ impl Samples {
 
 /// Over its size at rest, how far the surface is drawn out under a tool.
 const REACH: Real = 1.3;
-/// What the mesh leaves out of a dent is known to some 5 %: what is overlapped by less is no face of its own.
+/// Over what the mesh leaves out of a dent, what is allowed for beside a face: the closed form is right to some 5 %. With less a deep rim makes
+/// a second face of the edge of its first one; with more a second place beside a deep dent is felt too late.
 const DENTED: Real = 1.05;
 /// Part of a sample's disc on the surface below which it touches nothing.
 const LEAST_PART: Real = 0.02;

@@ -264,7 +264,7 @@ impl Solid {
 
 /// Steps along a line: they double the digits.
 const STEPS: usize = 12;
-/// Over the radius, how far from the surface they may end.
+/// Over the radius, how far from the surface they may end: with less, rounding would keep them going; with more it would be felt.
 const CLOSE: Real = 1e-6;
 /// Steps between core and triangle where they intersect.
 const MEETINGS: usize = 8;
