@@ -23,8 +23,8 @@ pub struct Health {
     pub nodes: Vec<u64>,
     /// Wake-up after the deadline since the start [µs]: median and 99th percentile.
     pub lateness: [f64; 2],
-    /// What the last tick was planned to take, over what it might.
-    pub load: f64,
+    /// What the last tick was planned to take, and what it might be [µs]. A machine that is always interrupted leaves nothing.
+    pub planned: [f64; 2],
 }
 
 impl History {
@@ -62,7 +62,7 @@ impl History {
             time,
             nodes: status.active_nodes.clone(),
             lateness: [lateness.p50, lateness.p99],
-            load: status.work as f64 / status.planned.max(1) as f64,
+            planned: [status.work, status.planned].map(|nanoseconds| nanoseconds as f64 * 1e-3),
         });
         while self.health.front().is_some_and(|first| first.time < time - SPAN) {
             self.health.pop_front();
@@ -142,6 +142,6 @@ mod tests {
         history.add_status(&status);
         history.add_status(&Status::default());
         assert_eq!(history.health().len(), 1);
-        assert_eq!((history.health()[0].load, history.health()[0].nodes.len()), (0.25, 2));
+        assert_eq!((history.health()[0].planned, history.health()[0].nodes.len()), ([0.03, 0.12], 2));
     }
 }

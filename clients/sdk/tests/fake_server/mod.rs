@@ -119,9 +119,10 @@ impl FakeServer {
         }
     }
 
-    /// Publishes a status at simulated time `tick` [ms].
+    /// Publishes a status at simulated time `tick` [ms], of a machine that is so often away that no time is left to plan with.
     pub fn publish_status(&self, tick: u64) {
-        let status = Status { tick, tick_rate_hz: 1000.0, clients: vec!["a hand".to_owned()], ..Default::default() };
+        let clients = vec!["a hand".to_owned()];
+        let status = Status { tick, tick_rate_hz: 1000.0, clients, work: 200_000, planned: 0, ..Default::default() };
         self.surface.put(keys::status(&self.endpoints.session), status.encode_to_vec()).wait().unwrap();
     }
 

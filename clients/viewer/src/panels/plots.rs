@@ -55,18 +55,25 @@ pub fn nodes(ui: &mut egui::Ui, app: &App) {
 
 /// How late ticks start.
 pub fn lateness(ui: &mut egui::Ui, app: &App) {
-    let health = app.history().health();
-    let curves = [("p50", FAINT), ("p99", INK)]
-        .into_iter()
-        .enumerate()
-        .map(|(which, (name, ink))| (name.to_owned(), ink, points(health, |health| health.lateness[which])));
-    show(ui, "tick lateness since the start [µs]", &curves.collect::<Vec<_>>(), span(app), 20.0, None, HEIGHT);
+    two(ui, app, "tick lateness since the start [µs]", ["p50", "p99"], 20.0, |health| health.lateness);
 }
 
-/// How much of their time ticks are planned to take.
-pub fn load(ui: &mut egui::Ui, app: &App) {
-    let curve = points(app.history().health(), |health| 100.0 * health.load);
-    show(ui, "a tick takes [% of what it may]", &[(String::new(), INK, curve)], span(app), 100.0, None, HEIGHT);
+/// What ticks are planned to take, and what they may be.
+pub fn planned(ui: &mut egui::Ui, app: &App) {
+    two(ui, app, "a tick is planned to take [µs]", ["at most", "takes"], 100.0, |health| {
+        [health.planned[1], health.planned[0]]
+    });
+}
+
+/// A faint curve and a strong one of how the server fares.
+fn two(ui: &mut egui::Ui, app: &App, title: &str, names: [&str; 2], least: f64, values: impl Fn(&Health) -> [f64; 2]) {
+    let health = app.history().health();
+    let curves = [FAINT, INK]
+        .into_iter()
+        .zip(names)
+        .enumerate()
+        .map(|(which, (ink, name))| (name.to_owned(), ink, points(health, |health| values(health)[which])));
+    show(ui, title, &curves.collect::<Vec<_>>(), span(app), least, None, HEIGHT);
 }
 
 fn points<'a>(health: impl IntoIterator<Item = &'a Health>, value: impl Fn(&Health) -> f64) -> Vec<[f64; 2]> {

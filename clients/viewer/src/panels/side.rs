@@ -23,7 +23,7 @@ pub fn show(ui: &mut egui::Ui, app: &mut App) {
         plots::forces(ui, app, 92.0);
         plots::nodes(ui, app);
         plots::lateness(ui, app);
-        plots::load(ui, app);
+        plots::planned(ui, app);
         status(ui, app);
     } else {
         recording(ui, app);

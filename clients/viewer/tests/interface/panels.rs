@@ -178,3 +178,22 @@ fn a_server_of_another_version_is_named_on_the_screen_with_both_versions() {
         look_until_it_says(&server.endpoints, words);
     }
 }
+
+#[test]
+fn how_a_server_fares_can_be_read_when_its_machine_leaves_it_no_time() {
+    let server = FakeServer::current();
+    let (mut app, mut screen) = (App::live(&server.endpoints), Screen::new());
+    let began = std::time::Instant::now();
+    for tick in 1.. {
+        server.publish_frame(tick, false);
+        server.publish_status(1000 * tick);
+        app.advance(0.0).unwrap();
+        let (_, texts) = screen.show(&mut app, vec![]);
+        readable(&texts);
+        if said(&texts, "takes 200") && said(&texts, "at most 0") {
+            break;
+        }
+        assert!(began.elapsed().as_secs() < 60, "{texts:?}");
+        std::thread::sleep(std::time::Duration::from_millis(50));
+    }
+}
