@@ -35,7 +35,7 @@ fn build(loaded: &LoadedScene) -> Arc<Body> {
 
 fn pose(sequence: u32, position: Vec3) -> Option<ToolEvent> {
     let pose = Pose { position, ..Pose::default() };
-    let sample = PoseSample { sequence, time_ns: 0, pose, buttons: 0 };
+    let sample = PoseSample { sequence, time_ns: 0, pose, buttons: 0, opening: 0.0 };
     Some(ToolEvent::Pose(sample))
 }
 

@@ -74,7 +74,7 @@ fn in_rust(endpoints: &Endpoints, place: [f64; 3]) -> Option<(Felt, [f64; 3])> {
         }
         let position = [place[0], place[1], place[2] + height(seconds)];
         let orientation = [0.0, 0.0, 0.0, 1.0];
-        tool.send_pose(PoseSample { position, orientation, linear_velocity: None, buttons: 0 }).unwrap();
+        tool.send_pose(PoseSample { position, orientation, linear_velocity: None, buttons: 0, opening: 0.0 }).unwrap();
         std::thread::sleep(Duration::from_millis(1));
         let Some(received) = tool.latest_wrench() else { continue };
         let wrench = received.wrench;

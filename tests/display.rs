@@ -35,7 +35,7 @@ fn press(tick: u64) -> Inputs {
     let pose = Pose { position: Vec3::new(0.05, 0.05, 0.122 - depth), ..Pose::default() };
     inputs.tools[0] = Some(match tick {
         0 => ToolEvent::Attach { epoch: 1, period_ticks: 1, coupling: Coupling::RIGID },
-        _ => ToolEvent::Pose(PoseSample { sequence: tick as u32, time_ns: 0, pose, buttons: 0 }),
+        _ => ToolEvent::Pose(PoseSample { sequence: tick as u32, time_ns: 0, pose, buttons: 0, opening: 0.0 }),
     });
     inputs
 }

@@ -64,7 +64,7 @@ impl Machine<'_> {
         let phase = (self.tick % PRESS_TICKS) as Real / PRESS_TICKS as Real;
         let height = 0.012 - 0.024 * (std::f64::consts::PI * phase).sin();
         let pose = Pose { position: self.top + Vec3::z() * (RADIUS + height), ..Pose::default() };
-        PoseSample { sequence: self.tick as u32 + 1, time_ns: 0, pose, buttons: 0 }
+        PoseSample { sequence: self.tick as u32 + 1, time_ns: 0, pose, buttons: 0, opening: 0.0 }
     }
 }
 

@@ -222,6 +222,7 @@ fn run_and_press(more: &[&str]) -> [u32; 2] {
                 time_ns: tick,
                 pose: Pose { position, ..Pose::default() },
                 buttons: 0,
+                opening: 0.0,
             };
             ends.poses[0].write(Some(PoseSlot { epoch: 9, sample }));
         }
@@ -291,6 +292,7 @@ fn shedding_under_a_tool_allocates_nothing() {
             time_ns: u64::from(tick),
             pose: Pose { position: Vec3::new(0.05, 0.05, 0.14 - down), ..Pose::default() },
             buttons: 0,
+            opening: 0.0,
         };
         let attach = ToolEvent::Attach { epoch: 1, period_ticks: 1, coupling: Coupling::RIGID };
         let budget = Budget::of(if (700..1100).contains(&tick) { 480_000 } else { 2_400_000 });

@@ -104,6 +104,7 @@ fn press(loaded: &LoadedScene, used: &[usize], tick: u64) -> Inputs {
             time_ns: 0,
             pose: Pose { position: tops(loaded)[tool] + Vec3::z() * height, ..Pose::default() },
             buttons: 0,
+            opening: 0.0,
         };
         inputs.tools[tool] = Some(match tick {
             0 => ToolEvent::Attach { epoch: 1, period_ticks: 1, coupling: Coupling::RIGID },
@@ -140,7 +141,7 @@ fn four_balls_of_one_tool_between_two_organs_push_both_of_them_and_quietly() {
         let mut inputs = Inputs::default();
         inputs.tools[0] = Some(match tick {
             0 => ToolEvent::Attach { epoch: 1, period_ticks: 1, coupling: Coupling::RIGID },
-            _ => ToolEvent::Pose(PoseSample { sequence: tick as u32, time_ns: 0, pose, buttons: 0 }),
+            _ => ToolEvent::Pose(PoseSample { sequence: tick as u32, time_ns: 0, pose, buttons: 0, opening: 0.0 }),
         });
         forces.push(press.advance(&inputs).tools[0].state.physical_force);
         walls = [[0.0; 2]; 4];

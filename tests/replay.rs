@@ -263,6 +263,7 @@ fn visit(tick: u64) -> Inputs {
                 time_ns: 7 * tick,
                 pose,
                 buttons: u32::from(tick > 300),
+                opening: 0.0,
             })
         }),
     };

@@ -31,7 +31,8 @@ fn run(
     simulation.advance(&inputs);
     for tick in 1..ticks {
         let pose = Pose { position: place(&body, tick), ..Pose::default() };
-        inputs.tools[0] = Some(ToolEvent::Pose(PoseSample { sequence: tick as u32, time_ns: 0, pose, buttons: 0 }));
+        inputs.tools[0] =
+            Some(ToolEvent::Pose(PoseSample { sequence: tick as u32, time_ns: 0, pose, buttons: 0, opening: 0.0 }));
         let outputs = simulation.advance(&inputs);
         if outputs.frame {
             frame(&body, outputs);

@@ -94,6 +94,7 @@ impl Hand {
             orientation: frame.orientation_in(cursor.orientation),
             linear_velocity: Some(frame.velocity_in(cursor.velocity)),
             buttons: cursor.clutch.into(),
+            opening: 0.0,
         };
         let in_body = self.clutch.follow(&device, cursor.clutch, now_ns);
         if self.sent.is_none_or(|sent| sent.elapsed() >= POSE_PERIOD) {

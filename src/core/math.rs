@@ -138,6 +138,16 @@ impl Pose {
         Pose { orientation: normalized_quaternion(blend).unwrap_or(self.orientation), ..*self }
     }
 
+    /// The pose turned by `angle` [rad] about the axis along the unit vector `axis` through `point` [m], both in its own frame.
+    pub fn turned_about(&self, point: Vec3, axis: Vec3, angle: Real) -> Pose {
+        let (v, c, [x, y, z, w]) = (axis * libm::sin(0.5 * angle), libm::cos(0.5 * angle), self.orientation);
+        let q = Vec3::new(x, y, z);
+        let turned = v * w + q * c + q.cross(&v);
+        let product = [turned.x, turned.y, turned.z, w * c - q.dot(&v)];
+        let turned = Pose { orientation: normalized_quaternion(product).unwrap_or(self.orientation), ..*self };
+        Pose { position: self.to_world(point) - turned.rotate(point), ..turned }
+    }
+
     /// The pose a `fraction` (0..=1) of the way to `target`: straight line and normalised quaternion blend, which for
     /// the small angles between two samples is within 1e-4 rad of the great arc and needs no transcendental function.
     pub fn towards(&self, target: &Pose, fraction: Real) -> Pose {

@@ -160,7 +160,7 @@ impl Client<'_> {
 /// A device's pose as the tick consumes it.
 pub fn pose(sequence: u32, position: Vec3) -> ToolEvent {
     let pose = Pose { position, ..Pose::default() };
-    ToolEvent::Pose(PoseSample { sequence, time_ns: 0, pose, buttons: 0 })
+    ToolEvent::Pose(PoseSample { sequence, time_ns: 0, pose, buttons: 0, opening: 0.0 })
 }
 
 #[cfg(test)]

@@ -82,7 +82,7 @@ pub fn detached() -> Inputs {
 /// The ball is held with its centre at `position` [m]; `sequence` counts up.
 pub fn held_at(sequence: u32, position: Vec3) -> Inputs {
     let pose = Pose { position, ..Pose::default() };
-    with(ToolEvent::Pose(PoseSample { sequence, time_ns: 0, pose, buttons: 0 }))
+    with(ToolEvent::Pose(PoseSample { sequence, time_ns: 0, pose, buttons: 0, opening: 0.0 }))
 }
 
 fn with(event: ToolEvent) -> Inputs {

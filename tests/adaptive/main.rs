@@ -240,7 +240,13 @@ fn go_to(body: &Body, mesh: &mut ActiveMesh, target: &ActiveSet, mut each: impl 
 }
 
 fn ball_at(position: Vec3) -> ToolEvent {
-    ToolEvent::Pose(PoseSample { sequence: 1, time_ns: 0, pose: Pose { position, ..Pose::default() }, buttons: 0 })
+    ToolEvent::Pose(PoseSample {
+        sequence: 1,
+        time_ns: 0,
+        pose: Pose { position, ..Pose::default() },
+        buttons: 0,
+        opening: 0.0,
+    })
 }
 
 /// One event of the only tool.

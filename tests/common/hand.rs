@@ -64,8 +64,14 @@ impl Hand {
         let tool = self.tool.as_mut()?;
         let [x, y] = self.place;
         let position = [x, y, 0.12 + height];
-        tool.send_pose(PoseSample { position, orientation: [0.0, 0.0, 0.0, 1.0], linear_velocity: None, buttons: 0 })
-            .ok()?;
+        tool.send_pose(PoseSample {
+            position,
+            orientation: [0.0, 0.0, 0.0, 1.0],
+            linear_velocity: None,
+            buttons: 0,
+            opening: 0.0,
+        })
+        .ok()?;
         let wrench = tool.latest_wrench()?.wrench;
         let force = tool.safe_force(tool.now_ns());
         Some((wrench, force.iter().map(|f| f * f).sum::<f64>().sqrt()))

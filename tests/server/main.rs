@@ -110,6 +110,7 @@ fn above(height: f64) -> PoseSample {
         orientation: [0.0, 0.0, 0.0, 1.0],
         linear_velocity: None,
         buttons: 0,
+        opening: 0.0,
     }
 }
 

@@ -29,6 +29,7 @@ mod endurance;
 mod feedback;
 mod feel;
 mod friction;
+mod grasp;
 mod parameters;
 mod shapes;
 mod similar;
@@ -77,7 +78,13 @@ fn attach() -> ToolEvent {
 }
 
 fn posed(position: Vec3, orientation: [Real; 4]) -> ToolEvent {
-    ToolEvent::Pose(PoseSample { sequence: 1, time_ns: 0, pose: Pose { position, orientation }, buttons: 0 })
+    ToolEvent::Pose(PoseSample {
+        sequence: 1,
+        time_ns: 0,
+        pose: Pose { position, orientation },
+        buttons: 0,
+        opening: 0.0,
+    })
 }
 
 fn at(position: Vec3) -> ToolEvent {

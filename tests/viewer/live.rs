@@ -173,6 +173,7 @@ fn a_reset_puts_the_body_back() {
             orientation: [0.0, 0.0, 0.0, 1.0],
             linear_velocity: None,
             buttons: 0,
+            opening: 0.0,
         })
         .unwrap();
         height = f64::max(height - 1e-3, 0.06);
@@ -242,6 +243,7 @@ fn press_with_two(connection: &palpate_sdk::Connection, end: mpsc::Receiver<()>)
                 orientation: [0.0, 0.0, 0.0, 1.0],
                 linear_velocity: None,
                 buttons: 0,
+                opening: 0.0,
             })
             .unwrap();
         }

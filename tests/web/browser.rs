@@ -218,6 +218,7 @@ impl Page {
             position: vec![self.place[0], self.place[1], self.place[2] + height],
             orientation: vec![0.0, 0.0, 0.0, 1.0],
             buttons: 0,
+            opening: 0.0,
             ..Default::default()
         };
         self.send(&[&[message::POSE, tool as u8], &pose.encode_to_vec()[..]].concat());

@@ -172,7 +172,7 @@ for (const { name, topology, frames } of JSON.parse(readFileSync(join(folder, 'i
 
 const write = (name, bytes) => writeFileSync(join(folder, name), bytes);
 const [position, orientation] = [[0.25, -0.5, 1e-3], [0, 0.6, 0, 0.8]];
-write('pose', wire.pose(3, { epoch: 4_000_000_000, sequence: 70_000, time: 2 ** 50, position, orientation, buttons: 3 }));
+write('pose', wire.pose(3, { epoch: 4_000_000_000, sequence: 70_000, time: 2 ** 50, position, orientation, buttons: 3, opening: 0.25 }));
 write('attach', wire.attach('left hand', 'ball ä', 90));
 write('detach', wire.detach(3, 4_000_000_000));
 write('reset', wire.reset());

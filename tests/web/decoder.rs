@@ -153,6 +153,7 @@ fn the_page_reads_what_the_server_writes_and_writes_what_it_reads() {
         position: vec![0.25, -0.5, 1e-3],
         orientation: vec![0.0, 0.6, 0.0, 0.8],
         buttons: 3,
+        opening: 0.25,
         ..Default::default()
     };
     assert_eq!(ToolPose::decode(&pose[2..]).unwrap(), expected);

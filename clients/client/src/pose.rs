@@ -16,13 +16,20 @@ pub struct PoseSample {
     pub linear_velocity: Option<[f64; 3]>,
     /// Bit i = button i held.
     pub buttons: u32,
+    /// How far the tool's jaws are to be open: 0, closed, to 1. A tool without jaws takes no notice.
+    pub opening: f64,
 }
 
 impl PoseSample {
     /// True when every number is finite.
     pub(crate) fn is_finite(&self) -> bool {
         let velocity = self.linear_velocity.iter().flatten();
-        self.position.iter().chain(&self.orientation).chain(velocity).all(|number| number.is_finite())
+        self.position
+            .iter()
+            .chain(&self.orientation)
+            .chain(velocity)
+            .chain([&self.opening])
+            .all(|number| number.is_finite())
     }
 
     /// The message of this pose, which was taken at `time_ns` [ns]; `sequence` counts the samples of `epoch` from 1, and
@@ -38,6 +45,7 @@ impl PoseSample {
             position: finite(&self.position)?,
             orientation: finite(&self.orientation)?,
             buttons: self.buttons,
+            opening: finite(&[self.opening])?[0],
         })
     }
 }
@@ -57,6 +65,7 @@ mod tests {
             orientation: [0.0, 0.0, 0.0, 1.0],
             linear_velocity: Some([1.0, 2.0, 3.0]),
             buttons: 5,
+            opening: 0.25,
         }
     }
 
@@ -66,6 +75,7 @@ mod tests {
         assert_eq!((message.epoch, message.sequence, message.time_ns, message.buttons), (7, 2, 99, 5));
         assert_eq!(message.position, [0.1f32, 0.2, 0.3]);
         assert_eq!(message.orientation, [0.0f32, 0.0, 0.0, 1.0]);
+        assert_eq!(message.opening, 0.25);
     }
 
     #[test]

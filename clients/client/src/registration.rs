@@ -164,6 +164,7 @@ impl Registration {
             orientation: self.orientation(device.orientation),
             linear_velocity: device.linear_velocity.map(|v| self.velocity(v)),
             buttons: device.buttons,
+            opening: device.opening,
         }
     }
 
@@ -241,6 +242,7 @@ impl Clutch {
             return PoseSample {
                 linear_velocity: device.linear_velocity.map(|_| [0.0; 3]),
                 buttons: device.buttons,
+                opening: device.opening,
                 ..held
             };
         }
@@ -293,6 +295,7 @@ mod tests {
             orientation: UnitQuaternion::from_scaled_axis(Vector3::from(turn)).coords.into(),
             linear_velocity: Some([0.1, 0.0, 0.0]),
             buttons: 2,
+            opening: 0.5,
         }
     }
 

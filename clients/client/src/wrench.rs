@@ -32,6 +32,10 @@ pub struct Wrench {
     pub force: [f64; 3],
     /// (3) [N·m] after clamp, slew limit and ramp: the one to feel.
     pub torque: [f64; 3],
+    /// Of the jaws of the simulated tool: 0, closed, to 1.
+    pub opening: f64,
+    /// What opens the jaws [N·m], for the angle between them, after clamp, slew limit and ramp.
+    pub grip_torque: f64,
     /// Contacts that carry force; 0 means free.
     pub contact_points: u32,
     /// Where the tool stands in its life.
@@ -75,6 +79,8 @@ impl TryFrom<&ToolWrench> for Wrench {
             physical_torque: array("physical_torque", &message.physical_torque)?,
             force: array("force", &message.force)?,
             torque: array("torque", &message.torque)?,
+            opening: message.opening.into(),
+            grip_torque: message.grip_torque.into(),
             contact_points: message.contact_points,
             phase: ToolPhase::try_from(message.phase)
                 .map_err(|_| undecodable(format!("{} is no phase", message.phase)))?,
@@ -135,6 +141,8 @@ mod tests {
             model_normal: vec![0.0, 0.0, 1.0],
             model_stiffness: vec![200.0, 200.0, 400.0, 0.0, 0.0, 1.0],
             model_range: 0.005,
+            opening: 0.5,
+            grip_torque: 0.02,
         }
     }
 

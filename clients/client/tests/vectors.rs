@@ -89,6 +89,7 @@ fn surface_vectors() -> Value {
             orientation: vec![0.0, 0.0, 0.0, 1.0],
             force: vec![0.0, 0.0, 0.25 * (sequence % 16) as f32],
             phase: ToolPhase::Engaged.into(),
+            opening: 0.0,
         };
         let frame = SurfaceFrame {
             topology: 77,

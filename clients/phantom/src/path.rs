@@ -31,6 +31,12 @@ const TREMOR_AMPLITUDE: f64 = 0.3e-3;
 /// much more a hand would turn from the elbow.
 const TWIST: f64 = 0.6;
 const TILT: f64 = 0.25;
+/// Time in which jaws close or open [s], when a grasp lifts what it holds, when it lets go, and how long it takes in all. Chosen:
+/// so that a hand can be followed by the eye.
+const CLOSING_TIME: f64 = 0.6;
+const LIFTS: f64 = 1.0 + CLOSING_TIME + 0.2;
+const OPENS: f64 = LIFTS + 3.0;
+const GRASP_TIME: f64 = OPENS + CLOSING_TIME + 1.5;
 /// Button that is held meanwhile.
 const BUTTON: u32 = 1;
 /// Half the distance of the central difference that gives velocities [s].
@@ -51,6 +57,8 @@ pub enum Pattern {
     Tremor,
     /// A press in which the tool is turned by 34° to either side and tilted by 14°, with a button down.
     Turn,
+    /// Down with open jaws, closed there, lifted for a second, set down and let go: for a tool with jaws.
+    Grasp,
 }
 
 impl Pattern {
@@ -88,13 +96,15 @@ pub struct Target {
     pub angular_velocity: Vec3,
     /// Buttons that are down, one a bit.
     pub buttons: u32,
+    /// How far the jaws are open, 0 to 1.
+    pub opening: f64,
 }
 
 impl Target {
     /// Not turned, with no button down.
     pub fn upright(position: Vec3, velocity: Vec3) -> Self {
         let (orientation, angular_velocity) = (UnitQuaternion::identity(), Vec3::zeros());
-        Self { position, velocity, orientation, angular_velocity, buttons: 0 }
+        Self { position, velocity, orientation, angular_velocity, buttons: 0, opening: 0.0 }
     }
 }
 
@@ -118,6 +128,7 @@ impl Path {
             orientation,
             angular_velocity,
             buttons: self.buttons(t),
+            opening: self.opening(t),
             ..Target::upright(self.position(t), velocity)
         }
     }
@@ -127,6 +138,14 @@ impl Path {
         let Some(held) = self.held(t) else { return UnitQuaternion::identity() };
         let turn = (std::f64::consts::TAU * minimum_jerk(held)).sin();
         UnitQuaternion::new(self.site.normal * (TWIST * turn)) * UnitQuaternion::new(self.site.tangent * (TILT * turn))
+    }
+
+    fn opening(&self, t: f64) -> f64 {
+        if self.pattern != Pattern::Grasp {
+            return 0.0;
+        }
+        let t = (t - SETTLE).max(0.0) % GRASP_TIME;
+        1.0 - minimum_jerk((t - 1.0) / CLOSING_TIME) + minimum_jerk((t - OPENS) / CLOSING_TIME)
     }
 
     fn buttons(&self, t: f64) -> u32 {
@@ -152,6 +171,11 @@ impl Path {
             Pattern::Press | Pattern::Turn => {
                 let t = t % PRESS_TIME;
                 (0.0, pressed(minimum_jerk(t) - minimum_jerk(t - 2.0)))
+            }
+            Pattern::Grasp => {
+                let t = t % GRASP_TIME;
+                let lifted = minimum_jerk(t - LIFTS) - minimum_jerk(t - LIFTS - 2.0);
+                (0.0, pressed(minimum_jerk(t) - lifted - minimum_jerk(t - OPENS - CLOSING_TIME)))
             }
             Pattern::Palpate => {
                 let clearance = CLEARANCE.min(standoff);

@@ -149,6 +149,7 @@ pub fn run(options: &Options, stop: &AtomicBool, live: &mut dyn FnMut(&Live)) ->
         lateness: histogram(),
         newest: Sample::default(),
         buttons: 0,
+        opening: 0.0,
         phase: ToolPhase::Waiting,
         contact_points: 0,
         pose_slots: 0,
@@ -196,6 +197,8 @@ struct DeviceLoop<'a> {
     newest: Sample,
     /// Buttons that the hand holds down, one a bit.
     buttons: u32,
+    /// How far it holds the jaws open.
+    opening: f64,
     phase: ToolPhase,
     contact_points: u32,
     /// Poses that the rate has given room for so far.
@@ -256,7 +259,7 @@ impl DeviceLoop<'_> {
             let commanded = self.render(now_ns);
             let target = self.path.target(time);
             let given = self.held.step(DT, &target, commanded);
-            self.buttons = target.buttons;
+            (self.buttons, self.opening) = (target.buttons, target.opening);
             self.report.peak_device_force = self.report.peak_device_force.max(given.force.norm());
             self.report.peak_device_torque = self.report.peak_device_torque.max(given.torque.norm());
             self.report.turned = self.report.turned.max(self.held.orientation().angle());
@@ -311,6 +314,7 @@ impl DeviceLoop<'_> {
             orientation: self.held.orientation().coords.into(),
             linear_velocity: Some(self.held.reported_velocity().into()),
             buttons: self.buttons,
+            opening: self.opening,
         }
     }
 

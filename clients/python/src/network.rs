@@ -7,7 +7,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use numpy::{PyArray1, PyArray2};
-use palpate_core::math::Pose;
+use palpate_core::contact::jaws::Stance;
 use palpate_sdk as sdk;
 use palpate_sdk::{Device, Endpoints, Frame, Hold, PoseSample, Registration, RenderMode, Renderer, SdkError};
 use pyo3::exceptions::PyRuntimeError;
@@ -147,13 +147,29 @@ struct Hand {
     registration: Registration,
 }
 
+/// Where the device is, in its own frame.
+#[derive(Clone, Copy)]
+struct Measured {
+    position: [f64; 3],
+    velocity: [f64; 3],
+    orientation: [f64; 4],
+    /// How far the jaws are to be open.
+    opening: f64,
+}
+
+impl Measured {
+    fn new(Stance { pose, opening }: Stance, velocity: [f64; 3]) -> Self {
+        Self { position: pose.position.into(), velocity, orientation: pose.orientation, opening }
+    }
+}
+
 /// What Python and the force loop tell each other.
 #[derive(Default)]
 struct Desk {
-    /// Where the device is: position, velocity and orientation in its own frame, buttons. None before the first.
-    device: Option<([f64; 3], [f64; 3], [f64; 4])>,
+    /// None before the first.
+    device: Option<Measured>,
     /// Poses to follow, one a period, and the next of them.
-    path: Vec<Pose>,
+    path: Vec<Stance>,
     next: usize,
     /// What was felt on the way.
     felt: Vec<Row>,
@@ -189,19 +205,19 @@ impl Hand {
                 let mut desk = shared.desk();
                 let at = desk.next;
                 match desk.path.get(at).copied() {
-                    Some(pose) => {
+                    Some(stance) => {
                         desk.next += 1;
-                        let before = desk.path[at.saturating_sub(1)].position;
-                        let velocity = (pose.position - before) / period.as_secs_f64();
-                        let device = (pose.position.into(), velocity.into(), pose.orientation);
+                        let before = desk.path[at.saturating_sub(1)].pose.position;
+                        let velocity = (stance.pose.position - before) / period.as_secs_f64();
+                        let device = Measured::new(stance, velocity.into());
                         desk.device = Some(device);
                         (Some(device), true)
                     }
                     None => (desk.device, false),
                 }
             };
-            if let Some((position, velocity, orientation)) = device
-                && let Err(error) = self.touch(shared, position, velocity, orientation, followed)
+            if let Some(device) = device
+                && let Err(error) = self.touch(shared, device, followed)
             {
                 break Some(error.to_string());
             }
@@ -219,19 +235,14 @@ impl Hand {
         desk.ended = Some(ended.or(detached.err().map(|error| error.to_string())).unwrap_or_default());
     }
 
-    fn touch(
-        &mut self,
-        shared: &Shared,
-        position: [f64; 3],
-        velocity: [f64; 3],
-        orientation: [f64; 4],
-        followed: bool,
-    ) -> Result<(), SdkError> {
+    fn touch(&mut self, shared: &Shared, device: Measured, followed: bool) -> Result<(), SdkError> {
+        let Measured { position, velocity, orientation, opening } = device;
         let pose = self.registration.pose(&PoseSample {
             position: self.frame.position_in(position),
             orientation: self.frame.orientation_in(orientation),
             linear_velocity: Some(self.frame.velocity_in(velocity)),
             buttons: 0,
+            opening,
         });
         self.tool.send_pose(pose)?;
         let received = self.tool.latest_wrench();
@@ -317,7 +328,7 @@ impl Tool {
             return Err(bad_value("the velocity is not finite"));
         }
         self.check()?;
-        self.shared.desk().device = Some((pose.position.into(), velocity, pose.orientation));
+        self.shared.desk().device = Some(Measured::new(pose, velocity));
         Ok(())
     }
 

@@ -5,8 +5,9 @@ use std::sync::Arc;
 
 use numpy::{PyArray1, PyArray2};
 use palpate::scene::{LoadedScene, Scene};
+use palpate_core::contact::jaws::Stance;
 use palpate_core::contact::tool::{Coupling, Phase, PoseSample, ToolEvent};
-use palpate_core::math::{Bounds, Pose, Vec3};
+use palpate_core::math::{Bounds, Vec3};
 use palpate_core::model::State;
 use palpate_core::simulation::{Inputs, ParameterRanges, Simulation as Core, Snapshot, TICK};
 use pyo3::exceptions::PyRuntimeError;
@@ -74,12 +75,12 @@ impl Simulation {
         self.core.advance(&inputs);
     }
 
-    fn pose_event(&mut self, tool: usize, pose: Pose) -> ToolEvent {
+    fn pose_event(&mut self, tool: usize, Stance { pose, opening }: Stance) -> ToolEvent {
         self.sequence[tool] += 1;
         let sequence = self.sequence[tool];
         // As in a trajectory, whose times [s] begin with the tick in which the tool is taken.
         let time = self.core.tick().saturating_sub(1) as f64 / 1000.0;
-        ToolEvent::Pose(PoseSample { sequence, time_ns: (time * 1e9) as u64, pose, buttons: 0 })
+        ToolEvent::Pose(PoseSample { sequence, time_ns: (time * 1e9) as u64, pose, buttons: 0, opening })
     }
 }
 
@@ -175,13 +176,13 @@ impl Simulation {
         Ok(Wrench(Row::of(self.core.outputs(), tool)))
     }
 
-    /// One tick for each row of ``poses``, (n, 3) or (n, 7). Python's lock is free meanwhile.
+    /// One tick for each row of ``poses``, (n, 3), (n, 7) or, of a tool with jaws, (n, 8). Python's lock is free meanwhile.
     ///
     /// Several tools at once, each with as many poses.
     #[pyo3(signature = (poses, tool = ToolName::Number(0)))]
     fn run<'py>(&mut self, py: Python<'py>, poses: &Bound<'py, PyAny>, tool: ToolName) -> PyResult<Bound<'py, PyAny>> {
         // A dictionary moves several tools at once.
-        let by_tool: Vec<(usize, Vec<Pose>)> = match poses.cast::<PyDict>() {
+        let by_tool: Vec<(usize, Vec<Stance>)> = match poses.cast::<PyDict>() {
             Ok(poses) => {
                 let one = |(name, poses): (Bound<'py, PyAny>, Bound<'py, PyAny>)| {
                     PyResult::Ok((self.held(&name.extract()?)?, self::poses(&poses)?))

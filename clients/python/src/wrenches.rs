@@ -16,6 +16,8 @@ pub struct Row {
     pub torque: [f64; 3],
     pub physical_force: [f64; 3],
     pub physical_torque: [f64; 3],
+    pub opening: f64,
+    pub grip_torque: f64,
     pub contact_points: u32,
     pub phase: u8,
     pub flags: u32,
@@ -49,6 +51,8 @@ impl Row {
             torque: state.torque.into(),
             physical_force: state.physical_force.into(),
             physical_torque: state.physical_torque.into(),
+            opening: state.jaws.opening,
+            grip_torque: state.jaws.torque,
             contact_points: output.contact_points,
             phase: phase as u8,
             flags: flags.iter().filter(|(set, _)| *set).map(|(_, flag)| *flag as u32).sum(),
@@ -66,6 +70,8 @@ impl From<&palpate_sdk::Wrench> for Row {
             torque: wrench.torque,
             physical_force: wrench.physical_force,
             physical_torque: wrench.physical_torque,
+            opening: wrench.opening,
+            grip_torque: wrench.grip_torque,
             contact_points: wrench.contact_points,
             phase: wrench.phase as u8,
             flags: wrench.flags,
@@ -121,6 +127,16 @@ impl Wrench {
     #[getter]
     fn physical_torque<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
         PyArray1::from_slice(py, &self.0.physical_torque)
+    }
+    /// How far the jaws of the simulated tool are open: 0, closed, to 1.
+    #[getter]
+    fn opening(&self) -> f64 {
+        self.0.opening
+    }
+    /// [N·m] What opens the jaws, for the angle between them, rendered.
+    #[getter]
+    fn grip_torque(&self) -> f64 {
+        self.0.grip_torque
     }
     /// Contact points that carry force; 0: free.
     #[getter]
@@ -215,6 +231,16 @@ impl Wrenches {
     #[getter]
     fn physical_torque<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         table(py, self.0.iter().map(|row| row.physical_torque))
+    }
+    /// (n) how far the jaws of the simulated tool are open: 0, closed, to 1.
+    #[getter]
+    fn opening<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        column(&self.0, py, |row| row.opening)
+    }
+    /// (n) [N·m] what opens the jaws, for the angle between them, rendered.
+    #[getter]
+    fn grip_torque<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        column(&self.0, py, |row| row.grip_torque)
     }
     /// (n) contact points that carry force.
     #[getter]

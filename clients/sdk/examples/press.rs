@@ -28,6 +28,7 @@ pub fn press(endpoints: &Endpoints) -> Result<Vec<f64>, SdkError> {
             orientation: [0.0, 0.0, 0.0, 1.0],
             linear_velocity: None,
             buttons: 0,
+            opening: 0.0,
         })?;
         std::thread::sleep(Duration::from_millis(1));
         if (i + 1) % (POSES / 10) == 0 {

@@ -145,6 +145,7 @@ typedef struct palpate_pose {
     double position[3];    /* of the tool's reference point */
     double orientation[4]; /* unit quaternion, in the frame's order: x, y, z, w, but w, x, y, z for "haply" */
     uint32_t buttons;      /* bit i: button i is held */
+    float opening;         /* how far the tool's jaws are to be open: 0, closed, to 1 */
 } palpate_pose;
 
 /* Sends a pose, as often as the attachment said. Does not wait for the network. A pose that is not finite, or whose

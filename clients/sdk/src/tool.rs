@@ -374,6 +374,8 @@ mod tests {
             phase: ToolPhase::Engaged,
             flags: 0,
             model: None,
+            opening: 0.0,
+            grip_torque: 0.0,
         }
     }
 

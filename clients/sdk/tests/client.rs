@@ -20,7 +20,13 @@ fn rigid(client: &str, tool: &str, rate_hz: f64) -> Attachment {
 }
 
 fn pose(z: f64) -> PoseSample {
-    PoseSample { position: [0.0, 0.0, z], orientation: [0.0, 0.0, 0.0, 1.0], linear_velocity: None, buttons: 0 }
+    PoseSample {
+        position: [0.0, 0.0, z],
+        orientation: [0.0, 0.0, 0.0, 1.0],
+        linear_velocity: None,
+        buttons: 0,
+        opening: 0.0,
+    }
 }
 
 /// Waits until `ready` gives something, at most 60 s.

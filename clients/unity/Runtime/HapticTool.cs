@@ -55,9 +55,10 @@ namespace Palpate
         public static string Version => Native.Text(Native.palpate_version());
 
         /// <summary>Sends a pose; does not wait for the network. Throws while the tool is gone, and sends it all the same.</summary>
-        public void SendPose(Vector position, Rotation orientation, uint buttons = 0)
+        /// <param name="opening">How far the tool's jaws are to be open: 0, closed, to 1.</param>
+        public void SendPose(Vector position, Rotation orientation, uint buttons = 0, float opening = 0)
         {
-            var pose = new Native.Pose { Position = position, Orientation = orientation, Buttons = buttons };
+            var pose = new Native.Pose { Position = position, Orientation = orientation, Buttons = buttons, Opening = opening };
             Native.Check(Native.palpate_send_pose(client, ref pose) == 0);
         }
 

@@ -122,6 +122,7 @@ namespace Palpate
             public Vector Position;
             public Rotation Orientation;
             public uint Buttons;
+            public float Opening;
         }
 
         [StructLayout(LayoutKind.Sequential)]

@@ -116,6 +116,7 @@ impl TickClock {
                 orientation: [0.0, 0.0, 0.0, 1.0],
                 linear_velocity: None,
                 buttons: 0,
+                opening: 0.0,
             };
             while !stopped.load(Relaxed) && tool.send_pose(pose).is_ok() {
                 std::thread::sleep(Duration::from_millis(1));

@@ -16,6 +16,8 @@ pub struct PlacedTool {
     pub position: Vec3,
     /// How it is turned.
     pub orientation: Quat,
+    /// How far its jaws are open: 0 to 1.
+    pub opening: f32,
     /// Rendered force on it [N].
     pub force: Vec3,
     /// Whether somebody holds it.
@@ -36,6 +38,7 @@ impl PlacedTool {
             shape,
             position: position.into(),
             orientation: Quat::new(w, x, y, z),
+            opening: Some(state.opening).filter(|opening| (0.0..=1.0).contains(opening)).unwrap_or_default(),
             force: force.into(),
             held: state.phase() != ToolPhase::Detached,
         })
@@ -52,7 +55,7 @@ impl PlacedTool {
         for (touch, &position) in touch.iter_mut().zip(positions) {
             let away = Vec3::from(position) - self.position;
             if away.magnitude2() < reach * reach {
-                let distance = self.shape.distance(back.rotate_vector(away));
+                let distance = self.shape.distance(back.rotate_vector(away), self.opening);
                 *touch = touch.max(1.0 - ((distance - near) / edge).clamp(0.0, 1.0));
             }
         }
@@ -69,7 +72,7 @@ mod tests {
     /// A tool of radius 10 mm: everything within `rounding` of `corners`, or of a disc between them.
     fn shape(corners: &[f64], rounding: f64) -> Arc<ToolShape> {
         let disc = if rounding < 0.01 { 0.01 - rounding } else { 0.0 };
-        let part = ToolPart { corners: corners.into(), rounding, disc, axis: vec![0.0, 0.0, 1.0] };
+        let part = ToolPart { corners: corners.into(), rounding, disc, axis: vec![0.0, 0.0, 1.0], hinge: None };
         ToolShape::new(&ToolDescription { radius: 0.01, parts: vec![part], ..Default::default() }).into()
     }
 
@@ -80,6 +83,7 @@ mod tests {
             orientation: orientation.into(),
             force: vec![0.0, 0.0, 0.5],
             phase: ToolPhase::Engaged.into(),
+            opening: 0.0,
         };
         PlacedTool::new(&state, &[shape.clone(), shape.clone()]).unwrap()
     }

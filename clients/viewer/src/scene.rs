@@ -5,7 +5,7 @@ use crate::colour::Colouring;
 use crate::contact::PlacedTool;
 use crate::shading::{Backdrop, Painted, Shaded, TISSUE, linear};
 use crate::source::{Picture, Subject};
-use crate::tool_shape::ToolShape;
+use crate::tool_shape::{Skin, ToolShape};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use three_d::{
@@ -35,7 +35,7 @@ pub struct Scene {
     organs: Option<(Arc<Subject>, Vec<bool>, Vec<Group>)>,
     /// Whether materials are shown, and no numbers by colours.
     painted: bool,
-    tools: Vec<Mesh>,
+    tools: Vec<Vec<Mesh>>,
     cylinder: Mesh,
     cone: Mesh,
 }
@@ -65,7 +65,7 @@ impl Scene {
         if !self.organs.as_ref().is_some_and(same) {
             let groups = groups(&self.context, &body.subject, &app.shown_triangles());
             self.organs = Some((body.subject.clone(), app.hidden.clone(), groups));
-            self.tools = body.tools.iter().map(|shape| tool_mesh(&self.context, shape)).collect();
+            self.tools = body.tools.iter().map(|shape| tool_meshes(&self.context, shape)).collect();
         }
         let Some((.., groups)) = &mut self.organs else { return };
         let positions: Vec<Vec3> = moment.positions.iter().map(|&position| position.into()).collect();
@@ -225,8 +225,11 @@ struct Brush<'a> {
 impl Brush<'_> {
     fn tool(&mut self, tool: &PlacedTool) {
         let steel = Shaded { colour: TOOL, gloss: 1.0, wrap: 0.1 };
-        if let Some(mesh) = self.scene.tools.get_mut(tool.number) {
-            draw(mesh, &steel, tool.position, vec3(1.0, 1.0, 1.0), tool.orientation, self.camera);
+        let meshes = self.scene.tools.get_mut(tool.number).into_iter().flatten();
+        for (mesh, skin) in meshes.zip(&tool.shape.skins) {
+            let (moved, turn) = skin.turned(tool.opening);
+            let place = tool.position + tool.orientation.rotate_vector(moved);
+            draw(mesh, &steel, place, vec3(1.0, 1.0, 1.0), tool.orientation * turn, self.camera);
         }
     }
 
@@ -255,13 +258,16 @@ fn draw(mesh: &mut Mesh, material: &Shaded, at: Vec3, scale: Vec3, turn: Quat, c
     mesh.render_with_material(material, camera, &[]);
 }
 
-fn tool_mesh(context: &Context, shape: &ToolShape) -> Mesh {
-    let (points, normals, corners) = shape.mesh();
-    let mesh = CpuMesh {
-        positions: Positions::F32(points),
-        normals: Some(normals),
-        indices: Indices::U32(corners),
-        ..Default::default()
+/// One for each part.
+fn tool_meshes(context: &Context, shape: &ToolShape) -> Vec<Mesh> {
+    let mesh = |skin: &Skin| {
+        let mesh = CpuMesh {
+            positions: Positions::F32(skin.points.clone()),
+            normals: Some(skin.normals.clone()),
+            indices: Indices::U32(Skin::triangles()),
+            ..Default::default()
+        };
+        Mesh::new(context, &mesh)
     };
-    Mesh::new(context, &mesh)
+    shape.skins.iter().map(mesh).collect()
 }

@@ -63,7 +63,7 @@ export class Headset {
         return this.#session?.end();
     }
 
-    // Poses of the controllers in the frame of Palpate, at the display's time: { hand, position, orientation, buttons }.
+    // Poses of the controllers in the frame of Palpate, at the display's time: { hand, position, orientation, buttons, opening }.
     poses(frame, bounds) {
         const { renderer, root } = this.view, space = renderer.xr.getReferenceSpace();
         const eyes = frame.getViewerPose(space);
@@ -81,7 +81,8 @@ export class Headset {
             const pose = frame.getPose(source.targetRaySpace, space);
             if (!pose) continue;
             const ray = new Matrix4().fromArray(pose.transform.matrix), hand = source.handedness;
-            const held = (button) => (source.gamepad?.buttons[button]?.value ?? 0) > 0.5;
+            const pressed = (button) => source.gamepad?.buttons[button]?.value ?? 0;
+            const held = (button) => pressed(button) > 0.5;
             this.#grab(hand, held(1), ray);
             this.#show(hand, ray);
             seen.add(hand);
@@ -90,7 +91,9 @@ export class Headset {
             const position = new Vector3(), orientation = new Quaternion();
             inBody.decompose(position, orientation, new Vector3());
             const buttons = (held(0) ? 1 : 0) | (held(1) ? 2 : 0);
-            poses.push({ hand, position: position.toArray(), orientation: orientation.toArray(), buttons });
+            // The trigger closes jaws as far as it is pulled.
+            const opening = 1 - pressed(0);
+            poses.push({ hand, position: position.toArray(), orientation: orientation.toArray(), buttons, opening });
         }
         for (const [hand, handle] of this.#handles) handle.visible = seen.has(hand);
         return poses;

@@ -55,7 +55,12 @@ export class ToolModel {
         this.body = new Group();
         this.material = shading.solid(STEEL);
         this.red = shading.solid(RED);
-        for (const part of parts.length > 0 ? parts : [ball]) this.body.add(new Mesh(skin(part), this.material));
+        this.jaws = [];
+        for (const part of parts.length > 0 ? parts : [ball]) {
+            const mesh = new Mesh(skin(part), this.material);
+            this.body.add(mesh);
+            if (part.hinge) this.jaws.push({ mesh, hinge: part.hinge });
+        }
         this.arrow = new Group();
         this.shaft = new Mesh(new CylinderGeometry(1, 1, 1, 12).translate(0, 0.5, 0), this.red);
         this.tip = new Mesh(new ConeGeometry(1, 1, 20).translate(0, 0.5, 0), this.red);
@@ -69,11 +74,16 @@ export class ToolModel {
         this.group.visible = false;
     }
 
-    // Where it is [m], how it is turned (x, y, z, w), and the force on it [N].
-    place(position, orientation, force) {
+    // Where it is [m], how it is turned (x, y, z, w), the force on it [N], and how far its jaws are open (0 to 1).
+    place({ position, orientation, force, opening }) {
         this.group.visible = true;
         this.body.position.fromArray(position);
         this.body.quaternion.fromArray(orientation).normalize();
+        for (const { mesh, hinge: { axis, point, closed, open } } of this.jaws) {
+            mesh.quaternion.setFromAxisAngle(new Vector3(...axis), closed + opening * (open - closed));
+            const about = new Vector3(...point);
+            mesh.position.copy(about).sub(about.clone().applyQuaternion(mesh.quaternion));
+        }
         this.force.fromArray(force);
         const newtons = this.force.length(), length = ARROW * this.size * Math.min(newtons / this.limit, 1);
         this.arrow.visible = newtons > 0.005;

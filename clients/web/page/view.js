@@ -160,8 +160,8 @@ export class View {
         this.shading.setBlend(blend);
         for (const [number, model] of this.tools) {
             const state = own.get(number), frames = this.states.get(number);
-            if (state) model.place(state.position, state.orientation, state.force);
-            else if (frames) model.place(...between(...frames, blend));
+            if (state) model.place(state);
+            else if (frames) model.place(between(...frames, blend));
             else model.hide();
         }
         this.renderer.render(this.scene, this.camera);
@@ -216,5 +216,6 @@ export class View {
 function between(before, now, blend) {
     const position = now.position.map((x, i) => before.position[i] + blend * (x - before.position[i]));
     const turn = new Quaternion().fromArray(before.orientation).slerp(new Quaternion().fromArray(now.orientation), blend);
-    return [position, turn.toArray(), now.force];
+    const opening = before.opening + blend * (now.opening - before.opening);
+    return { position, orientation: turn.toArray(), force: now.force, opening };
 }

@@ -6,7 +6,8 @@ const TO_GATEWAY = { control: 1, pose: 2, seen: 3 };
 
 // Field number: [name, type, repeated]. A type is a word below or the fields of a message.
 const ORGAN = { 1: ['name', 'string'], 2: ['vertices', 'varint'], 3: ['triangles', 'varint'] };
-const PART = { 1: ['corners', 'double', true], 2: ['rounding', 'double'], 3: ['disc', 'double'], 4: ['axis', 'double', true] };
+const HINGE = { 1: ['axis', 'double', true], 2: ['point', 'double', true], 3: ['closed', 'double'], 4: ['open', 'double'] };
+const PART = { 1: ['corners', 'double', true], 2: ['rounding', 'double'], 3: ['disc', 'double'], 4: ['axis', 'double', true], 5: ['hinge', HINGE] };
 const TOOL = {
     1: ['tool', 'varint'], 2: ['name', 'string'], 3: ['shape', 'string'], 4: ['radius', 'double'], 5: ['length', 'double'],
     6: ['taken', 'varint'], 7: ['parts', PART, true],
@@ -25,7 +26,7 @@ export const TOPOLOGY = {
 };
 const TOOL_STATE = {
     1: ['tool', 'varint'], 2: ['position', 'float', true], 3: ['orientation', 'float', true], 4: ['force', 'float', true],
-    5: ['phase', 'varint'],
+    5: ['phase', 'varint'], 6: ['opening', 'float'],
 };
 export const FRAME = {
     1: ['topology', 'varint'], 2: ['tick', 'varint'], 3: ['sequence', 'varint'], 5: ['tools', TOOL_STATE, true],
@@ -40,6 +41,7 @@ export const WRENCH = {
     1: ['tool', 'fixed32'], 2: ['epoch', 'fixed32'], 4: ['tick', 'fixed64'], 5: ['poseSequence', 'fixed32'],
     6: ['poseTime', 'fixed64'], 8: ['position', 'float', true], 9: ['orientation', 'float', true],
     12: ['force', 'float', true], 14: ['contactPoints', 'varint'], 15: ['phase', 'varint'], 16: ['flags', 'varint'],
+    22: ['opening', 'float'],
 };
 export const REPLY = { 1: ['error', 'string'], 2: ['attached', { 1: ['tool', 'varint'], 2: ['epoch', 'varint'] }] };
 
@@ -145,9 +147,9 @@ export function seen(sequence) {
     return bytes;
 }
 
-// `ToolPose`: position [m], orientation (x, y, z, w), buttons as bits, time [ns].
-export function pose(tool, { epoch, sequence, time, position, orientation, buttons }) {
-    const bytes = new Uint8Array(80);
+// `ToolPose`: position [m], orientation (x, y, z, w), buttons as bits, opening of the jaws (0 to 1), time [ns].
+export function pose(tool, { epoch, sequence, time, position, orientation, buttons, opening }) {
+    const bytes = new Uint8Array(88);
     const view = new DataView(bytes.buffer);
     let at = 0;
     const put = (...values) => values.forEach((value) => (bytes[at++] = value));
@@ -171,5 +173,8 @@ export function pose(tool, { epoch, sequence, time, position, orientation, butto
     floats(4, position);
     floats(5, orientation);
     put(64, ...varint(buttons));
+    put(80 + 5);
+    view.setFloat32(at, opening, true);
+    at += 4;
     return bytes.subarray(0, at);
 }

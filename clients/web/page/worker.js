@@ -1,7 +1,7 @@
 // The socket, the decoder and the loop of poses, where no drawing holds them up.
 //
 // From the page: { colouring }, { take: { hand, tool, rate } }, { release: { hand } }, { pose: { hand, position, orientation,
-// buttons } }, { press: { point, normal, depth } or null } with every picture, { reset }, { invite: rights }, { buffers }. To the page: { socket }, { notice }, { session }, { surface },
+// buttons, opening } }, { press: { point, normal, depth } or null } with every picture, { reset }, { invite: rights }, { buffers }. To the page: { socket }, { notice }, { session }, { surface },
 // { frame }, { status }, { wrench }, { taken: { hand, … } }, { free: { hand, fault } }, { fault }.
 
 import { Deformation } from './deformation.js';
@@ -212,7 +212,7 @@ setInterval(() => {
         if (held.moved && now - drawn < AWAY) {
             held.moved.step(now - drawn < ASLEEP && !held.isInside ? press : null, dt);
             const { position, orientation } = held.moved;
-            held.pose = { position, orientation, buttons: 0 };
+            held.pose = { position, orientation, buttons: 0, opening: 0 };
             sendPose(held, now);
         } else if (held.pose && now - held.at < STALE && now - held.sent >= REPEAT - 1) {
             sendPose(held, now);

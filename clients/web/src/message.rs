@@ -138,6 +138,7 @@ impl FromPage {
                     orientation: finite(&pose.orientation)?,
                     linear_velocity: None,
                     buttons: pose.buttons,
+                    opening: finite::<1>(&[pose.opening])?[0],
                 };
                 let ToolPose { epoch, sequence, time_ns, .. } = pose;
                 Some(Self::Pose { tool: (*tool).into(), pose: PagePose { epoch, sequence, time_ns, sample } })

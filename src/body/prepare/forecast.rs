@@ -106,7 +106,7 @@ impl Touch {
     fn tick(&mut self, mut inputs: Inputs, laps: &mut dyn Laps) {
         let down = (1.0 + DEPTH) * self.radius * Real::from(self.ticks.min(COMES)) / Real::from(COMES);
         let pose = Pose { position: self.top + Vec3::z() * (2.0 * self.radius - down), ..Pose::default() };
-        let sample = PoseSample { sequence: self.ticks, time_ns: 0, pose, buttons: 0 };
+        let sample = PoseSample { sequence: self.ticks, time_ns: 0, pose, buttons: 0, opening: 0.0 };
         inputs.tools[0] = Some(match self.ticks {
             0 => ToolEvent::Attach { epoch: 1, period_ticks: 1, coupling: Coupling::RIGID },
             _ => ToolEvent::Pose(sample),

@@ -159,6 +159,7 @@ fn a_ball_is_felt_as_the_continuum_says() {
                     time_ns: 0,
                     pose: Pose { position, ..Pose::default() },
                     buttons: 0,
+                    opening: 0.0,
                 }));
                 force = press.advance(&inputs).tools[0].state.physical_force.z;
             }

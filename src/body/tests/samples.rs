@@ -64,7 +64,7 @@ fn settings(body: &Body, shape: Shape, friction: Real) -> Settings {
 fn hold(simulation: &mut Simulation, sequence: u32, position: Vec3) -> Vec3 {
     let mut inputs = Inputs::default();
     let pose = Pose { position, ..Pose::default() };
-    inputs.tools[0] = Some(ToolEvent::Pose(PoseSample { sequence, time_ns: 0, pose, buttons: 0 }));
+    inputs.tools[0] = Some(ToolEvent::Pose(PoseSample { sequence, time_ns: 0, pose, buttons: 0, opening: 0.0 }));
     simulation.advance(&inputs).tools[0].state.physical_force
 }
 
@@ -316,7 +316,7 @@ fn two_balls_near_each_other_come_to_rest_and_bear_alike() {
             let pose = |side: Real| {
                 let position = Vec3::new(0.1 + side * apart / 2.0, 0.1, SIZE.z + 0.01 - depth);
                 let pose = Pose { position, ..Pose::default() };
-                Some(ToolEvent::Pose(PoseSample { sequence: tick + 1, time_ns: 0, pose, buttons: 0 }))
+                Some(ToolEvent::Pose(PoseSample { sequence: tick + 1, time_ns: 0, pose, buttons: 0, opening: 0.0 }))
             };
             inputs.tools[..2].copy_from_slice(&[-1.0, 1.0].map(pose));
             simulation.advance(&inputs);

@@ -8,9 +8,8 @@ use super::posed::posed;
 use super::rigid::{Found, Rigid};
 use super::samples::{Hold, Samples};
 use super::shape::MOST_PARTS;
-use super::tool::MOST_POINTS;
+use super::tool::{MOST_POINTS, Wrench};
 use super::touchable::{FASTEST_SURFACE, MARGIN, Touchable};
-use super::wrench::middle_pose;
 use crate::ids::Vertex;
 use crate::math::{Bounds, Real, Vec3};
 use crate::model::active_mesh::contact_row::Surroundings;
@@ -100,9 +99,8 @@ pub fn detect(
 ) {
     let Rigid { id, shape, state: tool, .. } = rigid;
     let Found { constraints, points_of_action } = out;
-    let middle = middle_pose(tool);
     let ((all, parts), (start, _), (end, _)) =
-        (posed(&middle, shape), posed(&tool.previous, shape), posed(&tool.pose, shape));
+        (posed(&tool.middle(), shape), posed(&tool.previous_stance(), shape), posed(&tool.stance(), shape));
     let all = &all[..parts];
     let way = |i: usize| start[i].frame.farthest_move(&end[i].frame, all[i].part);
     let margin = (0..parts).map(|i| way(i) + FASTEST_SURFACE * TICK).fold(MARGIN, Real::max);
@@ -122,7 +120,7 @@ pub fn detect(
     let density = Density::of(shape.parts(), MOST_POINTS);
     let moving = |number: usize| {
         let number = number.min(parts - 1);
-        MovingPart { at: &all[number], number, all, moves: [&start[number].frame, &end[number].frame], margin, density }
+        MovingPart { at: &all[number], number, all, moves: [&start[number], &end[number]], margin, density }
     };
     let moving: [MovingPart; MOST_PARTS] = std::array::from_fn(moving);
     let moving = &moving[..parts];
@@ -139,7 +137,8 @@ pub fn detect(
     }
     work.memory.clear();
     // The pose is where the coupling's springs are as long as the last force and torque made them.
-    let allowed_for = Pushed { force: -tool.physical_force, torque: -tool.physical_torque };
+    let Wrench { force, torque, grip } = tool.physical();
+    let allowed_for = Pushed { force: -force, torque: -torque, grip: -grip };
     let hold = Hold { rigid, parts: moving, allowed_for, first: constraints.len() };
     let out = Found { constraints, points_of_action };
     samples.constrain(on, &hold, memory, out, &mut work.memory);

@@ -1,7 +1,9 @@
 //! What is remembered of a contact point after the solve: its multipliers, and where it sticks to the tool.
 
+use super::jaws::Stance;
+use super::shape::Shape;
 use super::tool::ToolState;
-use crate::math::{Pose, Real, Vec3};
+use crate::math::{Real, Vec3};
 use crate::model::constraint::PointMemory;
 use crate::model::step_class::TICK;
 use crate::model::{ActiveMesh, Constraint};
@@ -15,7 +17,11 @@ pub struct Solved<'a> {
     /// The tool's own constraints.
     pub constraints: &'a [Constraint],
     /// Where the solve took the tool to be.
-    pub at: Pose,
+    pub at: Stance,
+    /// Convex parts of the tool; nothing of the ground.
+    pub shape: Option<&'a Shape>,
+    /// [`Constraint::point`] of one part less than that of the next.
+    pub per_part: u32,
     /// The body has moved by a tick and not stood still.
     pub moved: bool,
 }
@@ -25,7 +31,12 @@ pub struct Solved<'a> {
 /// A point that slips takes its anchor along, so that nothing but the force on the edge of Coulomb's disc is left to
 /// hold it; one that sticks keeps its anchor for ever.
 pub fn remember(mesh: &ActiveMesh, solved: &Solved, tool: &ToolState, points: &mut [PointMemory]) {
-    let Solved { constraints, at, moved } = *solved;
+    let Solved { constraints, at, shape, per_part, moved } = *solved;
+    // The tool's frame as the part of a point has it.
+    let carrier = |stance: &Stance, point: u32| {
+        let part = shape.and_then(|shape| shape.parts().get((point / per_part) as usize));
+        part.map_or(stance.pose, |part| stance.of_part(part))
+    };
     for (c, point) in constraints.iter().zip(points) {
         debug_assert_eq!(c.point, point.point);
         point.multiplier = c.multiplier;
@@ -45,8 +56,9 @@ pub fn remember(mesh: &ActiveMesh, solved: &Solved, tool: &ToolState, points: &m
         if moved && c.friction.multiplier.norm() >= SLIPS * c.friction.coefficient * c.multiplier {
             let sheared = |(other, g): (&Constraint, &Real)| other.friction.multiplier * (g * c.friction.compliance);
             let shear: Vec3 = sharing.iter().zip(&c.compliance).map(sheared).sum();
-            let geomorph = c.friction.anchor + c.friction.rate * TICK - at.to_world(point.anchor);
-            point.anchor = tool.pose.to_own(point.place + shear - geomorph);
+            let geomorph =
+                c.friction.anchor + c.friction.rate * TICK - carrier(&at, point.point).to_world(point.anchor);
+            point.anchor = carrier(&tool.stance(), point.point).to_own(point.place + shear - geomorph);
         }
     }
 }

@@ -8,7 +8,7 @@ use super::touchable::{FASTEST_SURFACE, MARGIN};
 use crate::ids::{ToolId, Vertex};
 use crate::math::{Real, Vec3};
 use crate::model::active_mesh::skin;
-use crate::model::constraint::{Constraint, PointMemory, Pushed};
+use crate::model::constraint::{Constraint, Held, PointMemory, Pushed};
 use crate::model::step_class::{TICK, step_of};
 use crate::model::{ActiveMesh, Body, Friction};
 
@@ -88,8 +88,9 @@ pub fn lie(
                 multiplier: tangential,
                 mean_multiplier: Vec3::zeros(),
             },
-            arm: place - state.previous.towards(&state.pose, 0.5).position,
-            coupling: state.coupling,
+            arm: place - state.middle().pose.position,
+            lever: Vec3::zeros(),
+            held: Held { coupling: state.coupling, ..Held::default() },
             allowed_for: Pushed::default(),
             horizon,
         });

@@ -9,6 +9,7 @@ pub mod detection;
 pub mod friction;
 pub mod ground;
 mod influence;
+pub mod jaws;
 mod moving_part;
 mod nearby;
 pub mod obstacle;

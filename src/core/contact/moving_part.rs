@@ -2,7 +2,7 @@
 
 use super::density::Density;
 use super::posed::Posed;
-use super::shape::{Core, Frame};
+use super::shape::Core;
 use super::solid::Solid;
 use super::view::{LEAST_FACING, View, part_before};
 use crate::math::{Real, Vec3};
@@ -18,7 +18,7 @@ pub(super) struct MovingPart<'a> {
     /// ... and all of them.
     pub(super) all: &'a [Posed<'a>],
     /// At its start and at its end.
-    pub(super) moves: [&'a Frame; 2],
+    pub(super) moves: [&'a Posed<'a>; 2],
     /// Up to this far away it is looked at [m].
     pub(super) margin: Real,
     pub(super) density: Density,

@@ -1,5 +1,6 @@
 //! Obstacles: rigid things of the scene that the body meets, and that no hand moves.
 
+use super::jaws::Stance;
 use super::outside::is_inside;
 use super::posed::{Posed, posed};
 use super::shape::{Part, Shape};
@@ -78,7 +79,7 @@ pub fn deepest_overlap(body: &Body, obstacle: &Obstacle) -> (Real, Vec3) {
         }
         Form::Parts(shape) => shape,
     };
-    let (all, parts) = posed(&pose, shape);
+    let (all, parts) = posed(&Stance::at(pose), shape);
     let of_part = |at: &Posed| {
         let depth = |p: &Vec3| {
             let away = p - at.frame.at(at.nearest(*p));

@@ -1,16 +1,17 @@
 //! Whether a tool is outside the body.
 
+use super::jaws::Stance;
 use super::posed::{Posed, posed};
 use super::shape::Shape;
 use super::touchable::weights_in_triangle;
 use crate::ids::Vertex;
-use crate::math::{Pose, Real, Vec3};
+use crate::math::{Real, Vec3};
 use crate::model::Body;
 
 /// True when the tool neither touches nor lies inside the `body`, its display vertices where `vertices` are [m]: where it
 /// may engage.
-pub fn is_outside(body: &Body, vertices: &[Vec3], shape: &Shape, pose: &Pose) -> bool {
-    let (all, parts) = posed(pose, shape);
+pub fn is_outside(body: &Body, vertices: &[Vec3], shape: &Shape, stance: &Stance) -> bool {
+    let (all, parts) = posed(stance, shape);
     all[..parts].iter().all(|at| is_part_outside(body, vertices, at))
 }
 

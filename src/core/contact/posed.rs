@@ -1,16 +1,17 @@
 //! The parts of a tool where they are: what contact asks of them.
 
+use super::jaws::Stance;
 use super::shape::{Core, Frame, MOST_PARTS, Part, Shape};
 use crate::math::{Bounds, Pose, Real, Vec3, from_parry, to_parry};
 use parry3d_f64::query::PointQuery;
 use parry3d_f64::query::details::closest_points_segment_segment_with_locations_nD as segment_segment;
 use parry3d_f64::shape::{Segment, Triangle};
 
-/// The parts of a tool at `pose`, and how many they are: what is behind them repeats the first.
-pub fn posed<'a>(pose: &Pose, shape: &'a Shape) -> ([Posed<'a>; MOST_PARTS], usize) {
-    let mut all = [Posed::new(pose, &shape.parts()[0]); MOST_PARTS];
+/// The parts of a tool where it stands, and how many they are: what is behind them repeats the first.
+pub fn posed<'a>(stance: &Stance, shape: &'a Shape) -> ([Posed<'a>; MOST_PARTS], usize) {
+    let mut all = [Posed::new(stance, &shape.parts()[0]); MOST_PARTS];
     for (posed, part) in all.iter_mut().zip(shape.parts()).skip(1) {
-        *posed = Posed::new(pose, part);
+        *posed = Posed::new(stance, part);
     }
     (all, shape.parts().len())
 }
@@ -20,14 +21,17 @@ pub fn posed<'a>(pose: &Pose, shape: &'a Shape) -> ([Posed<'a>; MOST_PARTS], usi
 pub struct Posed<'a> {
     /// The part.
     pub part: &'a Part,
+    /// The tool's frame as the part has it.
+    pub carrier: Pose,
     /// Its core in the world.
     pub frame: Frame,
 }
 
 impl<'a> Posed<'a> {
-    /// `part` of a tool at `pose`.
-    pub fn new(pose: &Pose, part: &'a Part) -> Self {
-        Self { part, frame: Frame::new(pose, part) }
+    /// `part` of a tool that stands so.
+    pub fn new(stance: &Stance, part: &'a Part) -> Self {
+        let carrier = stance.of_part(part);
+        Self { part, carrier, frame: Frame::new(&carrier, part) }
     }
 
     /// Coordinates of the core's point nearest to the world's place `p`; where `p` is inside, those of `p`.

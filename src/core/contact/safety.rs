@@ -1,7 +1,6 @@
 //! Safety of the hand: the rendered force is bounded, changes at a bounded rate, and rises and falls on ramps.
 
-use super::tool::{Phase, TRANSITION_TICKS, ToolState};
-use super::wrench::Wrench;
+use super::tool::{Phase, TRANSITION_TICKS, ToolState, Wrench};
 use crate::math::{Real, is_finite};
 
 /// Bounds on what is rendered. The slew limit is a net set well above what tissue does (a hard tap changes the force
@@ -32,11 +31,12 @@ pub struct Limited {
     pub ramping: bool,
 }
 
-/// Sets `tool.force` and `tool.torque` from the physical wrench, one tick of `tick` [s] after the last ones.
+/// Sets `tool.force`, `tool.torque` and the jaws' from the physical wrench, one tick of `tick` [s] after the last ones.
 pub fn render(tool: &mut ToolState, physical: &Wrench, limits: &ForceLimits, tick: Real) -> Limited {
-    if !(is_finite(&physical.force) && is_finite(&physical.torque)) {
+    if !(is_finite(&physical.force) && is_finite(&physical.torque) && physical.grip.is_finite()) {
         tool.force.fill(0.0);
         tool.torque.fill(0.0);
+        tool.jaws.torque = 0.0;
         return Limited::default();
     }
     let scale = if tool.touches() { tool.ramp } else { 0.0 };
@@ -69,6 +69,12 @@ pub fn render(tool: &mut ToolState, physical: &Wrench, limits: &ForceLimits, tic
             limited.slew = true;
         }
     }
+    // Jaws have an axis of their own: neither limit nor slew of theirs is the wrench's.
+    let (grip, change) = (physical.grip * scale, slew * limits.torque / limits.force * tick);
+    let bounded = grip.max(-limits.torque).min(limits.torque);
+    let rendered = bounded.max(tool.jaws.torque - change).min(tool.jaws.torque + change);
+    (limited.clamped, limited.slew) = (limited.clamped || bounded != grip, limited.slew || rendered != bounded);
+    tool.jaws.torque = rendered;
     tool.force = force;
     tool.torque = torque;
     limited
@@ -90,7 +96,7 @@ mod tests {
     fn a_force_that_is_not_a_number_becomes_none() {
         let mut tool = engaged();
         tool.force = Vec3::x();
-        let bad = Wrench { force: Vec3::new(Real::NAN, 0.0, 0.0), torque: Vec3::zeros() };
+        let bad = Wrench { force: Vec3::new(Real::NAN, 0.0, 0.0), torque: Vec3::zeros(), grip: 0.0 };
         render(&mut tool, &bad, &LIMITS, 1e-3);
         assert_eq!(tool.force, Vec3::zeros());
     }
@@ -116,7 +122,7 @@ mod tests {
             tool.ramp = ramp;
             for f in forces {
                 let before = tool.force;
-                let physical = Wrench { force: Vec3::new(f[0], f[1], f[2]), torque: Vec3::new(f[3], f[4], f[5]) };
+                let physical = Wrench { force: Vec3::new(f[0], f[1], f[2]), torque: Vec3::new(f[3], f[4], f[5]), grip: f[3] };
                 render(&mut tool, &physical, &LIMITS, 1e-3);
                 prop_assert!(tool.force.norm() <= LIMITS.force * (1.0 + 1e-12));
                 prop_assert!(tool.torque.norm() <= LIMITS.torque * (1.0 + 1e-12));

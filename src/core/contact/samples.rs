@@ -9,16 +9,16 @@ use super::ahead::{Ahead, overlapped, still_ahead};
 use super::closing::{Before, Closing, UNNOTICED};
 use super::density::{COLUMNS, MOST_PATCHES, MOST_SAMPLES, ROWS};
 use super::influence::{Grid, Narrow, variance_of_disc};
+use super::jaws::Mechanism;
 use super::moving_part::{MovingPart, Silhouette};
 use super::patch::{Patch, Pressed};
 use super::rigid::{Found, Rigid};
 use super::touchable::{Touchable, area_vector};
 use super::view::{LEAST_FACING, View, part_before};
-use super::wrench::middle_pose;
 use crate::ids::{Triangle, Vertex};
 use crate::math::{Real, Vec3};
 use crate::model::active_mesh::contact_row::{self, DEVIATION, Surroundings, support};
-use crate::model::constraint::{Constraint, Friction, MOST_POINTS, PointMemory, Pushed};
+use crate::model::constraint::{Constraint, Friction, Held, MOST_POINTS, PointMemory, Pushed};
 use crate::model::step_class::TICK;
 use crate::model::{Material, Row};
 use std::f64::consts::PI;
@@ -299,7 +299,7 @@ impl Samples {
         // Of the mesh, which does not show the dent, the tool overlaps more than its patch: the most where the mesh is dented the least.
         let along = |v: Vec3| view.ahead.dot(&v);
         let depth = |sample: &Sample| {
-            let [from, to] = part.moves.map(|frame| frame.at(sample.core));
+            let [from, to] = part.moves.map(|moved| moved.frame.at(sample.core));
             along(sample.displayed - part.at.frame.at(sample.core)) - along(to - from).abs()
         };
         let foremost = &self.found[first..][part.on_line()];
@@ -466,14 +466,14 @@ impl Samples {
         out: Found,
         memory: &mut Vec<PointMemory>,
     ) {
-        let Rigid { id, friction, state: tool, horizon, .. } = hold.rigid;
-        let first = hold.first;
+        let Rigid { id, shape, friction, state: tool, horizon } = hold.rigid;
+        let (first, middle, mechanism) = (hold.first, tool.middle(), &Mechanism::of(shape));
         for (i, sample) in self.found.iter().enumerate() {
             let face = &self.faces[sample.face as usize];
             let part = &hold.parts[face.part];
-            let radius = part.radius();
+            let (radius, carried) = (part.radius(), part.moves.map(|moved| moved.carrier));
             let n = sample.load.normal;
-            let [start, end] = part.moves.map(|frame| frame.at(sample.core));
+            let [start, end] = part.moves.map(|moved| moved.frame.at(sample.core));
             let known = sample.known.map(|k| &known[k as usize]);
             let mut compliance = [0.0; MOST_POINTS];
             let before = &out.constraints[first..];
@@ -506,8 +506,9 @@ impl Samples {
                     multiplier: Vec3::zeros(),
                     mean_multiplier: Vec3::zeros(),
                 },
-                arm: met_at - middle_pose(tool).position,
-                coupling: tool.coupling,
+                arm: met_at - middle.pose.position,
+                lever: middle.lever(part.at.part, mechanism, met_at),
+                held: Held { coupling: tool.coupling, grip: mechanism.grip(tool.jaws.device) },
                 allowed_for: hold.allowed_for,
                 horizon,
             };
@@ -535,12 +536,12 @@ impl Samples {
                     let tangential = stuck.map_or(Vec3::zeros(), |m| m.tangential - n * n.dot(&m.tangential));
                     let anchor = match stuck {
                         // The samples have moved over the surface: the anchor goes along by as much.
-                        Some(m) => tool.previous.to_world(m.anchor) + sample.displayed - on.touched(m),
+                        Some(m) => carried[0].to_world(m.anchor) + sample.displayed - on.touched(m),
                         None => place,
                     };
-                    let own = tool.previous.to_own(anchor);
+                    let own = carried[0].to_own(anchor);
                     constraint.friction.anchor = anchor;
-                    constraint.friction.rate = (tool.pose.to_world(own) - anchor) / TICK;
+                    constraint.friction.rate = (carried[1].to_world(own) - anchor) / TICK;
                     constraint.friction.multiplier = tangential;
                     (remembered.anchor, remembered.tangential) = (own, tangential);
                 }

@@ -4,6 +4,7 @@
 //! core's points have *coordinates* that turn and move with the tool: `(0, 0, part)` on an axis, metres in the part's
 //! own frame in a solid core.
 
+use super::jaws::Hinge;
 pub use super::solid::MOST_CORNERS;
 use super::solid::{Hull, Solid};
 use crate::math::{Bounds, Pose, Real, Vec3};
@@ -13,6 +14,8 @@ pub use crate::model::constraint::MOST_PARTS;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Shape {
     parts: Vec<Part>,
+    /// See [`Shape::grip`].
+    grip: Real,
 }
 
 impl Shape {
@@ -28,7 +31,18 @@ impl Shape {
 
     /// Of one to [`MOST_PARTS`] parts; `None` for another number.
     pub fn compound(parts: Vec<Part>) -> Option<Self> {
-        (1..=MOST_PARTS).contains(&parts.len()).then_some(Self { parts })
+        (1..=MOST_PARTS).contains(&parts.len()).then_some(Self { parts, grip: 0.0 })
+    }
+
+    /// The same shape, of which the hinged parts press with `grip` [N·m].
+    pub fn with_grip(self, grip: Real) -> Self {
+        Self { grip, ..self }
+    }
+
+    /// Moment between its jaws where a client closes them all the way and something holds them open as far as they go [N·m]; 0:
+    /// nothing makes them give way.
+    pub fn grip(&self) -> Real {
+        self.grip
     }
 
     /// Its parts.
@@ -44,7 +58,7 @@ impl Shape {
 
 impl From<Part> for Shape {
     fn from(part: Part) -> Self {
-        Self { parts: vec![part] }
+        Self { parts: vec![part], grip: 0.0 }
     }
 }
 
@@ -54,8 +68,10 @@ pub struct Part {
     pub(super) core: Core,
     /// Of the rounding around the core [m].
     pub(super) radius: Real,
-    /// Where it is in the tool's own frame.
+    /// Where it is in the tool's own frame, ...
     place: Pose,
+    /// ... from where this turns it.
+    hinge: Option<Hinge>,
     /// Half of its least width [m].
     half_thickness: Real,
     /// Capsule about as large: start and axis in the tool's own frame [m], and radius [m].
@@ -106,7 +122,8 @@ impl Part {
     }
 
     fn new(core: Core, radius: Real, half_thickness: Real, outline: (Vec3, Vec3, Real)) -> Self {
-        let part = Self { core, radius, place: Pose::default(), half_thickness, outline, bounding_radius: 0.0 };
+        let part =
+            Self { core, radius, place: Pose::default(), hinge: None, half_thickness, outline, bounding_radius: 0.0 };
         part.at(Pose::default())
     }
 
@@ -115,10 +132,31 @@ impl Part {
         let (old, (start, along, radius)) = (self.place, self.outline);
         self.outline = (place.to_world(old.to_own(start)), place.rotate(old.unrotate(along)), radius);
         self.place = place;
-        let frame = Frame::new(&Pose::default(), &self);
-        let farthest = self.core.box_corners().map(|c| frame.at(c).norm()).fold(0.0, Real::max);
-        self.bounding_radius = farthest + self.radius;
+        self.bounding_radius = self.farthest(Vec3::zeros());
         self
+    }
+
+    /// The same part on a hinge.
+    pub fn hinged(mut self, hinge: Hinge) -> Self {
+        self.hinge = Some(hinge);
+        self.bounding_radius = hinge.point.norm() + self.farthest(hinge.point);
+        self
+    }
+
+    /// What it turns about as the tool's jaws open.
+    pub fn hinge(&self) -> Option<&Hinge> {
+        self.hinge.as_ref()
+    }
+
+    /// How far from its hinge it reaches at most [m].
+    pub(super) fn reach(&self) -> Real {
+        self.hinge.map_or(0.0, |hinge| self.farthest(hinge.point))
+    }
+
+    /// How far from `point` of the tool's own frame it reaches at most [m].
+    fn farthest(&self, point: Vec3) -> Real {
+        let frame = Frame::new(&Pose::default(), self);
+        self.core.box_corners().map(|c| (frame.at(c) - point).norm()).fold(0.0, Real::max) + self.radius
     }
 
     /// Radius of the rounding around the core [m].
@@ -136,7 +174,7 @@ impl Part {
         matches!(self.core, Core::Axis(0.0)).then_some(self.radius)
     }
 
-    /// A capsule about as large: start and axis in the tool's own frame [m], and its radius [m].
+    /// A capsule about as large: start and axis in the tool's own frame as the part has it [m], and its radius [m].
     pub fn outline(&self) -> (Vec3, Vec3, Real) {
         self.outline
     }
@@ -217,7 +255,7 @@ pub struct Frame {
 }
 
 impl Frame {
-    /// Of `part` of a tool at `pose`.
+    /// Of `part` whose tool's frame is `pose`, as the part has it.
     pub fn new(pose: &Pose, part: &Part) -> Self {
         let length = match part.core {
             Core::Axis(length) => length,

@@ -2,6 +2,7 @@
 //!
 //! Everything is counted in ticks, so that the same inputs give the same motion whenever they are replayed.
 
+use super::jaws::{Jaws, Mechanism, Stance};
 use crate::math::{Pose, Real, Vec3, is_finite};
 use serde::{Deserialize, Serialize};
 
@@ -44,6 +45,19 @@ pub struct PoseSample {
     pub pose: Pose,
     /// Bit i: button i is held.
     pub buttons: u32,
+    /// How far the tool's jaws are to be open: 0 to 1.
+    pub opening: Real,
+}
+
+/// Force [N] and torque about a tool's reference point [N·m].
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Wrench {
+    /// Force [N].
+    pub force: Vec3,
+    /// Torque [N·m].
+    pub torque: Vec3,
+    /// What opens its jaws, for the angle between them [N·m].
+    pub grip: Real,
 }
 
 /// What happens to a tool in one tick.
@@ -112,6 +126,8 @@ pub struct ToolState {
     pub time_ns: u64,
     /// Buttons held.
     pub buttons: u32,
+    /// How far its jaws are open.
+    pub jaws: Jaws,
     /// The tool cannot keep up with the poses: its speed is bounded.
     pub speed_limited: bool,
     /// Part of the physical force that is rendered, 0..=1.
@@ -144,7 +160,7 @@ pub const TRANSITION_TICKS: u32 = 32;
 const CLIENT_FADE: (u32, u32) = (20, 70);
 
 /// Fastest that an engaged tool turns [rad/s]: two turns a second is more than a wrist does.
-const MOST_TURN: Real = 12.0;
+pub(super) const MOST_TURN: Real = 12.0;
 
 impl ToolState {
     /// True when the tool pushes the body.
@@ -171,16 +187,17 @@ impl ToolState {
         self.ramp = self.ramp.min(left);
         self.force *= left;
         self.torque *= left;
+        self.jaws.torque *= left;
     }
 
     /// Takes in what happened and moves the tool by one tick of `tick` [s].
-    pub fn follow(&mut self, event: Option<&ToolEvent>, tick: Real, bounds: &Following) {
+    pub fn follow(&mut self, event: Option<&ToolEvent>, mechanism: &Mechanism, tick: Real, bounds: &Following) {
         self.age_ticks = self.age_ticks.saturating_add(1);
         match event {
             Some(ToolEvent::Attach { epoch, period_ticks, coupling }) => {
                 self.let_go();
                 // The hand before let go of a force that still falls at the slew limit: it is not the next one's.
-                (self.force, self.torque) = Default::default();
+                (self.force, self.torque, self.jaws.torque) = Default::default();
                 (self.epoch, self.period_ticks) = (*epoch, (*period_ticks).max(1));
                 self.coupling = *coupling;
                 (self.sequence, self.time_ns, self.buttons) = (0, 0, 0);
@@ -193,13 +210,13 @@ impl ToolState {
             None => {}
         }
         self.watch(bounds);
-        self.move_on(tick, bounds);
+        self.move_on(mechanism, tick, bounds);
     }
 
     fn let_go(&mut self) {
         self.phase = Phase::Detached;
         self.ramp = 0.0;
-        (self.physical_force, self.physical_torque) = Default::default();
+        (self.physical_force, self.physical_torque, self.jaws.physical_torque) = Default::default();
     }
 
     fn take(&mut self, sample: &PoseSample) {
@@ -209,6 +226,7 @@ impl ToolState {
         self.buttons = sample.buttons;
         self.target = sample.pose;
         self.remaining_ticks = self.period_ticks.max(1);
+        self.jaws.take(sample.opening, self.phase == Phase::Detached);
         match self.phase {
             // A tool that touches nothing may be anywhere at once.
             Phase::Detached => {
@@ -232,6 +250,7 @@ impl ToolState {
             Phase::Engaged if self.age_ticks > dog.hold => {
                 self.phase = Phase::Holding;
                 self.target = self.device;
+                self.jaws.hold();
                 self.remaining_ticks = 0;
             }
             Phase::Engaged => self.ramp = (self.ramp + 1.0 / Real::from(bounds.engage_ticks.max(1))).min(1.0),
@@ -248,11 +267,12 @@ impl ToolState {
 
     /// One tick along the way to the newest pose: a `remaining_ticks`-th of it, so that a headset's 72 poses a second
     /// become a smooth path, and never faster than the bounds.
-    fn move_on(&mut self, tick: Real, bounds: &Following) {
+    fn move_on(&mut self, mechanism: &Mechanism, tick: Real, bounds: &Following) {
         self.previous = self.pose;
         self.speed_limited = false;
         let fraction = 1.0 / Real::from(self.remaining_ticks.max(1));
         self.remaining_ticks = self.remaining_ticks.saturating_sub(1);
+        self.jaws.follow(mechanism, fraction, tick, Some(bounds).filter(|_| self.touches()));
         if !self.touches() {
             self.device = self.device.towards(&self.target, fraction);
             self.pose = self.device;
@@ -290,12 +310,38 @@ impl ToolState {
         pose
     }
 
-    /// Takes in the contact force [N] and torque [N·m] of this tick, under which the simulated tool hangs back from the
-    /// device.
-    pub fn update_proxy(&mut self, force: Vec3, torque: Vec3) {
+    /// Takes in the contact's `wrench` of this tick, under which the simulated tool hangs back from the device.
+    pub fn update_proxy(&mut self, mechanism: &Mechanism, wrench: &Wrench) {
+        let Wrench { force, torque, grip } = *wrench;
         let sound = is_finite(&force) && is_finite(&torque);
         (self.physical_force, self.physical_torque) = if sound { (force, torque) } else { Default::default() };
         self.pose = self.proxy();
+        self.jaws.update(mechanism, grip, self.touches());
+    }
+
+    /// It has not moved in the tick.
+    pub fn stand(&mut self) {
+        (self.previous, self.jaws.previous) = (self.pose, self.jaws.opening);
+    }
+
+    /// Where it is at the end of the tick.
+    pub fn stance(&self) -> Stance {
+        Stance { pose: self.pose, opening: self.jaws.opening }
+    }
+
+    /// Where it was at its start.
+    pub fn previous_stance(&self) -> Stance {
+        Stance { pose: self.previous, opening: self.jaws.previous }
+    }
+
+    /// In the middle of the tick: where contacts are found and moments taken.
+    pub fn middle(&self) -> Stance {
+        self.previous_stance().half_way(&self.stance())
+    }
+
+    /// What the contact has put on it, last tick.
+    pub fn physical(&self) -> Wrench {
+        Wrench { force: self.physical_force, torque: self.physical_torque, grip: self.jaws.physical_torque }
     }
 }
 
@@ -311,13 +357,19 @@ mod tests {
             time_ns: 0,
             pose: Pose { position: Vec3::new(x, 0.0, 0.0), ..Pose::default() },
             buttons: 0,
+            opening: 0.0,
         })
     }
 
     fn engaged(period_ticks: u32) -> ToolState {
         let mut tool = ToolState::default();
-        tool.follow(Some(&ToolEvent::Attach { epoch: 1, period_ticks, coupling: Coupling::RIGID }), 1e-3, &BOUNDS);
-        tool.follow(Some(&at(0.0, 1)), 1e-3, &BOUNDS);
+        tool.follow(
+            Some(&ToolEvent::Attach { epoch: 1, period_ticks, coupling: Coupling::RIGID }),
+            &Mechanism::default(),
+            1e-3,
+            &BOUNDS,
+        );
+        tool.follow(Some(&at(0.0, 1)), &Mechanism::default(), 1e-3, &BOUNDS);
         tool.phase = Phase::Engaged;
         tool
     }
@@ -326,9 +378,9 @@ mod tests {
     fn a_new_holder_feels_nothing_of_the_force_of_the_last_one() {
         let mut tool = engaged(1);
         (tool.ramp, tool.force, tool.torque) = (1.0, Vec3::new(0.0, 0.0, 1.6), Vec3::new(0.0, 0.05, 0.0));
-        tool.follow(Some(&ToolEvent::Detach), 1e-3, &BOUNDS);
+        tool.follow(Some(&ToolEvent::Detach), &Mechanism::default(), 1e-3, &BOUNDS);
         let next = ToolEvent::Attach { epoch: 2, period_ticks: 1, coupling: Coupling::RIGID };
-        tool.follow(Some(&next), 1e-3, &BOUNDS);
+        tool.follow(Some(&next), &Mechanism::default(), 1e-3, &BOUNDS);
         assert_eq!((tool.epoch, tool.force, tool.torque), (2, Vec3::zeros(), Vec3::zeros()));
     }
 
@@ -338,7 +390,7 @@ mod tests {
         let mut last = 0.0;
         for tick in 0..140 {
             let event = (tick % 14 == 0).then(|| at(0.0005 * Real::from(tick), 2 + tick as u32));
-            tool.follow(event.as_ref(), 1e-3, &BOUNDS);
+            tool.follow(event.as_ref(), &Mechanism::default(), 1e-3, &BOUNDS);
             assert!((tool.pose.position.x - last).abs() <= 0.0005 + 1e-12);
             last = tool.pose.position.x;
         }
@@ -348,7 +400,7 @@ mod tests {
     #[test]
     fn a_jump_of_a_metre_is_followed_at_the_speed_limit() {
         let mut tool = engaged(1);
-        tool.follow(Some(&at(1.0, 2)), 1e-3, &BOUNDS);
+        tool.follow(Some(&at(1.0, 2)), &Mechanism::default(), 1e-3, &BOUNDS);
         assert!((tool.pose.position.x - 1e-3).abs() < 1e-12 && tool.speed_limited);
     }
 
@@ -358,7 +410,7 @@ mod tests {
         tool.ramp = 1.0;
         let mut ramps = Vec::new();
         for _ in 0..100 {
-            tool.follow(None, 1e-3, &BOUNDS);
+            tool.follow(None, &Mechanism::default(), 1e-3, &BOUNDS);
             ramps.push((tool.age_ticks, tool.phase, tool.ramp));
         }
         let at_age = |age: u32| ramps.iter().find(|r| r.0 == age).copied().unwrap();
@@ -390,7 +442,7 @@ mod tests {
             tool.lapse(ticks, &BOUNDS);
             assert!((tool.force.z - 2.0 * left).abs() < 1e-12, "{period} {ticks}: {}", tool.force);
             // A pose that had waited since the machine went away does not make up for it.
-            tool.follow(Some(&at(0.0, 2)), 1e-3, &BOUNDS);
+            tool.follow(Some(&at(0.0, 2)), &Mechanism::default(), 1e-3, &BOUNDS);
             assert_eq!(tool.phase, phase, "{period} {ticks}");
             assert!(tool.ramp <= left + 0.01 + 1e-12, "{period} {ticks}: {}", tool.ramp);
         }
@@ -406,12 +458,12 @@ mod tests {
     fn a_client_that_is_back_before_its_force_is_gone_goes_on_and_one_back_later_waits_outside() {
         let mut tool = engaged(1);
         tool.ramp = 1.0;
-        (0..40).for_each(|_| tool.follow(None, 1e-3, &BOUNDS));
-        tool.follow(Some(&at(0.0, 2)), 1e-3, &BOUNDS);
+        (0..40).for_each(|_| tool.follow(None, &Mechanism::default(), 1e-3, &BOUNDS));
+        tool.follow(Some(&at(0.0, 2)), &Mechanism::default(), 1e-3, &BOUNDS);
         assert_eq!(tool.phase, Phase::Engaged);
         assert!(tool.ramp < 0.7);
-        (0..80).for_each(|_| tool.follow(None, 1e-3, &BOUNDS));
-        tool.follow(Some(&at(0.0, 3)), 1e-3, &BOUNDS);
+        (0..80).for_each(|_| tool.follow(None, &Mechanism::default(), 1e-3, &BOUNDS));
+        tool.follow(Some(&at(0.0, 3)), &Mechanism::default(), 1e-3, &BOUNDS);
         assert_eq!((tool.phase, tool.ramp), (Phase::Waiting, 0.0));
     }
 }

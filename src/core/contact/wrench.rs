@@ -1,21 +1,12 @@
 //! From multipliers to the wrench on the tool.
 
-use super::tool::ToolState;
+pub use super::tool::Wrench;
 use crate::ids::ToolId;
-use crate::math::{Pose, Real, Vec3};
+use crate::math::{Pose, Vec3};
 use crate::model::Constraint;
 
-/// Force [N] and torque about a tool's reference point [N·m].
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Wrench {
-    /// Force [N].
-    pub force: Vec3,
-    /// Torque [N·m].
-    pub torque: Vec3,
-}
-
-/// What `constraints` put on tool `tool`: minus the sum of the mean multipliers and of their moments about the
-/// reference point, and how many of them push.
+/// What `constraints` put on tool `tool`: minus the sum of the mean multipliers, of their moments about the
+/// reference point and of those that open its jaws, and how many of them push.
 ///
 /// What acts along the surface does so at the `surface_points` of the body, and what pushes at the constraint's arm, along the normal
 /// from the tool's axis: a frictionless ball feels no torque about its centre.
@@ -29,13 +20,9 @@ pub fn wrench_on(tool: ToolId, middle: &Pose, constraints: &[Constraint], surfac
         let on_tool = -c.normal * c.mean_multiplier - c.friction.mean_multiplier;
         sum.force += on_tool;
         let arm = point - middle.position;
+        sum.grip += c.lever.dot(&on_tool);
         sum.torque += arm.cross(&on_tool) + (arm - c.arm).cross(&c.normal) * c.mean_multiplier;
         pushing += 1;
     }
     (sum, pushing)
-}
-
-/// The pose in the middle of the last tick: where contacts are found and moments taken.
-pub fn middle_pose(tool: &ToolState) -> Pose {
-    tool.previous.towards(&tool.pose, 0.5 as Real)
 }

@@ -26,7 +26,7 @@ pub(super) fn ahead(
     shape: &Shape,
     tool: &ToolState,
 ) -> Option<Stiffness> {
-    let (all, parts) = posed(&tool.pose, shape);
+    let (all, parts) = posed(&tool.stance(), shape);
     let nearest = all[..parts].iter().filter_map(|part| nearest(body, vertices, part));
     let (gap, away, radius, vertex) = nearest.min_by(|a, b| a.0.total_cmp(&b.0))?;
     let normal = -away;

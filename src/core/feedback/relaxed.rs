@@ -18,8 +18,8 @@ pub use super::stiffness::Stiffness;
 use crate::contact::tool::{MOST_TOOLS, Shape};
 use crate::ids::{Element, Node, ToolId};
 use crate::math::{Mat3, Pose, Real, Vec3};
-use crate::model::constraint::Coupling;
 use crate::model::constraint::Row;
+use crate::model::constraint::{Coupling, Held};
 use crate::model::element_kernel::Simd;
 use crate::model::{ActiveMesh, Body, Constraint};
 use crate::simulation::{Settings, Simulation, Snapshot};
@@ -153,7 +153,7 @@ impl Contact {
             }
             turning.push(if sticks { Mat3::zeros() } else { across * (c.multiplier / radius) });
         }
-        let Coupling { compliance, angular_compliance } = own.first()?.coupling;
+        let Held { coupling: Coupling { compliance, angular_compliance }, grip } = own.first()?.held;
         let between = |a: usize, b: usize| {
             let ((p, d), (q, e)) = (rows[a], rows[b]);
             let ((i, c), (j, other)) = (pushing[p], pushing[q]);
@@ -165,7 +165,8 @@ impl Contact {
             };
             let dent = 0.5 * (c.compliance[j] + other.compliance[i]);
             let turns = angular_compliance * c.arm.cross(&d).dot(&other.arm.cross(&e));
-            dent * factor + compliance * d.dot(&e) + turns
+            let opens = grip.compliance * c.lever.dot(&d) * other.lever.dot(&e);
+            dent * factor + compliance * d.dot(&e) + turns + opens
         };
         let n = rows.len();
         let compliance = Cholesky::new(DMatrix::from_fn(n, n, between))?;

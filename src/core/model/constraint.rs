@@ -130,26 +130,59 @@ impl Coupling {
     pub const RIGID: Self = Self { compliance: 0.0, angular_compliance: 0.0 };
 }
 
-/// What a tool's points put on the body in all: `Σ_j f_j` and `Σ_j r_j × f_j` over its constraints, `f_j = n_j λ_j + τ_j`.
+/// What holds a tool's jaws: a spring between the angle at which a client holds them and that of the simulated ones.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Grip {
+    /// Angle between them that the client asks for, more than where they are closed [rad].
+    pub free: Real,
+    /// How far a moment opens them [rad/(N·m)].
+    pub compliance: Real,
+    /// Farthest that they open [rad].
+    pub most: Real,
+}
+
+impl Grip {
+    /// Angle between the jaws [rad] where their points put that `moment` [N·m] on the body: between stops.
+    pub fn angle(&self, moment: Real) -> Real {
+        (self.free - self.compliance * moment).max(0.0).min(self.most)
+    }
+}
+
+/// What holds a tool, and its jaws.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Held {
+    /// The tool.
+    pub coupling: Coupling,
+    /// Its jaws.
+    pub grip: Grip,
+}
+
+/// What a tool's points put on the body in all: `Σ_j f_j`, `Σ_j r_j × f_j` and `Σ_j l_j · f_j` over its constraints, `f_j = n_j λ_j + τ_j`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Pushed {
     /// [N].
     pub force: Vec3,
     /// About the tool's reference point [N·m].
     pub torque: Vec3,
+    /// For the angle between its jaws [N·m].
+    pub grip: Real,
 }
 
 impl Pushed {
-    /// Adds `force` [N] at `arm` from the reference point [m].
-    pub fn add(&mut self, arm: &Vec3, force: &Vec3) {
+    /// Adds `force` [N] at `arm` from the reference point [m], with `lever` [m/rad].
+    pub fn add(&mut self, arm: &Vec3, lever: &Vec3, force: &Vec3) {
         self.force += force;
         self.torque += arm.cross(force);
+        self.grip += lever.dot(force);
     }
 
-    /// How far [m] a tool that hangs by `coupling` gives way at `arm` [m] to this instead of `before`, away from the body.
-    pub fn give(&self, before: &Pushed, coupling: &Coupling, arm: &Vec3) -> Vec3 {
+    /// How far [m] a tool that hangs by `held` gives way at `arm` [m] with `lever` [m/rad] to this instead of `before`, away from
+    /// the body.
+    pub fn give(&self, before: &Pushed, held: &Held, arm: &Vec3, lever: &Vec3) -> Vec3 {
+        let Held { coupling, grip } = held;
         (self.force - before.force) * coupling.compliance
             + ((self.torque - before.torque) * coupling.angular_compliance).cross(arm)
+            + lever * (grip.angle(before.grip) - grip.angle(self.grip))
     }
 }
 
@@ -184,8 +217,10 @@ pub struct Constraint {
     pub friction: Friction,
     /// From the tool's reference point to where the surface point is met [m].
     pub arm: Vec3,
+    /// How the place of the tool there moves as the angle between its jaws grows [m/rad].
+    pub lever: Vec3,
     /// What holds the tool.
-    pub coupling: Coupling,
+    pub held: Held,
     /// What [`Constraint::offset`] and [`Friction::anchor`] allow for already.
     pub allowed_for: Pushed,
     /// Time within which the gap is closed [s], at least one step of the contact. Where the elements are kicked less often than

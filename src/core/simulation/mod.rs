@@ -26,6 +26,7 @@ use crate::adaptation::{self, Allowance, Focus, Request};
 use crate::contact::detection;
 use crate::contact::friction::{self, Solved};
 use crate::contact::ground::{self, Ground};
+use crate::contact::jaws::Mechanism;
 use crate::contact::obstacle::{Form, MOST_OBSTACLES, Obstacle};
 use crate::contact::outside::is_outside;
 use crate::contact::rigid::{Found, Rigid};
@@ -229,7 +230,7 @@ impl Simulation {
 
     /// The body, where the tools touch it, standing still, and its display vertices [m]: for questions about a copy.
     pub fn contacts(&mut self) -> (&mut ActiveMesh, &[Constraint], &[Vec3]) {
-        self.tools.iter_mut().for_each(|tool| tool.previous = tool.pose);
+        self.tools.iter_mut().for_each(ToolState::stand);
         self.find_contacts(Budget::UNLIMITED, &mut ());
         self.mesh.skin(&mut self.vertices);
         (&mut self.mesh, &self.constraints, &self.vertices)
@@ -285,9 +286,9 @@ impl Simulation {
     }
 
     fn move_tools(&mut self, inputs: &Inputs) {
-        for (tool, event) in self.tools.iter_mut().zip(&inputs.tools) {
+        for ((tool, of), event) in self.tools.iter_mut().zip(&self.settings.tools).zip(&inputs.tools) {
             tool.lapse(inputs.lapsed, &self.settings.following);
-            tool.follow(event.as_ref(), TICK, &self.settings.following);
+            tool.follow(event.as_ref(), &Mechanism::of(&of.shape), TICK, &self.settings.following);
         }
     }
 
@@ -303,10 +304,11 @@ impl Simulation {
                 }
                 let velocity = (tool.pose.position - tool.previous.position) / TICK;
                 for k in 0..LOOKS_AHEAD {
-                    let place = tool.pose.position + velocity * (k as Real * LOOK_AHEAD);
-                    for (start, along, radius) in held.shape.parts().iter().map(ShapePart::outline) {
-                        let from = place + tool.pose.rotate(start);
-                        let to = from + tool.pose.rotate(along);
+                    let way = velocity * (k as Real * LOOK_AHEAD);
+                    for part in held.shape.parts() {
+                        let ((start, along, radius), carrier) = (part.outline(), tool.stance().of_part(part));
+                        let from = carrier.position + way + carrier.rotate(start);
+                        let to = from + carrier.rotate(along);
                         self.focus.push(Focus { from, to, radius });
                     }
                 }
@@ -426,9 +428,9 @@ impl Simulation {
         }
         for (i, (tool, points)) in self.tools.iter_mut().zip(&mut self.points).enumerate() {
             let of = &self.settings.tools[i];
-            if tool.phase == Phase::Waiting && is_outside(&self.body, &self.vertices, &of.shape, &tool.pose) {
+            if tool.phase == Phase::Waiting && is_outside(&self.body, &self.vertices, &of.shape, &tool.stance()) {
                 tool.phase = Phase::Engaged;
-                tool.previous = tool.pose;
+                tool.stand();
                 // It may have touched elsewhere a tick ago, before its client let go of it and took it up again.
                 points.clear();
             }
@@ -488,27 +490,28 @@ impl Simulation {
         for tool in &mut self.tools {
             tool.force.fill(0.0);
             tool.torque.fill(0.0);
+            tool.jaws.torque = 0.0;
         }
     }
 
     fn render_forces(&mut self) {
         let stood_still = self.outputs.plan.taken < self.outputs.plan.needed;
-        let mut constraints = self.constraints.as_slice();
+        let (mut constraints, per_part) = (self.constraints.as_slice(), self.body.points_of_a_part());
         for (i, (tool, points)) in self.tools.iter_mut().zip(&mut self.points).enumerate() {
             let own;
             (own, constraints) = constraints.split_at(points.len().min(constraints.len()));
-            let middle = wrench::middle_pose(tool);
+            let (middle, shape) = (tool.middle().pose, &self.settings.tools[i].shape);
             let (mut physical, mut contact_points) =
                 wrench::wrench_on(ToolId::at(i), &middle, &self.constraints, &self.points_of_action);
             if stood_still && tool.touches() {
                 // No step, no new force: the last one stands.
-                physical = Wrench { force: tool.physical_force, torque: tool.physical_torque };
+                physical = tool.physical();
                 contact_points = own.iter().filter(|c| c.multiplier > 0.0).count() as u32;
             }
-            let solved_at = tool.pose;
-            tool.update_proxy(physical.force, physical.torque);
+            let solved_at = tool.stance();
+            tool.update_proxy(&Mechanism::of(shape), &physical);
             // What the solver found is where the next tick starts.
-            let solved = Solved { constraints: own, at: solved_at, moved: !stood_still };
+            let solved = Solved { constraints: own, at: solved_at, shape: Some(shape), per_part, moved: !stood_still };
             friction::remember(&self.mesh, &solved, tool, points);
             let limited = safety::render(tool, &physical, &self.settings.limits, TICK);
             self.outputs.tools[i] = ToolOutput { state: *tool, contact_points, limited };
@@ -518,11 +521,15 @@ impl Simulation {
             (own, constraints) = constraints.split_at(points.len().min(constraints.len()));
             let (id, state) = (ToolId::at(self.tools.len() + i), of.state_at(self.tick, points));
             if !stood_still {
-                let middle = wrench::middle_pose(&state);
+                let middle = state.middle().pose;
                 (self.outputs.obstacles[i], _) =
                     wrench::wrench_on(id, &middle, &self.constraints, &self.points_of_action);
             }
-            let solved = Solved { constraints: own, at: state.pose, moved: !stood_still };
+            let shape = match &of.shape {
+                Form::Ground => None,
+                Form::Parts(shape) => Some(shape),
+            };
+            let solved = Solved { constraints: own, at: state.stance(), shape, per_part, moved: !stood_still };
             friction::remember(&self.mesh, &solved, &state, points);
         }
     }

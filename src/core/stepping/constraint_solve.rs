@@ -11,7 +11,7 @@
 
 use crate::math::{Real, Vec3};
 use crate::model::active_mesh::Motion;
-use crate::model::constraint::{MOST_OBSTACLES, MOST_POINTS, MOST_TOOLS, Pushed};
+use crate::model::constraint::{Coupling, MOST_OBSTACLES, MOST_POINTS, MOST_TOOLS, Pushed};
 use crate::model::element_kernel::Padded;
 use crate::model::sweeps::sweep;
 use crate::model::{ActiveMesh, Constraint};
@@ -25,6 +25,7 @@ const SWEEPS: usize = 5;
 struct Point {
     normal: Vec3,
     arm: Vec3,
+    lever: Vec3,
     /// `Σ b_i x_i` at the start of the sub-step [m].
     place: Vec3,
     /// Within which the gap is closed [s].
@@ -175,20 +176,23 @@ sweep! {
         shears.0.iter_mut().for_each(|shears| shears[..all].fill(0.0));
         for (i, c) in constraints.iter().enumerate() {
             let force = c.normal * c.multiplier + c.friction.multiplier;
-            pushed[c.tool.index()].add(&c.arm, &force);
+            pushed[c.tool.index()].add(&c.arm, &c.lever, &force);
             let horizon = c.horizon.max(step);
             let due = end + (horizon - step);
             let own = i - c.first as usize;
             let (compliance, inverse_mass) = (c.compliance[own], mobility[i][own]);
-            let turned = c.coupling.angular_compliance * c.arm.cross(&c.normal).norm_squared();
-            // No direction along the surface turns the tool by more than this.
-            let turned_across = c.coupling.angular_compliance * c.arm.norm_squared();
-            let gives = step * horizon * inverse_mass + c.coupling.compliance;
+            let (Coupling { compliance: moved, angular_compliance }, grip) = (c.held.coupling, c.held.grip.compliance);
+            let opened = c.lever.dot(&c.normal);
+            let turned = angular_compliance * c.arm.cross(&c.normal).norm_squared() + grip * opened * opened;
+            // No direction along the surface turns the tool, or its jaws, by more than this.
+            let turned_across = angular_compliance * c.arm.norm_squared() + grip * c.lever.norm_squared();
+            let gives = step * horizon * inverse_mass + moved;
             let stiffness =
                 [1.0 / (gives + turned + compliance), 1.0 / (gives + turned_across + c.friction.compliance * compliance)];
             points[i] = Point {
                 normal: c.normal,
                 arm: c.arm,
+                lever: c.lever,
                 place: c.row.interpolate(position),
                 horizon,
                 target: c.offset + c.rate * due,
@@ -215,7 +219,7 @@ sweep! {
             for k in 0..groups.len() {
                 let Group { first, end, shared } = groups[if forth { k } else { groups.len() - 1 - k }];
                 let own = first..end;
-                let Constraint { tool, coupling, allowed_for, .. } = &constraints[own.start];
+                let Constraint { tool, held, allowed_for, .. } = &constraints[own.start];
                 let pushed = &mut pushed[tool.index()];
                 // What one group does to another goes through the nodes; between its own points, it is known beforehand.
                 if sweep == 0 || shared {
@@ -227,7 +231,7 @@ sweep! {
                     let i = if forth { k } else { own.start + own.end - 1 - k };
                     let p = &mut points[i];
                     let place = p.place + velocities.at(i) * p.horizon;
-                    let open = p.normal.dot(&(place + pushed.give(allowed_for, coupling, &p.arm))) - p.target;
+                    let open = p.normal.dot(&(place + pushed.give(allowed_for, held, &p.arm, &p.lever))) - p.target;
                     // A point that would pull is released: its multiplier stays at zero.
                     let multiplier = (p.multiplier - (open + dents[i]) * p.stiffness[0]).max(0.0);
                     let change = multiplier - p.multiplier;
@@ -237,18 +241,18 @@ sweep! {
                     p.multiplier = multiplier;
                     let compliance = &constraints[i].compliance;
                     let mut force = p.normal * change;
-                    pushed.add(&p.arm, &force);
+                    pushed.add(&p.arm, &p.lever, &force);
                     add_times(&mut dents[own.clone()], compliance, change);
                     if p.friction[0] > 0.0 {
                         let place = place + force * (step * p.inverse_mass * p.horizon);
-                        let apart = place + shears.at(i) + pushed.give(allowed_for, coupling, &p.arm) - p.anchor;
+                        let apart = place + shears.at(i) + pushed.give(allowed_for, held, &p.arm, &p.lever) - p.anchor;
                         let gap = apart - p.normal * p.normal.dot(&apart);
                         let stuck = p.tangential - gap * p.stiffness[1];
                         let (most, square) = (p.friction[0] * multiplier, stuck.norm_squared());
                         let tangential = if square > most * most { stuck * (most / square.sqrt()) } else { stuck };
                         let change = tangential - p.tangential;
                         p.tangential = tangential;
-                        pushed.add(&p.arm, &change);
+                        pushed.add(&p.arm, &p.lever, &change);
                         shears.add_times(&own, compliance, change * p.friction[1]);
                         force += change;
                     }
@@ -297,7 +301,7 @@ mod tests {
     use super::*;
     use crate::ids::{Slot, ToolId};
     use crate::model::Row;
-    use crate::model::constraint::{Coupling, Friction, MOST_ROW_NODES};
+    use crate::model::constraint::{Coupling, Friction, Grip, Held, MOST_ROW_NODES};
     use crate::model::sweeps::Registers;
 
     fn number(i: usize, k: usize) -> Real {
@@ -344,7 +348,11 @@ mod tests {
             mean_multiplier: 0.0,
             friction,
             arm: Vec3::new(number(i, 6), number(i, 7), 0.1),
-            coupling: Coupling { compliance: 0.01, angular_compliance: 0.02 },
+            lever: Vec3::new(0.3 * number(i, 8), 0.2, 0.1 * number(i, 9)),
+            held: Held {
+                coupling: Coupling { compliance: 0.01, angular_compliance: 0.02 },
+                grip: Grip { free: 0.3, compliance: 0.05, most: 10.0 },
+            },
             allowed_for: Pushed::default(),
             horizon: 0.0,
         }
@@ -393,11 +401,11 @@ mod tests {
         for (i, c) in all.iter().enumerate().filter(|(i, _)| multipliers[*i].0 > 0.0) {
             let own = all.iter().zip(&multipliers).filter(|(other, _)| other.first == c.first);
             let mut pushed = Pushed::default();
-            own.clone().for_each(|(other, m)| pushed.add(&other.arm, &(other.normal * m.0 + m.1)));
+            own.clone().for_each(|(other, m)| pushed.add(&other.arm, &other.lever, &(other.normal * m.0 + m.1)));
             let dent: Real = own.zip(&c.compliance).map(|((_, m), g)| g * m.0).sum();
             let place = c.row.interpolate(&before.position) + c.row.interpolate(&velocity) * 1e-3;
-            let gap =
-                c.normal.dot(&(place + pushed.give(&c.allowed_for, &c.coupling, &c.arm))) + dent - (c.offset + 1e-4);
+            let gap = c.normal.dot(&(place + pushed.give(&c.allowed_for, &c.held, &c.arm, &c.lever))) + dent
+                - (c.offset + 1e-4);
             assert!(gap.abs() < 1e-9, "point {i}: {gap:e}");
             pushing += 1;
         }

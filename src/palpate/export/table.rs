@@ -10,9 +10,9 @@ use std::path::Path;
 
 /// What a row says, in its order: the newest pose that the client sent (`handle`, empty before the first), then the wrench
 /// after the tick, with the pose of the simulated tool.
-const COLUMNS: &str = "time_s,tool,handle_x_m,handle_y_m,handle_z_m,handle_qx,handle_qy,handle_qz,handle_qw,buttons,\
+const COLUMNS: &str = "time_s,tool,handle_x_m,handle_y_m,handle_z_m,handle_qx,handle_qy,handle_qz,handle_qw,buttons,handle_opening,\
     x_m,y_m,z_m,qx,qy,qz,qw,force_x_N,force_y_N,force_z_N,torque_x_Nm,torque_y_Nm,torque_z_Nm,\
-    physical_force_x_N,physical_force_y_N,physical_force_z_N,physical_torque_x_Nm,physical_torque_y_Nm,physical_torque_z_Nm,\
+    physical_force_x_N,physical_force_y_N,physical_force_z_N,physical_torque_x_Nm,physical_torque_y_Nm,physical_torque_z_Nm,opening,grip_torque_Nm,\
     contact_points,phase,flags";
 
 /// Writes the table of `recording` as CSV to `path`; how many rows it has.
@@ -33,6 +33,7 @@ pub fn write_table(recording: &Recording, path: &Path) -> io::Result<usize> {
                         orientation: sample.pose.orientation,
                         linear_velocity: None,
                         buttons: sample.buttons,
+                        opening: sample.opening,
                     });
                 }
                 Some(_) => *handle = None,
@@ -50,11 +51,13 @@ pub fn write_table(recording: &Recording, path: &Path) -> io::Result<usize> {
                 Some(handle) => {
                     numbers(&mut out, &[&handle.position, &handle.orientation])?;
                     out.write_field(handle.buttons.to_string())?;
+                    out.write_field(handle.opening.to_string())?;
                 }
-                None => (0..8).try_for_each(|_| out.write_field(""))?,
+                None => (0..9).try_for_each(|_| out.write_field(""))?,
             }
             numbers(&mut out, &[&wrench.position, &wrench.orientation, &wrench.force, &wrench.torque])?;
             numbers(&mut out, &[&wrench.physical_force, &wrench.physical_torque])?;
+            numbers(&mut out, &[&[wrench.opening, wrench.grip_torque]])?;
             out.write_field(wrench.contact_points.to_string())?;
             out.write_field(format!("{:?}", wrench.phase).to_lowercase())?;
             out.write_field(wrench.flags.to_string())?;

@@ -37,6 +37,8 @@ pub struct TrajectoryError {
 
 /// First line of a trajectory of poses alone.
 pub const TRAJECTORY_HEADER: &str = "time_s,tool,x_m,y_m,z_m,qx,qy,qz,qw,buttons";
+/// A column that may stand after those: how far the tool's jaws are to be open, 0 to 1; left out: closed.
+pub const OPENING_COLUMN: &str = "opening";
 /// What the first line goes on with where rows say what happens: a pose, an attachment with the period of its poses and the
 /// compliances of its virtual coupling, a detachment or a reset of the body.
 pub const EVENT_COLUMNS: &str = "event,period_s,coupling_m_per_N,angular_coupling_rad_per_Nm";
@@ -61,12 +63,15 @@ const PRICES: usize = 15;
 const PARAMETER: usize = 16;
 const VALUES: usize = 17;
 
+/// Place of the column of openings, which moves those behind it.
+const OPENING: usize = EVENT;
+
 /// Longest period of poses [s]: that of a client that sends one in ten seconds.
 const LONGEST_PERIOD: Real = 10.0;
 
 impl Trajectory {
     /// Reads a trajectory: CSV with the columns of [`TRAJECTORY_HEADER`], or those and [`EVENT_COLUMNS`], or those and
-    /// [`BUDGET_COLUMNS`], or those and [`PARAMETER_COLUMNS`]; times ascend from 0, and a row of time `t` acts in the first tick that ends later.
+    /// [`BUDGET_COLUMNS`], or those and [`PARAMETER_COLUMNS`], with [`OPENING_COLUMN`] after those of a pose or without; times ascend from 0, and a row of time `t` acts in the first tick that ends later.
     ///
     /// With poses alone each tool is attached just before its first pose, rigidly, with the median time between its rows as
     /// its period.
@@ -89,7 +94,7 @@ impl Trajectory {
         let fault_at = |line: usize, what: String| TrajectoryError { origin: origin.to_owned(), line, what };
         let all_columns = format!("{TRAJECTORY_HEADER},{EVENT_COLUMNS},{BUDGET_COLUMNS},{PARAMETER_COLUMNS}");
         let names: Vec<&str> = all_columns.split(',').collect();
-        let header = records.next().and_then(Result::ok).unwrap_or_default();
+        let (header, jaws) = without_opening(&records.next().and_then(Result::ok).unwrap_or_default());
         let columns =
             [names.len(), PARAMETER, BUDGET, EVENT].into_iter().find(|n| header == names[..*n]).unwrap_or(EVENT);
         if header != names[..columns] {
@@ -102,7 +107,9 @@ impl Trajectory {
         for record in records {
             let record = record.map_err(|e| fault_at(line_of(e.position()), e.to_string()))?;
             let fault = |what: String| fault_at(line_of(record.position()), what);
-            let cells = Cells { fields: record.iter().collect(), names: &names[..columns] };
+            let mut fields: Vec<&str> = record.iter().collect();
+            let opening = (jaws && fields.len() > OPENING).then(|| fields.remove(OPENING));
+            let cells = Cells { fields, opening, names: &names[..columns] };
             let (tick, tool, row) = cells.row(tools).map_err(fault)?;
             if rows.last().is_some_and(|last| last.0 > tick) {
                 return Err(fault("times must ascend".into()));
@@ -251,20 +258,30 @@ impl Trajectory {
             (true, false) => PRICES + 1,
             (true, true) => BUDGET,
         };
-        out.write_record(all_columns.split(',').take(columns))?;
-        let none = |tick: &u64, event: &'static str| (*tick, None, event, Vec::new());
+        let opens = |event: &ToolEvent| matches!(event, ToolEvent::Pose(sample) if sample.opening > 0.0);
+        let jaws = self.events.iter().any(|(.., event)| opens(event));
+        let mut header: Vec<&str> = all_columns.split(',').take(columns).collect();
+        if jaws {
+            header.insert(OPENING, OPENING_COLUMN);
+        }
+        out.write_record(header)?;
+        let none = |tick: &u64, event: &'static str| (*tick, None, event, Vec::new(), String::new());
         let mut rows: Vec<_> = self.resets.iter().map(|tick| none(tick, "reset")).collect();
         for (tick, Budget { limit, planned, frame, change }, prices) in &self.budgets {
             let prices = prices.map_or_else(String::new, |prices| prices.0.map(|price| price.to_string()).join(" "));
             let cells = vec![(BUDGET, format!("{limit} {planned} {frame} {change}")), (PRICES, prices)];
-            rows.push((*tick, None, "budget", cells));
+            rows.push((*tick, None, "budget", cells, String::new()));
         }
         for (tick, parameter) in &self.parameters {
             let values: Vec<_> = parameter.values().iter().map(Real::to_string).collect();
             let cells = vec![(PARAMETER, numbered_name(parameter)), (VALUES, values.join(" "))];
-            rows.push((*tick, None, "set", cells));
+            rows.push((*tick, None, "set", cells, String::new()));
         }
         for (tick, tool, event) in &self.events {
+            let opening = match event {
+                ToolEvent::Pose(sample) => sample.opening.to_string(),
+                ToolEvent::Attach { .. } | ToolEvent::Detach => String::new(),
+            };
             let (event, cells) = match event {
                 ToolEvent::Attach { period_ticks, coupling, .. } => {
                     let period = format!("{:.3}", Real::from(*period_ticks) * TICK);
@@ -278,19 +295,29 @@ impl Trajectory {
                     ("pose", (POSITION..).zip(numbers.chain([sample.buttons.to_string()])).collect())
                 }
             };
-            rows.push((*tick, Some(*tool), event, cells));
+            rows.push((*tick, Some(*tool), event, cells, opening));
         }
         rows.sort_by_key(|row| (row.0, row.1));
-        for (tick, tool, event, cells) in rows {
+        for (tick, tool, event, cells, opening) in rows {
             let mut fields = vec![String::new(); columns];
             fields[0] = format!("{:.3}", tick.saturating_sub(1) as Real * TICK);
             fields[1] = tool.map_or_else(String::new, |tool| tool.to_string());
             fields[EVENT] = event.to_owned();
             cells.into_iter().for_each(|(at, cell)| fields[at] = cell);
+            if jaws {
+                fields.insert(OPENING, opening);
+            }
             out.write_record(fields)?;
         }
         out.into_inner().map_err(|e| e.into_error())?.finish()
     }
+}
+
+/// A header without the column of openings, and whether it had it.
+fn without_opening(header: &csv::StringRecord) -> (csv::StringRecord, bool) {
+    let jaws = header.get(OPENING) == Some(OPENING_COLUMN);
+    let rest = header.iter().enumerate().filter(|(at, _)| !jaws || *at != OPENING).map(|(_, name)| name);
+    (rest.collect(), jaws)
 }
 
 /// What a row says.
@@ -320,6 +347,8 @@ fn keep_newest(rows: &mut Vec<(u64, Option<usize>, Row)>) {
 /// The cells of one row.
 struct Cells<'a> {
     fields: Vec<&'a str>,
+    /// Beside them, where there is such a column.
+    opening: Option<&'a str>,
     /// (fields) what their columns are called.
     names: &'a [&'a str],
 }
@@ -345,8 +374,10 @@ impl Cells<'_> {
             _ => return Err(format!("event {event:?}: pose, attach, detach or reset is expected")),
         };
         let unused = |at: &usize| *at != EVENT && !used.iter().any(|range| range.contains(at));
-        if let Some(at) = (1..found).find(|at| unused(at) && !self.fields[*at].is_empty()) {
-            return Err(format!("{}: a row \"{event}\" has none: leave it empty", self.names[at]));
+        let filled = (1..found).find(|at| unused(at) && !self.fields[*at].is_empty()).map(|at| self.names[at]);
+        let opened = self.opening.filter(|cell| event != "pose" && !cell.is_empty()).map(|_| OPENING_COLUMN);
+        if let Some(name) = filled.or(opened) {
+            return Err(format!("{name}: a row \"{event}\" has none: leave it empty"));
         }
         if event == "reset" {
             return Ok((tick, None, Row::Reset));
@@ -406,7 +437,14 @@ impl Cells<'_> {
             time_ns: (time * 1e9) as u64,
             pose: Pose { position: Vec3::new(x, y, z), orientation },
             buttons: self.within(BUTTONS, 0.0..=Real::from(u32::MAX))? as u32,
+            opening: self.opening()?,
         })
+    }
+
+    fn opening(&self) -> Result<Real, String> {
+        let Some(cell) = self.opening.filter(|cell| !cell.is_empty()) else { return Ok(0.0) };
+        let opening = cell.parse::<Real>().ok().filter(|opening| (0.0..=1.0).contains(opening));
+        opening.ok_or_else(|| format!("{OPENING_COLUMN}: {cell:?} is not a number within 0 to 1"))
     }
 
     /// So many whole numbers, separated by spaces.

@@ -38,9 +38,10 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// Scenes that come with the program: name and text.
-pub const BUNDLED: [(&str, &str); 5] = [
+pub const BUNDLED: [(&str, &str); 6] = [
     ("liver", include_str!("../../../config/scenes/liver.toml")),
     ("organs", include_str!("../../../config/scenes/organs.toml")),
+    ("grasp", include_str!("../../../config/scenes/grasp.toml")),
     ("toy", include_str!("../../../config/scenes/toy.toml")),
     ("cube", include_str!("../../../config/scenes/cube.toml")),
     ("organ", include_str!("../../../config/scenes/organ.toml")),

@@ -151,6 +151,7 @@ impl ObstacleKeys {
             unit: None,
             position: [0.0; 3],
             orientation: upright(),
+            hinge: None,
         }
     }
 

@@ -2,6 +2,7 @@
 
 use garde::Validate;
 use palpate_body::geometry::mesh_io::LengthUnit;
+use palpate_core::contact::jaws::Hinge;
 use palpate_core::contact::tool::{Part, Shape, Tool};
 use palpate_core::math::{Pose, Real, Vec3, normalized_quaternion};
 use serde::{Deserialize, Serialize};
@@ -80,6 +81,10 @@ pub struct ToolKeys {
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     #[garde(dive)]
     pub part: Vec<PartKeys>,
+    /// Where parts have hinges: moment between jaws that a client closes all the way and something holds wide open [N·m].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[garde(inner(range(min = 1e-4, max = 10.0)))]
+    pub grip: Option<Real>,
 }
 
 /// `[[tool.part]]`: as a tool without parts, and where it is.
@@ -120,7 +125,35 @@ pub struct PartKeys {
     #[serde(default = "upright")]
     #[garde(custom(unit_quaternion))]
     pub orientation: [Real; 4],
+    /// A jaw: what it turns about as a client opens it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[garde(dive)]
+    pub hinge: Option<HingeKeys>,
 }
+
+/// `[tool.part.hinge]`: a part is where its position and orientation say, turned by the angle that its opening gives.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, Validate)]
+#[serde(deny_unknown_fields)]
+#[garde(allow_unvalidated)]
+pub struct HingeKeys {
+    /// In the tool's frame, of any length.
+    #[garde(inner(range(min = -1e3, max = 1e3)))]
+    pub axis: [Real; 3],
+    /// A place of it in the tool's frame [m].
+    #[serde(default)]
+    #[garde(inner(range(min = -1.0, max = 1.0)))]
+    pub point: [Real; 3],
+    /// Angle while the jaws are closed [rad].
+    #[serde(default)]
+    #[garde(range(min = -MOST_ANGLE, max = MOST_ANGLE))]
+    pub closed: Real,
+    /// And while they are open [rad].
+    #[garde(range(min = -MOST_ANGLE, max = MOST_ANGLE))]
+    pub open: Real,
+}
+
+/// Farthest that a jaw is turned [rad]: half a turn.
+const MOST_ANGLE: Real = std::f64::consts::PI;
 
 /// Rounding where none is given [m].
 pub const ROUNDING: Real = 5e-4;
@@ -167,7 +200,13 @@ impl PartKeys {
             }
         };
         let orientation = normalized_quaternion(self.orientation).unwrap_or_else(upright);
-        part.at(Pose { position: Vec3::from(self.position), orientation })
+        let part = part.at(Pose { position: Vec3::from(self.position), orientation });
+        match self.hinge.and_then(|keys| Some((keys, Vec3::from(keys.axis).try_normalize(1e-9)?))) {
+            None => part,
+            Some((HingeKeys { point, closed, open, .. }, axis)) => {
+                part.hinged(Hinge { axis, point: Vec3::from(point), closed, open })
+            }
+        }
     }
 
     /// What is wrong with it beyond single values: key behind `path`, and why.
@@ -224,6 +263,7 @@ impl ToolKeys {
             unit: None,
             friction: 0.0,
             part: vec![],
+            grip: None,
         }
     }
 
@@ -244,13 +284,15 @@ impl ToolKeys {
             unit: self.unit,
             position: [0.0; 3],
             orientation: upright(),
+            hinge: None,
         }
     }
 
     /// Its shape.
     pub fn shape(&self) -> Shape {
         let parts = if self.kind() == ToolKind::Compound { &self.part[..] } else { &[] };
-        Shape::compound(parts.iter().map(PartKeys::part).collect()).unwrap_or_else(|| self.alone().part().into())
+        let compound = Shape::compound(parts.iter().map(PartKeys::part).collect());
+        compound.unwrap_or_else(|| self.alone().part().into()).with_grip(self.grip.unwrap_or_default())
     }
 
     /// The tool.
@@ -277,8 +319,26 @@ impl ToolKeys {
             }
             _ => {}
         }
+        let jaws = self.part.iter().any(|part| part.hinge.is_some());
+        match self.grip {
+            None if jaws => {
+                out.push((format!("{path}.grip"), "jaws need one: how hard they close, in N·m, as grip = 0.05".into()));
+            }
+            Some(_) if !jaws => {
+                out.push((format!("{path}.grip"), "is for a tool with jaws: parts with a [tool.part.hinge]".into()));
+            }
+            _ => {}
+        }
         for (i, part) in self.part.iter().enumerate() {
             let path = format!("{path}.part[{i}]");
+            if let Some(hinge) = &part.hinge {
+                if Vec3::from(hinge.axis).norm() < 1e-9 {
+                    out.push((format!("{path}.hinge.axis"), "has no direction".into()));
+                }
+                if hinge.open == hinge.closed {
+                    out.push((format!("{path}.hinge.open"), "is where it is closed: it does not move".into()));
+                }
+            }
             if part.shape == Some(ToolKind::Compound) {
                 out.push((format!("{path}.shape"), "a part is a ball, capsule, cylinder or convex".into()));
             }

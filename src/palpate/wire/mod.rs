@@ -114,7 +114,8 @@ impl Gate {
         let position = vec3(&message.position)?;
         let orientation: [f32; 4] = message.orientation.as_slice().try_into().map_err(|_| Refusal::Malformed)?;
         let orientation = orientation.map(Real::from);
-        if !position.iter().chain(&orientation).all(|c| c.is_finite()) {
+        let opening = Real::from(message.opening);
+        if !position.iter().chain(&orientation).chain([&opening]).all(|c| c.is_finite()) {
             return Err(Refusal::NotFinite);
         }
         let length_squared: Real = orientation.iter().map(|c| c * c).sum();
@@ -132,6 +133,7 @@ impl Gate {
             time_ns: message.time_ns,
             pose: Pose { position, orientation },
             buttons: message.buttons,
+            opening: opening.clamp(0.0, 1.0),
         })
     }
 }
@@ -188,6 +190,8 @@ pub fn wrench(tool: u32, tick: u64, sequence: u64, output: &ToolOutput, flags: T
         contact_points: output.contact_points,
         phase: phase(t.phase),
         flags: bits.iter().filter(|b| b.0).map(|b| b.1 as u32).sum(),
+        opening: t.jaws.opening as f32,
+        grip_torque: t.jaws.torque as f32,
         ..Default::default()
     }
 }
@@ -212,6 +216,7 @@ pub fn tool_state(tool: u32, t: &ToolState) -> proto::ToolState {
         orientation: f32s4(&t.pose.orientation),
         force: f32s(&t.force),
         phase: phase(t.phase),
+        opening: t.jaws.opening as f32,
     }
 }
 
@@ -232,6 +237,7 @@ pub fn inputs_to_message(tick: u64, inputs: &Inputs) -> proto::TickInputs {
             position: p.pose.position.iter().copied().collect(),
             orientation: p.pose.orientation.to_vec(),
             buttons: p.buttons,
+            opening: p.opening,
         }),
     };
     let tools = inputs.tools.iter().enumerate();
@@ -319,6 +325,7 @@ pub fn inputs_from_message(message: &proto::TickInputs) -> Option<Inputs> {
                 time_ns: p.time_ns,
                 pose: Pose { position: list(&p.position)?, orientation: p.orientation.as_slice().try_into().ok()? },
                 buttons: p.buttons,
+                opening: p.opening,
             }),
         };
         *inputs.tools.get_mut(tool.tool as usize)? = Some(event);
@@ -425,6 +432,7 @@ mod tests {
                     orientation: [numbers[3], numbers[4], numbers[5], numbers[6]],
                 },
                 buttons: 3,
+                opening: 0.25,
             };
             let parameters = [
                 Parameter::Gravity(Vec3::new(numbers[0], numbers[1], numbers[2])),

@@ -2,6 +2,7 @@
 
 use crate::scene::Scene;
 use crate::scene::tool_keys::{ToolKeys, ToolKind};
+use palpate_core::contact::jaws::Hinge;
 use palpate_core::contact::tool::MOST_TOOLS;
 use palpate_core::math::Bounds;
 use palpate_core::model::{Body, Organ};
@@ -70,6 +71,12 @@ fn tool(tool: u32, keys: &ToolKeys) -> proto::ToolDescription {
             rounding: part.radius(),
             disc: disc.map_or(0.0, |(radius, _)| radius),
             axis: disc.map_or_else(Vec::new, |(_, axis)| axis.iter().copied().collect()),
+            hinge: part.hinge().map(|Hinge { axis, point, closed, open }| proto::ToolHinge {
+                axis: axis.iter().copied().collect(),
+                point: point.iter().copied().collect(),
+                closed: *closed,
+                open: *open,
+            }),
         }
     });
     proto::ToolDescription {
@@ -86,6 +93,7 @@ fn tool(tool: u32, keys: &ToolKeys) -> proto::ToolDescription {
         },
         taken: false,
         parts: parts.collect(),
+        grip: shape.grip(),
     }
 }
 

@@ -445,6 +445,7 @@ pub fn pose() -> proto::ToolPose {
         position: vec![0.05, 0.05, 0.12],
         orientation: vec![0.0, 0.0, 0.0, 1.0],
         buttons: 1,
+        opening: 0.5,
     }
 }
 

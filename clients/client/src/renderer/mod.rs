@@ -179,6 +179,8 @@ pub(crate) mod tests {
             physical_torque: [0.0; 3],
             force,
             torque: [0.0; 3],
+            opening: 0.0,
+            grip_torque: 0.0,
             contact_points: 1,
             phase: ToolPhase::Engaged,
             flags: 0,

@@ -34,6 +34,12 @@ class Wrench:
     def physical_torque(self) -> NDArray[np.float64]:
         """(3) [N·m] about the tool's reference point, as the contact gives it."""
     @property
+    def opening(self) -> float:
+        """How far the jaws of the simulated tool are open: 0, closed, to 1."""
+    @property
+    def grip_torque(self) -> float:
+        """[N·m] What opens the jaws, for the angle between them, rendered."""
+    @property
     def contact_points(self) -> int:
         """Contact points that carry force; 0: free."""
     @property
@@ -71,6 +77,12 @@ class Wrenches:
     @property
     def physical_torque(self) -> NDArray[np.float64]:
         """(n, 3) [N·m] about the tool's reference point, as the contact gives it."""
+    @property
+    def opening(self) -> NDArray[np.float64]:
+        """(n) how far the jaws of the simulated tool are open: 0, closed, to 1."""
+    @property
+    def grip_torque(self) -> NDArray[np.float64]:
+        """(n) [N·m] what opens the jaws, for the angle between them, rendered."""
     @property
     def contact_points(self) -> NDArray[np.uint32]:
         """(n) contact points that carry force."""

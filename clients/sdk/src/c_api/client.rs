@@ -49,6 +49,7 @@ pub struct CPose {
     pub(super) position: [f64; 3],
     pub(super) orientation: [f64; 4],
     pub(super) buttons: u32,
+    pub(super) opening: f32,
 }
 
 /// `palpate_tool_state`.
@@ -85,8 +86,13 @@ pub(super) struct Held {
 impl Held {
     /// A tool just taken, before its first pose.
     pub(super) fn new(tool: Tool, device: &Device, frame: Frame, mode: RenderMode, registration: Registration) -> Self {
-        let pose =
-            PoseSample { position: [0.0; 3], orientation: [0.0, 0.0, 0.0, 1.0], linear_velocity: None, buttons: 0 };
+        let pose = PoseSample {
+            position: [0.0; 3],
+            orientation: [0.0, 0.0, 0.0, 1.0],
+            linear_velocity: None,
+            buttons: 0,
+            opening: 0.0,
+        };
         let renderer = Renderer::new(&registration.in_body(device), mode);
         Self { tool, renderer, frame, clutch: Clutch::new(registration), pressed: false, pose }
     }
@@ -99,6 +105,7 @@ impl Held {
             orientation: frame.orientation_in(pose.orientation),
             linear_velocity: None,
             buttons: pose.buttons,
+            opening: pose.opening.into(),
         };
         let in_body = self.clutch.follow(&pose, self.pressed, self.tool.now_ns());
         self.tool.send_pose(in_body)?;

@@ -114,6 +114,7 @@ impl Shared {
                 orientation: [q.v.x, q.v.y, q.v.z, q.s].map(f64::from),
                 linear_velocity: None,
                 buttons: 0,
+                opening: 0.0,
             })?;
             let touch = tool.latest_wrench().map(|received| Touch {
                 newtons: received.wrench.force.iter().map(|c| c * c).sum::<f64>().sqrt(),
