@@ -310,7 +310,7 @@ fn help_lists_every_bundled_scene_and_the_values_of_every_choice() {
     }
     for (command, option, wrong, known) in [
         ("prepare", "--unit", "ft", "m, cm, mm, in"),
-        ("demo", "--pattern", "poke", "press, palpate, stroke, tap, tremor, turn"),
+        ("demo", "--pattern", "poke", "press, palpate, stroke, tap, tremor, turn, grasp"),
         ("demo", "--render", "fast", "raw, passive, local, local-passive"),
     ] {
         let e = stderr(&palpate(&[command, option, wrong]).failure());

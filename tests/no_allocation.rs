@@ -155,10 +155,11 @@ fn run_and_press(more: &[&str]) -> [u32; 2] {
         "hold=[{min=[0,0,0], max=[0.1,0.1,0]}]",
         "material.damping_ratio=0.1",
         "world.gravity=[0,0,0]",
-        // A ball, and solid cores beside it that touch, too.
-        "tool=[{name='all', shape='compound', part=[{radius=0.02}, \
+        // A ball, and solid cores beside it that touch, too, one of them a jaw.
+        "tool=[{name='all', shape='compound', grip=0.1, part=[{radius=0.02}, \
             {shape='cylinder', radius=0.005, length=0.03, position=[0.0,0.0,-0.02]}, \
-            {shape='convex', points=[[0.01,0,-0.02],[0.03,0,-0.02],[0.01,0.01,-0.02],[0.01,0,0.01]]}]}]",
+            {shape='convex', points=[[0.01,0,-0.02],[0.03,0,-0.02],[0.01,0.01,-0.02],[0.01,0,0.01]], \
+             hinge={axis=[0,1,0], point=[0.01,0,0.02], closed=0.0, open=0.2}}]}]",
     ];
     let given: Vec<String> = given.iter().chain(more).map(|key| key.to_string()).collect();
     let loaded = LoadedScene::load(Path::new("cube"), &given).unwrap();
@@ -222,7 +223,7 @@ fn run_and_press(more: &[&str]) -> [u32; 2] {
                 time_ns: tick,
                 pose: Pose { position, ..Pose::default() },
                 buttons: 0,
-                opening: 0.0,
+                opening: (tick % 200) as f64 / 200.0,
             };
             ends.poses[0].write(Some(PoseSlot { epoch: 9, sample }));
         }

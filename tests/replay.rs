@@ -23,12 +23,13 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// Bodies that the trajectories touch: bundled scenes, the organs with coarser levels and fewer vertices.
-const BODIES: [(&str, &str, &[&str]); 5] = [
+const BODIES: [(&str, &str, &[&str]); 6] = [
     ("cube", "cube", &[]),
     ("level", "cube", &["body.active_level=1"]),
     ("liver", "liver", &["body.spacings=[0.03, 0.019, 0.012]", "body.display_vertices=1500"]),
     ("toy", "toy", &TOY),
     ("organs", "organs", &ORGANS),
+    ("grasp", "grasp", &["body.cells=[[3,3,3],[5,5,5]]"]),
 ];
 const TOY: [&str; 4] =
     ["body.spacings=[0.02, 0.013]", "body.display_vertices=1500", "world.gravity=[0.0, 0.0, 0.0]", "world.settle=0"];
@@ -46,7 +47,7 @@ const FORCEPS: &str = "tool=[{name=\"forceps\", shape=\"compound\", friction=0.3
     {radius=0.003, length=0.03, position=[-0.007, 0.0, 0.0]}]}]";
 
 /// Name of the trajectory, the body it touches, and its tools where they are not those of the scene.
-const RUNS: [(&str, &str, &str); 17] = [
+const RUNS: [(&str, &str, &str); 18] = [
     ("press", "level", ""),
     ("press", "cube", ""),
     ("palpate", "cube", ""),
@@ -64,6 +65,7 @@ const RUNS: [(&str, &str, &str); 17] = [
     ("two_tools", "organs", ""),
     ("stroke_organs", "organs", ""),
     ("press_toy", "toy", ""),
+    ("grasp", "grasp", ""),
 ];
 /// Ticks between two points of a trace.
 const TRACE: u64 = 20;

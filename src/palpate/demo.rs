@@ -38,12 +38,12 @@ pub struct DemoArgs {
     /// End with a summary after this long [s]; without it, at q or Ctrl-C
     #[arg(long)]
     seconds: Option<f64>,
-    /// What the virtual hand does
-    #[arg(long, value_enum, ignore_case = true, default_value = "palpate")]
-    pattern: Pattern,
-    /// How far below the surface the hand wants to go [m]
-    #[arg(long, default_value_t = 0.012)]
-    depth: f64,
+    /// What the virtual hand does; left out: it palpates, or grasps where the first tool has jaws
+    #[arg(long, value_enum, ignore_case = true)]
+    pattern: Option<Pattern>,
+    /// How far below the surface the hand wants to go [m]; left out: 12 mm, or 25 mm to grasp
+    #[arg(long)]
+    depth: Option<f64>,
     /// Device that the virtual hand holds
     #[arg(long, default_value = "PHANTOM Omni")]
     device: String,
@@ -68,6 +68,12 @@ pub struct DemoArgs {
 }
 
 impl DemoArgs {
+    /// What the hand does with the first tool of `scene`.
+    fn pattern(&self, scene: &Scene) -> Pattern {
+        let has_jaws = scene.tool.first().is_some_and(|tool| tool.grip.is_some());
+        self.pattern.unwrap_or(if has_jaws { Pattern::Grasp } else { Pattern::Palpate })
+    }
+
     /// The command that shows the demo, in a process of its own; `None`: the terminal does.
     fn companion(&self) -> Option<&'static [&'static str]> {
         #[cfg(feature = "web")]
@@ -123,13 +129,13 @@ pub fn run(args: DemoArgs) -> anyhow::Result<ExitCode> {
             tell!("warning: {warning}");
         }
         let (stop, newest) = (Arc::new(AtomicBool::new(false)), Arc::new(Mutex::new(None)));
-        let phantom = start_phantom(&args, device.clone(), stop.clone(), newest.clone())?;
+        let phantom = start_phantom(&args, &scene, device.clone(), stop.clone(), newest.clone())?;
         let mut view = View {
             title: format!(
                 "palpate demo: {}, {} held by a virtual hand, {}",
                 scene.name,
                 device.name,
-                args.pattern.name()
+                args.pattern(&scene).name()
             ),
             limit: scene.safety.force_limit,
             ..View::default()
@@ -181,6 +187,7 @@ pub fn run(args: DemoArgs) -> anyhow::Result<ExitCode> {
 
 fn start_phantom(
     args: &DemoArgs,
+    scene: &Scene,
     device: Device,
     stop: Arc<AtomicBool>,
     newest: Arc<Mutex<Option<Live>>>,
@@ -193,8 +200,8 @@ fn start_phantom(
             ..Default::default()
         },
         device,
-        pattern: args.pattern,
-        depth: args.depth,
+        pattern: args.pattern(scene),
+        depth: args.depth.unwrap_or_else(|| args.pattern(scene).depth()),
         rate_hz: args.rate_hz,
         render: args.network.render,
         link: args.network.conditions()?,

@@ -62,6 +62,12 @@ pub enum Pattern {
 }
 
 impl Pattern {
+    /// How far below the surface the hand goes where nobody says [m]; chosen: a press that is felt, and as deep as jaws hold with
+    /// all of their faces.
+    pub fn depth(self) -> f64 {
+        if self == Pattern::Grasp { 0.025 } else { 0.012 }
+    }
+
     /// The name it is chosen by.
     pub fn name(self) -> String {
         self.to_possible_value().map(|value| value.get_name().to_owned()).unwrap_or_default()

@@ -107,6 +107,8 @@ pub struct Report {
     pub peak_device_force: f64,
     /// Greatest torque that it gave [N·m].
     pub peak_device_torque: f64,
+    /// Greatest torque that opened its jaws, as the server sent it [N·m].
+    pub peak_grip_torque: f64,
     /// How far it was turned from upright at most [rad].
     pub turned: f64,
     /// Most energy that the passivity observer saw going out to the hand beyond what it had put in [J].
@@ -185,10 +187,11 @@ impl fmt::Display for Report {
         )?;
         writeln!(
             f,
-            "device: peak {:.3} N and {:.1} mN·m given, turned by {:.0}° at most, {:.2} mJ of {:.2} mJ given out to the hand at most",
+            "device: peak {:.3} N and {:.1} mN·m given, turned by {:.0}° at most, jaws opened by {:.1} mN·m, {:.2} mJ of {:.2} mJ given out to the hand at most",
             self.peak_device_force,
             1e3 * self.peak_device_torque,
             self.turned.to_degrees(),
+            1e3 * self.peak_grip_torque,
             1e3 * self.peak_energy,
             1e3 * self.energy_budget
         )?;

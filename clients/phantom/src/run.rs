@@ -13,7 +13,7 @@ use anyhow::{Context, Result, anyhow, bail, ensure};
 use hdrhistogram::Histogram;
 use palpate_sdk::{
     Attachment, Connection, EchoProbe, Endpoints, Link, LinkConditions, PoseSample, Registration, RenderMode, Renderer,
-    Session, Tool, ToolDescription, ToolPhase, WRENCH_BYTES, Wrench,
+    Session, Tool, ToolDescription, ToolPhase, WRENCH_BYTES, Wrench, proto::ToolPart,
 };
 
 use crate::{
@@ -248,6 +248,7 @@ impl DeviceLoop<'_> {
                 self.wrenches.send(tick_ns, received.wrench);
             }
             (self.phase, self.contact_points) = (received.wrench.phase, received.wrench.contact_points);
+            self.report.peak_grip_torque = self.report.peak_grip_torque.max(received.wrench.grip_torque);
         }
         self.report.stale_ticks += u64::from(received.is_none_or(|received| !received.fresh));
 
@@ -382,13 +383,24 @@ fn find_site(options: &Options, connection: &Connection, tool: &ToolDescription)
             top_of_surface(&surface, &now.positions)?
         }
     };
-    // How far the tool reaches below its reference point, against the normal. It is held upright: a capsule's axis goes
-    // up from the reference point, and reaches below it only where the surface faces down.
-    let extent = tool.radius + (-normal.z * tool.length).max(0.0);
+    let extent = extent(tool, normal);
     // The tangent is the x axis, or y where the normal is too near to that, made perpendicular to the normal.
     let axis = if normal.x.abs() < 0.9 { Vec3::x() } else { Vec3::y() };
     let tangent = (axis - normal * axis.dot(&normal)).normalize();
     Ok(Site { point: surface_point + normal * extent, normal, tangent, standoff: STANDOFF, depth: options.depth })
+}
+
+/// How far an upright tool, its jaws as its parts are described, reaches beyond its reference point against `normal` [m].
+fn extent(tool: &ToolDescription, normal: Vec3) -> f64 {
+    let of_part = |part: &ToolPart| {
+        let corner = |corner: &[f64; 3]| -normal.dot(&Vec3::from(*corner));
+        let farthest = part.corners.as_chunks().0.iter().map(corner).fold(f64::NEG_INFINITY, f64::max);
+        let axis = part.axis.first_chunk().map_or(Vec3::zeros(), |axis: &[f64; 3]| Vec3::from(*axis));
+        farthest + part.rounding + part.disc * axis.cross(&normal).norm()
+    };
+    let farthest = tool.parts.iter().map(of_part).fold(f64::NEG_INFINITY, f64::max);
+    // A server that tells no parts has balls and capsules.
+    if farthest.is_finite() { farthest } else { tool.radius + (-normal.z * tool.length).max(0.0) }
 }
 
 /// Errors when the path leaves the device's workspace, centred on the site, or the poses the server accepts.
@@ -418,6 +430,32 @@ fn check_reach(path: &Path, device: &Device, session: &Session) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_tool_is_held_with_its_lowest_place_on_the_surface() {
+        let part = |corners: &[f64], rounding: f64, disc: f64| ToolPart {
+            corners: corners.into(),
+            rounding,
+            disc,
+            axis: if disc > 0.0 { vec![0.0, 0.0, 1.0] } else { vec![] },
+            hinge: None,
+        };
+        let of = |part: ToolPart, normal: Vec3| {
+            extent(&ToolDescription { radius: 1.0, parts: vec![part], ..Default::default() }, normal)
+        };
+        let shaft = [0.0, 0.0, 0.0, 0.0, 0.0, 0.1];
+        for (part, normal, expected) in [
+            (part(&[0.0; 3], 0.01, 0.0), Vec3::z(), 0.01),
+            (part(&shaft, 0.01, 0.0), Vec3::z(), 0.01),
+            (part(&shaft, 0.01, 0.0), -Vec3::z(), 0.11),
+            (part(&shaft, 0.001, 0.009), Vec3::z(), 0.001),
+            (part(&shaft, 0.001, 0.009), Vec3::x(), 0.01),
+            (part(&[0.02, 0.0, 0.002], 0.001, 0.0), Vec3::z(), -0.001),
+        ] {
+            assert!((of(part.clone(), normal) - expected).abs() < 1e-12, "{part:?}");
+        }
+        assert_eq!(extent(&ToolDescription { radius: 0.01, ..Default::default() }, Vec3::z()), 0.01);
+    }
 
     #[test]
     fn a_path_beyond_the_workspace_is_refused_before_it_begins() {

@@ -193,6 +193,8 @@ typedef struct palpate_tool_state {
     uint32_t flags;          /* of the newest wrench */
     uint32_t contact_points; /* that carry force in it; 0: free */
     double age;              /* of the newest wrench since its arrival, or of the attachment before the first [s] */
+    double opening;          /* of the jaws of the simulated tool at the last palpate_force: 0, closed, to 1 */
+    double grip_torque;      /* what opens them, for the angle between them, to give now [N m]; fades as the force does */
 } palpate_tool_state;
 
 /* Fills in how the tool is doing. A failure only where the client has attached none: that a tool is gone is an answer. */

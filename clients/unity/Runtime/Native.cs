@@ -75,6 +75,10 @@ namespace Palpate
         public uint ContactPoints;
         /// <summary>Age of the newest wrench [s].</summary>
         public double Age;
+        /// <summary>Of the jaws of the simulated tool: 0, closed, to 1.</summary>
+        public double Opening;
+        /// <summary>What opens them, for the angle between them [N m].</summary>
+        public double GripTorque;
     }
 
     /// <summary>How the server is doing; see palpate_server_status in palpate.h. Counts are since its start.</summary>

@@ -40,6 +40,7 @@ pub struct Renderer {
     device: Device,
     model: Model,
     torque: Vector3<f64>,
+    grip: f64,
     /// Came since the last force was asked for.
     newer: Option<Model>,
     /// Sequence and arrival [ns] of the newest wrench that was taken.
@@ -59,6 +60,7 @@ impl Renderer {
             device: device.clone(),
             model: Model::default(),
             torque: Vector3::zeros(),
+            grip: 0.0,
             newer: None,
             taken: None,
             excess: Vector3::zeros(),
@@ -79,11 +81,12 @@ impl Renderer {
             return false;
         }
         let model = Model::of(wrench, self.mode.uses_model(), self.device.max_stiffness, now_ns);
-        if model.is_none() || wrench.torque.iter().any(|torque| !torque.is_finite()) {
+        if model.is_none() || wrench.torque.iter().chain([&wrench.grip_torque]).any(|torque| !torque.is_finite()) {
             return false;
         }
         (self.newer, self.taken) = (model, Some((wrench.sequence, now_ns)));
         self.torque = Vector3::from(wrench.torque).cap_magnitude(self.device.max_torque);
+        self.grip = wrench.grip_torque;
         true
     }
 
@@ -122,8 +125,18 @@ impl Renderer {
 
     /// The torque (3) [N·m] at `now_ns`: the newest one, at most the device's greatest, faded as the force is.
     pub fn torque(&self, now_ns: u64) -> [f64; 3] {
-        let arrival_ns = self.newer.as_ref().unwrap_or(&self.model).arrival_ns;
-        (self.torque * watchdog_scale(now_ns.saturating_sub(arrival_ns))).into()
+        (self.torque * self.left(now_ns)).into()
+    }
+
+    /// What opens the jaws [N·m] at `now_ns`: that of the newest wrench, faded as the force is. A gripper has no limit here: the
+    /// server keeps its own.
+    pub fn grip_torque(&self, now_ns: u64) -> f64 {
+        self.grip * self.left(now_ns)
+    }
+
+    /// What is left of the newest wrench.
+    fn left(&self, now_ns: u64) -> f64 {
+        watchdog_scale(now_ns.saturating_sub(self.newer.as_ref().unwrap_or(&self.model).arrival_ns))
     }
 
     /// Energy that the forces so far have given out to the hand [J], beyond what they have taken in since the touch
@@ -314,6 +327,8 @@ pub(crate) mod tests {
         let mut without = omni(RenderMode::default());
         without.receive(&Wrench { torque: [0.0, 0.3, 0.0], ..held(1, [0.0; 3]) }, 0);
         assert_eq!(without.torque(MS), [0.0; 3]);
+        without.receive(&Wrench { grip_torque: 0.02, ..held(2, [0.0; 3]) }, 0);
+        assert!((without.grip_torque(MS) - 0.02).abs() < 1e-12 && (without.grip_torque(45 * MS) - 0.01).abs() < 1e-12);
     }
 
     #[test]
@@ -330,6 +345,7 @@ pub(crate) mod tests {
         for bad in [
             held(6, [0.0, f64::NAN, 0.0]),
             Wrench { torque: [f64::INFINITY, 0.0, 0.0], ..good },
+            Wrench { grip_torque: f64::NAN, ..good },
             broken(|model| model.stiffness[1][1] = f64::NAN),
             broken(|model| model.stiffness[0][2] = f64::INFINITY),
             broken(|model| model.force[0] = f64::NAN),

@@ -60,6 +60,8 @@ pub struct CToolState {
     flags: u32,
     contact_points: u32,
     age: f64,
+    opening: f64,
+    grip_torque: f64,
 }
 
 /// `palpate_client`.
@@ -81,6 +83,8 @@ pub(super) struct Held {
     pub(super) pressed: bool,
     /// The device's newest pose in Palpate's axes, for forces between poses.
     pub(super) pose: PoseSample,
+    /// Of the jaws of the simulated tool, by the newest wrench.
+    opening: f64,
 }
 
 impl Held {
@@ -94,7 +98,7 @@ impl Held {
             opening: 0.0,
         };
         let renderer = Renderer::new(&registration.in_body(device), mode);
-        Self { tool, renderer, frame, clutch: Clutch::new(registration), pressed: false, pose }
+        Self { tool, renderer, frame, clutch: Clutch::new(registration), pressed: false, pose, opening: 0.0 }
     }
 
     /// Errors: those of [`Tool::send_pose`], the pose is forgotten then; or the tool is gone, and the pose was sent.
@@ -115,8 +119,17 @@ impl Held {
 
     /// How the tool is doing.
     pub(super) fn state(&mut self) -> CToolState {
-        let ToolStatus { hold, phase, flags, age_ns, contact_points } = self.tool.status(self.tool.now_ns());
-        CToolState { hold: hold as i32, phase: phase as i32, flags, contact_points, age: age_ns as f64 * 1e-9 }
+        let now_ns = self.tool.now_ns();
+        let ToolStatus { hold, phase, flags, age_ns, contact_points } = self.tool.status(now_ns);
+        CToolState {
+            hold: hold as i32,
+            phase: phase as i32,
+            flags,
+            contact_points,
+            age: age_ns as f64 * 1e-9,
+            opening: self.opening,
+            grip_torque: self.clutch.force_scale() * self.renderer.grip_torque(now_ns),
+        }
     }
 
     /// Errors: the tool is gone. Otherwise force [N] and torque [N·m] in the device's axes, for its position and velocity in its frame's unit.
@@ -124,6 +137,7 @@ impl Held {
         self.tool.check(self.tool.now_ns())?;
         if let Some(received) = self.tool.latest_wrench().filter(|received| received.fresh) {
             self.renderer.receive(&received.wrench, received.arrival_ns);
+            self.opening = received.wrench.opening;
         }
         let now_ns = self.tool.now_ns();
         let device = PoseSample {
