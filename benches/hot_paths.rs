@@ -2,7 +2,8 @@
 //!
 //! Absolute times are this machine's; a claim about speed is a ratio of two rows of one run.
 
-use criterion::{Criterion, Throughput, criterion_group, criterion_main};
+use criterion::measurement::WallTime;
+use criterion::{BenchmarkGroup, Criterion, Throughput, criterion_group, criterion_main};
 use palpate::display::Display;
 use palpate::scene::LoadedScene;
 use palpate::wire;
@@ -177,31 +178,59 @@ fn contact(c: &mut Criterion) {
     for (name, shape) in kinds {
         let mut settings = loaded.scene.settings();
         settings.tools[0].shape = shape;
-        let mut simulation = Simulation::new(body.clone(), settings, loaded.scene.at_rest(&body)).unwrap();
-        let mut inputs = Inputs::default();
-        inputs.tools[0] = Some(ToolEvent::Attach { epoch: 1, period_ticks: 1, coupling: Coupling::RIGID });
-        simulation.advance(&inputs);
-        let mut sequence = 0;
-        let mut press = |laps: &mut OfContact| {
-            sequence += 1;
-            let height = 0.005 - 2e-5 * f64::from(sequence.min(500));
-            inputs.tools[0] = pose(sequence, top + Vec3::z() * height);
-            laps.since = Instant::now();
-            simulation.advance_with(&inputs, laps).tools[0].contact_points
-        };
-        let mut laps = OfContact { since: Instant::now(), sum: Duration::ZERO };
-        let points = (0..800).map(|_| press(&mut laps)).last();
-        group.bench_function(format!("{name}, {} points", points.unwrap_or_default()), |b| {
-            b.iter_custom(|times| {
-                laps.sum = Duration::ZERO;
-                (0..times).for_each(|_| {
-                    press(&mut laps);
-                });
-                laps.sum
-            });
+        let simulation = Simulation::new(body.clone(), settings, loaded.scene.at_rest(&body)).unwrap();
+        // Down to 5 mm, and held there.
+        take_contact(&mut group, name, simulation, 800, |tick| {
+            (top + Vec3::z() * (0.005 - 2e-5 * f64::from(tick.min(500))), 0.0)
+        });
+    }
+    // Without the table, whose contact is another matter.
+    let free = ["obstacle=[]", "world.gravity=[0,0,0]"].map(String::from);
+    let loaded = LoadedScene::load(Path::new("grasp"), &free).unwrap();
+    let body = build(&loaded);
+    let start = loaded.scene.settled(&body, &mut |_, _, _| ());
+    for (name, closed) in [("forceps, open around a block", 0.0), ("forceps that hold it", 1.0)] {
+        let simulation = Simulation::new(body.clone(), loaded.scene.settings(), start.clone()).unwrap();
+        take_contact(&mut group, name, simulation, 1500, |tick| {
+            let [down, shut] = [0.0, 500.0].map(|from| ((f64::from(tick) - from) / 400.0).clamp(0.0, 1.0));
+            (Vec3::new(0.02, 0.02, 0.012 + 0.05 * (1.0 - down)), 1.0 - closed * shut)
         });
     }
     group.finish();
+}
+
+/// What finding contacts and solving them takes after so many `ticks` of a tool that goes where `way` says, its jaws as open as that
+/// says.
+fn take_contact(
+    group: &mut BenchmarkGroup<WallTime>,
+    name: &str,
+    mut simulation: Simulation,
+    ticks: u32,
+    way: impl Fn(u32) -> (Vec3, f64),
+) {
+    let mut inputs = Inputs::default();
+    inputs.tools[0] = Some(ToolEvent::Attach { epoch: 1, period_ticks: 1, coupling: Coupling::RIGID });
+    simulation.advance(&inputs);
+    let mut sequence = 0;
+    let mut press = |laps: &mut OfContact| {
+        sequence += 1;
+        let (position, opening) = way(sequence);
+        let pose = Pose { position, ..Pose::default() };
+        inputs.tools[0] = Some(ToolEvent::Pose(PoseSample { sequence, time_ns: 0, pose, buttons: 0, opening }));
+        laps.since = Instant::now();
+        simulation.advance_with(&inputs, laps).tools[0].contact_points
+    };
+    let mut laps = OfContact { since: Instant::now(), sum: Duration::ZERO };
+    let points = (0..ticks).map(|_| press(&mut laps)).last();
+    group.bench_function(format!("{name}, {} points", points.unwrap_or_default()), |b| {
+        b.iter_custom(|times| {
+            laps.sum = Duration::ZERO;
+            (0..times).for_each(|_| {
+                press(&mut laps);
+            });
+            laps.sum
+        });
+    });
 }
 
 /// The same press on a body without and with a level ten times as large as its finest, which is not used.

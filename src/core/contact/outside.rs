@@ -30,7 +30,9 @@ fn is_part_outside(body: &Body, vertices: &[Vec3], at: &Posed) -> bool {
             })
         },
     );
-    !grazes && !is_inside(body, |v| vertices[v.index()], at.frame.at(Vec3::zeros()))
+    // The origin of its frame need not be in it.
+    let within = at.frame.at(at.nearest(at.middle()));
+    !grazes && !is_inside(body, |v| vertices[v.index()], within)
 }
 
 /// A triangle of the surface near a tool.

@@ -92,6 +92,19 @@ impl<'a> Posed<'a> {
         Bounds { low: place - size.add_scalar(reach), high: place + size.add_scalar(reach) }
     }
 
+    /// True where a triangle is farther than `reach` [m] from the core beyond doubt: a box around a slanted core says less.
+    pub(super) fn is_apart(&self, corners: &[Vec3; 3], reach: Real) -> bool {
+        match &self.part.core {
+            Core::Axis(_) => {
+                let middle = (corners[0] + corners[1] + corners[2]) / 3.0;
+                let size = corners.iter().map(|p| (p - middle).norm_squared()).fold(0.0, Real::max).sqrt();
+                let away = middle - self.frame.at(Vec3::new(0.0, 0.0, self.along(middle)));
+                away.norm() > reach + size
+            }
+            core @ Core::Solid(_) => core.bounds().grown(reach).is_apart(&corners.map(|p| self.frame.own(p))),
+        }
+    }
+
     /// The place of a triangle that is nearest to the core, or deepest in it along `push`, along which the core would push
     /// it out; for an axis also the coordinates of its nearest point.
     pub fn nearest_in_triangle(&self, corners: &[Vec3; 3], push: Vec3) -> (Vec3, Option<Vec3>) {

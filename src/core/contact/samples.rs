@@ -167,6 +167,10 @@ impl Samples {
             if window.is_apart(&corners) {
                 continue;
             }
+            // Nor what is farther than that.
+            if part.at.is_apart(&corners, (radius + nearest.0).max(0.0)) {
+                continue;
+            }
             let outward = area_vector(on, t);
             let Some(inward) = (-outward).try_normalize(0.0) else { continue };
             if self.own(part).any(|face| part.is_solid() && face.has_all(part, &corners, inward)) {
