@@ -193,7 +193,7 @@ fn contact(c: &mut Criterion) {
         let simulation = Simulation::new(body.clone(), loaded.scene.settings(), start.clone()).unwrap();
         take_contact(&mut group, name, simulation, 1500, |tick| {
             let [down, shut] = [0.0, 500.0].map(|from| ((f64::from(tick) - from) / 400.0).clamp(0.0, 1.0));
-            (Vec3::new(0.02, 0.02, 0.012 + 0.05 * (1.0 - down)), 1.0 - closed * shut)
+            (Vec3::new(0.02, 0.02, 0.024 + 0.05 * (1.0 - down)), 1.0 - closed * shut)
         });
     }
     group.finish();

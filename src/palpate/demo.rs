@@ -41,7 +41,7 @@ pub struct DemoArgs {
     /// What the virtual hand does; left out: it palpates, or grasps where the first tool has jaws
     #[arg(long, value_enum, ignore_case = true)]
     pattern: Option<Pattern>,
-    /// How far below the surface the hand wants to go [m]; left out: 12 mm, or 25 mm to grasp
+    /// How far below the surface the hand wants to go [m]; left out: 12 mm, or 16 mm to grasp
     #[arg(long)]
     depth: Option<f64>,
     /// Device that the virtual hand holds

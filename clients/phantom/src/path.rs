@@ -65,7 +65,7 @@ impl Pattern {
     /// How far below the surface the hand goes where nobody says [m]; chosen: a press that is felt, and as deep as jaws hold with
     /// all of their faces.
     pub fn depth(self) -> f64 {
-        if self == Pattern::Grasp { 0.025 } else { 0.012 }
+        if self == Pattern::Grasp { 0.016 } else { 0.012 }
     }
 
     /// The name it is chosen by.
