@@ -4,24 +4,11 @@
 //! jaws which cannot close press no harder than the instrument can. What acts on the jaws is measured by the moment that is
 //! conjugate to the angle between them, the sum of the angles by which parts turn: of two jaws that turn alike, that on either.
 
+pub use super::hinge::Hinge;
 use super::shape::{Part, Shape};
-use super::tool::Following;
 use crate::math::{Pose, Real, Vec3};
 use crate::model::constraint::Grip;
 use serde::{Deserialize, Serialize};
-
-/// What a part of a tool turns about.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Hinge {
-    /// Unit vector in the tool's own frame.
-    pub axis: Vec3,
-    /// A place that stays where it is, likewise [m].
-    pub point: Vec3,
-    /// By how much the part is turned from its place while the jaws are closed [rad].
-    pub closed: Real,
-    /// And while they are open.
-    pub open: Real,
-}
 
 /// Where a tool is, and how far its jaws are open.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -45,20 +32,14 @@ impl Stance {
 
     /// The frame of the tool as `part` has it: turned about its hinge.
     pub fn of_part(&self, part: &Part) -> Pose {
-        match part.hinge() {
-            None => self.pose,
-            Some(Hinge { axis, point, closed, open }) => {
-                self.pose.turned_about(*point, *axis, closed + self.opening * (open - closed))
-            }
-        }
+        part.hinge().map_or(self.pose, |hinge| hinge.turned(&self.pose, self.opening))
     }
 
     /// How the place `p` of `part` [m] moves as the angle between the jaws of `mechanism` grows [m/rad].
     pub fn lever(&self, part: &Part, mechanism: &Mechanism, p: Vec3) -> Vec3 {
         match part.hinge() {
-            Some(Hinge { axis, point, closed, open }) if mechanism.angle > 0.0 => {
-                let turned = (open - closed) / mechanism.angle;
-                self.pose.rotate(*axis).cross(&(p - self.pose.to_world(*point))) * turned
+            Some(hinge) if mechanism.angle > 0.0 => {
+                hinge.lever(&self.pose, p) * ((hinge.open - hinge.closed) / mechanism.angle)
             }
             _ => Vec3::zeros(),
         }
@@ -93,11 +74,10 @@ impl Mechanism {
         Grip { free: self.angle * opening, compliance: self.compliance, most: self.angle }
     }
 
-    /// Part of the way from closed to open that the jaws go at most within `tick` [s], so that no place is faster than `bounds`
-    /// allow, and none turns faster than a tool may.
-    fn most_within(&self, tick: Real, bounds: &Following) -> Real {
-        let fastest = (bounds.speed / self.way).min(super::tool::MOST_TURN / self.turn);
-        fastest * tick
+    /// Part of the way from closed to open that the jaws go at most within `time` [s], so that no place is faster than `speed` [m/s],
+    /// and none turns by more than `turn` [rad/s].
+    pub(super) fn most_within(&self, time: Real, speed: Real, turn: Real) -> Real {
+        (speed / self.way).min(turn / self.turn) * time
     }
 }
 
@@ -132,17 +112,17 @@ impl Jaws {
         self.target = self.device;
     }
 
-    /// One tick of `tick` [s] towards the target, of which they go a `fraction`, within the `bounds` where they touch something.
-    pub(super) fn follow(&mut self, mechanism: &Mechanism, fraction: Real, tick: Real, bounds: Option<&Following>) {
+    /// One tick towards the target: a `fraction` of the way, but no more than `most` of it all where they may touch something.
+    pub(super) fn follow(&mut self, mechanism: &Mechanism, fraction: Real, most: Option<Real>) {
         self.previous = self.opening;
         if mechanism.angle == 0.0 {
             *self = Self::default();
             return;
         }
         let step = (self.target - self.device) * fraction;
-        let most = bounds.map_or(1.0, |bounds| mechanism.most_within(tick, bounds));
-        self.device += step.max(-most).min(most);
-        self.give_way(mechanism, bounds.is_some());
+        let bound = most.unwrap_or(1.0);
+        self.device += step.max(-bound).min(bound);
+        self.give_way(mechanism, most.is_some());
     }
 
     /// What `touches` hangs back from where it is held under the last moment.
@@ -217,9 +197,9 @@ mod tests {
     #[test]
     fn jaws_that_touch_close_no_faster_than_a_tool_moves() {
         let mechanism = Mechanism::of(&forceps());
-        let bounds = Following { speed: 0.1, engage_ticks: 100 };
+        let most = mechanism.most_within(1e-3, 0.1, 12.0);
         let mut jaws = Jaws { target: 0.0, device: 1.0, opening: 1.0, ..Jaws::default() };
-        jaws.follow(&mechanism, 1.0, 1e-3, Some(&bounds));
+        jaws.follow(&mechanism, 1.0, Some(most));
         // The farthest place, the rounding of the tip, goes 0.3 rad of a circle of some 0.102 m.
         let gone = (1.0 - jaws.device) * 0.3 * 0.102;
         assert!(gone > 0.9e-4 && gone <= 1e-4 + 1e-12, "{gone}");

@@ -8,6 +8,7 @@ mod density;
 pub mod detection;
 pub mod friction;
 pub mod ground;
+mod hinge;
 mod influence;
 pub mod jaws;
 mod moving_part;

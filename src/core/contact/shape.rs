@@ -4,7 +4,7 @@
 //! core's points have *coordinates* that turn and move with the tool: `(0, 0, part)` on an axis, metres in the part's
 //! own frame in a solid core.
 
-use super::jaws::Hinge;
+use super::hinge::Hinge;
 pub use super::solid::MOST_CORNERS;
 use super::solid::{Hull, Solid};
 use crate::math::{Bounds, Pose, Real, Vec3};

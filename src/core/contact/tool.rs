@@ -160,7 +160,7 @@ pub const TRANSITION_TICKS: u32 = 32;
 const CLIENT_FADE: (u32, u32) = (20, 70);
 
 /// Fastest that an engaged tool turns [rad/s]: two turns a second is more than a wrist does.
-pub(super) const MOST_TURN: Real = 12.0;
+const MOST_TURN: Real = 12.0;
 
 impl ToolState {
     /// True when the tool pushes the body.
@@ -272,7 +272,8 @@ impl ToolState {
         self.speed_limited = false;
         let fraction = 1.0 / Real::from(self.remaining_ticks.max(1));
         self.remaining_ticks = self.remaining_ticks.saturating_sub(1);
-        self.jaws.follow(mechanism, fraction, tick, Some(bounds).filter(|_| self.touches()));
+        let most = mechanism.most_within(tick, bounds.speed, MOST_TURN);
+        self.jaws.follow(mechanism, fraction, Some(most).filter(|_| self.touches()));
         if !self.touches() {
             self.device = self.device.towards(&self.target, fraction);
             self.pose = self.device;
