@@ -10,13 +10,11 @@ use super::samples::{Hold, Samples};
 use super::shape::MOST_PARTS;
 use super::tool::{MOST_POINTS, Wrench};
 use super::touchable::{FASTEST_SURFACE, MARGIN, Touchable};
-use crate::ids::Vertex;
 use crate::math::{Bounds, Real, Vec3};
 use crate::model::active_mesh::contact_row::Surroundings;
 use crate::model::constraint::{PointMemory, Pushed};
 use crate::model::step_class::TICK;
 use crate::model::{ActiveMesh, Body};
-use crate::visited::Visited;
 
 /// Memory that detection needs and no one keeps.
 #[derive(Debug)]
@@ -26,10 +24,6 @@ pub struct Workspace {
     /// Display vertices [m], (n_vertices); those far from the tool at hand as of some earlier tick.
     vertices: Vec<Vec3>,
     pub(super) memory: Vec<PointMemory>,
-    /// Display vertices around the tool.
-    near: Vec<Vertex>,
-    /// Display triangles that have been looked at.
-    seen: Visited,
     /// By which parts touch.
     samples: Samples,
     /// Nodes, for all that touches the body.
@@ -56,8 +50,6 @@ impl Workspace {
             nearby: (0..tools).map(|_| Nearby::new(body, mesh)).collect(),
             vertices: surface.vertices.clone(),
             memory: Vec::with_capacity(points),
-            near: Vec::with_capacity(surface.vertices.len()),
-            seen: Visited::new(surface.triangles.len()),
             samples: Samples::new(),
             nodes: Surroundings::new(body),
             longest_edge: longest,
@@ -105,18 +97,12 @@ pub fn detect(
     let way = |i: usize| start[i].frame.farthest_move(&end[i].frame, all[i].part);
     let margin = (0..parts).map(|i| way(i) + FASTEST_SURFACE * TICK).fold(MARGIN, Real::max);
     // Whatever touches the tool has all its vertices within an edge's length of the box of one of its parts.
-    let mut windows = [Bounds::NOTHING; MOST_PARTS];
     let more = margin + MOST_STRETCH * work.longest_edge;
-    windows.iter_mut().zip(all).for_each(|(window, at)| *window = at.window(at.part.radius() + more));
-    let window = windows[..parts].iter().fold(windows[0], |a, b| a.joined(b));
-    work.near.clear();
-    for &v in work.nearby[id.index()].place(body, mesh, window, &mut work.vertices) {
-        if windows[..parts].iter().any(|w| w.contains(&work.vertices[v.index()])) {
-            work.near.push(v);
-        }
-    }
-    let near = work.nearby[id.index()].placed();
-    let on = &Touchable { body, mesh, vertices: &work.vertices, near };
+    let windows = all.iter().map(|at| at.window(at.part.radius() + more));
+    let window = windows.reduce(|a, b| a.joined(&b)).unwrap_or(Bounds::NOTHING);
+    work.nearby[id.index()].place(body, mesh, window, &mut work.vertices);
+    let nearby = &work.nearby[id.index()];
+    let on = &Touchable { body, mesh, vertices: &work.vertices, near: nearby.placed() };
     let density = Density::of(shape.parts(), MOST_POINTS);
     let moving = |number: usize| {
         let number = number.min(parts - 1);
@@ -128,12 +114,8 @@ pub fn detect(
     samples.begin(if memory.is_empty() { FIRST.max(room as usize) } else { room as usize });
     let before = Before { memory, changed: work.changed };
     samples.follow(on, moving, before, nodes);
-    for (part, window) in moving.iter().zip(&windows) {
-        work.seen.clear();
-        let near = work.near.iter().filter(|v| window.contains(&work.vertices[v.index()]));
-        let (seen, around) = (&mut work.seen, near.flat_map(|v| body.triangles_around(*v)));
-        let around = around.copied().filter(|t| seen.visit(t.index()));
-        samples.find_new(on, part, before, nodes, around);
+    for part in moving {
+        samples.find_new(on, part, before, nodes, nearby.triangles());
     }
     work.memory.clear();
     // The pose is where the coupling's springs are as long as the last force and torque made them.

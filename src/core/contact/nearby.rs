@@ -1,6 +1,6 @@
 //! The part of the displayed surface that a tool may touch: the rest need not be moved every tick.
 
-use crate::ids::{Node, Vertex};
+use crate::ids::{Node, Triangle, Vertex};
 use crate::math::{Bounds, Real, Vec3};
 use crate::model::active_mesh::MOST_ASIDE;
 use crate::model::element_kernel::Padded;
@@ -14,11 +14,14 @@ use crate::visited::Visited;
 pub(super) struct Nearby {
     /// All vertices in a box when it was last looked for them, and all that share a triangle with those; ascending.
     vertices: Vec<Vertex>,
+    /// Triangles of which one was in that box; ascending.
+    triangles: Vec<Triangle>,
     /// That box [m].
     reach: Bounds,
     /// Where the nodes were then [m], (n_slots).
     from: Vec<Padded>,
     marked: Visited,
+    listed: Visited,
     is_known: bool,
 }
 
@@ -33,6 +36,8 @@ impl Nearby {
             reach: Bounds::NOTHING,
             from: Vec::with_capacity(mesh.motion.position.len()),
             marked: Visited::new(vertices),
+            triangles: Vec::with_capacity(body.surface().triangles.len()),
+            listed: Visited::new(body.surface().triangles.len()),
             is_known: false,
         }
     }
@@ -54,19 +59,24 @@ impl Nearby {
         let far = self.farthest(mesh);
         mesh.revisited().iter().for_each(|v| self.mark(body, mesh, *v, far));
         self.vertices.sort_unstable();
+        self.triangles.sort_unstable();
     }
 
     /// Moves to their `places` [m] at least all vertices that are in the `window` now, and the corners of all triangles that meet
-    /// there; returns a list of vertices in which the first of these are, ascending.
-    pub(super) fn place(&mut self, body: &Body, mesh: &ActiveMesh, window: Bounds, places: &mut [Vec3]) -> &[Vertex] {
+    /// there.
+    pub(super) fn place(&mut self, body: &Body, mesh: &ActiveMesh, window: Bounds, places: &mut [Vec3]) {
         if !self.holds(mesh, window) {
             self.look(body, mesh, window);
         }
         self.vertices.iter().for_each(|v| places[v.index()] = mesh.vertex(*v));
-        &self.vertices
     }
 
-    /// Those that have been moved to their places.
+    /// Triangles among which are all that meet in the last window, ascending.
+    pub(super) fn triangles(&self) -> &[Triangle] {
+        &self.triangles
+    }
+
+    /// Vertices that have been moved to their places.
     pub(super) fn placed(&self) -> &Visited {
         &self.marked
     }
@@ -96,6 +106,8 @@ impl Nearby {
         self.from.extend_from_slice(&mesh.motion.position);
         self.marked.clear();
         self.vertices.clear();
+        self.listed.clear();
+        self.triangles.clear();
         for class in 0..CLASSES {
             for e in mesh.pool().ids(class) {
                 let hosted = body.hosted(e);
@@ -109,6 +121,7 @@ impl Nearby {
         }
         mesh.extrapolated().iter().chain(mesh.morphing()).for_each(|v| self.mark(body, mesh, *v, 0.0));
         self.vertices.sort_unstable();
+        self.triangles.sort_unstable();
         self.is_known = true;
     }
 
@@ -127,6 +140,9 @@ impl Nearby {
         let far = far + Vec3::from_row_slice(&mesh.geomorph[v.index()][..3]).norm();
         if self.reach.grown(far).contains(&mesh.vertex(v)) {
             for &t in body.triangles_around(v) {
+                if self.listed.visit(t.index()) {
+                    self.triangles.push(t);
+                }
                 for v in body.triangle(t) {
                     if self.marked.visit(v.index()) {
                         self.vertices.push(v);

@@ -138,7 +138,7 @@ impl Samples {
         part: &MovingPart,
         before: Before,
         nodes: &mut Surroundings,
-        near: impl Iterator<Item = Triangle>,
+        near: &[Triangle],
     ) {
         if self.found.len() + part.samples() > MOST_POINTS || part.samples() > self.room {
             return;
@@ -156,13 +156,13 @@ impl Samples {
     }
 
     /// Where the tool touches the surface next beside the faces that there are: at first what is nearest.
-    fn new_ahead(&self, on: &Touchable, part: &MovingPart, near: impl Iterator<Item = Triangle>) -> Option<Ahead> {
+    fn new_ahead(&self, on: &Touchable, part: &MovingPart, near: &[Triangle]) -> Option<Ahead> {
         let (radius, start) = (part.radius(), part.start());
         let is_first = self.own(part).next().is_none();
         let mut nearest = (if is_first { part.margin } else { -UNNOTICED }, None);
         // What is farther away is not nearest.
         let window = part.at.window(radius + if is_first { part.margin } else { 0.0 });
-        for t in near {
+        for &t in near {
             let corners = on.body.triangle(t).map(|v| on.vertices[v.index()]);
             if window.is_apart(&corners) {
                 continue;

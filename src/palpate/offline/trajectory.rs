@@ -480,6 +480,37 @@ mod tests {
     }
 
     #[test]
+    fn a_column_of_openings_may_stand_behind_a_pose_in_either_form_and_is_written_again() {
+        let alone =
+            format!("{TRAJECTORY_HEADER},opening\n0,0,0.1,0.1,0.2,0,0,0,1,0,0.25\n0.001,0,0.1,0.1,0.2,0,0,0,1,0,\n");
+        let events = format!(
+            "{TRAJECTORY_HEADER},opening,{EVENT_COLUMNS}\n0,0,,,,,,,,,,attach,0.001,,\n\
+             0.001,0,0.1,0.1,0.2,0,0,0,1,0,0.25,pose,,,\n0.002,0,,,,,,,,,,detach,,,\n"
+        );
+        for text in [&alone, &events] {
+            let trajectory = Trajectory::parse(text, "t.csv", 1).unwrap();
+            let openings: Vec<Real> = (1..=3)
+                .filter_map(|tick| match trajectory.inputs(tick).tools[0] {
+                    Some(ToolEvent::Pose(sample)) => Some(sample.opening),
+                    _ => None,
+                })
+                .collect();
+            assert_eq!(openings[0], 0.25, "{text}");
+            let folder = tempfile::tempdir().unwrap();
+            let path = folder.path().join("again.csv");
+            trajectory.write(&path).unwrap();
+            let again = Trajectory::parse(&std::fs::read_to_string(&path).unwrap(), "again.csv", 1).unwrap();
+            assert_eq!(again.events, trajectory.events);
+        }
+        for (cell, fault) in [("1.5", "not a number within 0 to 1"), ("wide", "not a number within 0 to 1")] {
+            let text = alone.replace("0.25", cell);
+            assert!(Trajectory::parse(&text, "t.csv", 1).unwrap_err().what.contains(fault));
+        }
+        let idle = events.replace(",,,,,,,,,,attach", ",,,,,,,,,0.5,attach");
+        assert!(Trajectory::parse(&idle, "t.csv", 1).unwrap_err().what.contains("opening: a row \"attach\" has none"));
+    }
+
+    #[test]
     fn a_trajectory_gives_one_event_per_tool_and_tick() {
         let text = format!(
             "{TRAJECTORY_HEADER}\n0.000,0,0,0,0.1,0,0,0,1,0\n0.0002,0,0,0,0.2,0,0,0,1,0\n0.010,0,0,0,0.3,0,0,0,2,1\n"
