@@ -207,6 +207,23 @@ fn shapes_that_contradict_themselves_are_named_by_key_and_line() {
         ("shape = \"compound\"\n[[tool.part]]\nshape = \"compound\"", "part[0].shape", "capsule"),
         ("shape = \"compound\"\n[[tool.part]]\norientation = [1,1,0,0]", "part[0].orientation", "quaternion"),
         ("shape = \"compound\"\n[[tool.part]]\n[[tool.part]]\nradius = 1.0", "part[1].radius", "0.1"),
+        ("shape = \"compound\"\n[[tool.part]]\nhinge = {axis = [0,1,0], open = 0.3}", "grip", "grip = 0.05"),
+        ("shape = \"compound\"\ngrip = 0.1\n[[tool.part]]\nradius = 0.01", "grip", "hinge"),
+        (
+            "shape = \"compound\"\ngrip = 0.1\n[[tool.part]]\nhinge = {axis = [0,0,0], open = 0.3}",
+            "part[0].hinge.axis",
+            "direction",
+        ),
+        (
+            "shape = \"compound\"\ngrip = 0.1\n[[tool.part]]\nhinge = {axis = [0,1,0], open = 0.0}",
+            "part[0].hinge.open",
+            "closed",
+        ),
+        (
+            "shape = \"compound\"\ngrip = 0.1\n[[tool.part]]\nhinge = {axis = [0,1,0], open = 4.0}",
+            "part[0].hinge.open",
+            "3.14",
+        ),
     ] {
         let e = tools(&format!("[[tool]]\nname = \"t\"\n{text}\n")).unwrap_err().to_string();
         assert!(e.contains("my.toml, line ") && e.contains(&format!("tool[0].{key}: ")) && e.contains(why), "{e}");
