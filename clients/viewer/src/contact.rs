@@ -44,13 +44,13 @@ impl PlacedTool {
         })
     }
 
-    /// (vertices) how much of each touches the tool, 0 to 1: everything closer than a tenth of its radius, fading out
-    /// within `edge` [m], the distance between vertices. Nothing where the tool feels nothing.
+    /// (vertices) how much of each touches the tool, 0 to 1: everything closer than a tenth of its radius, but no
+    /// more than `edge` [m], the distance between vertices, fading out within that. Nothing where the tool feels nothing.
     pub fn add_touch(&self, positions: &[[f32; 3]], edge: f32, touch: &mut [f32]) {
         if self.force.magnitude() < 1e-4 {
             return;
         }
-        let (back, near) = (self.orientation.conjugate(), 0.1 * self.shape.radius);
+        let (back, near) = (self.orientation.conjugate(), (0.1 * self.shape.radius).min(edge));
         let reach = self.shape.reach() + near + edge;
         for (touch, &position) in touch.iter_mut().zip(positions) {
             let away = Vec3::from(position) - self.position;

@@ -148,7 +148,8 @@ function takeFrame(content) {
 // The part of a tool that touches, where it feels something.
 function touch({ tool, position, orientation, force }) {
     const shape = session?.tools.find((known) => known.tool === tool);
-    if (!shape || !force || Math.hypot(...force) < 1e-4) return null;
+    // The radius of a shape of other parts is that of a ball around all of it.
+    if (!shape || shape.parts.length > 1 || !force || Math.hypot(...force) < 1e-4) return null;
     const [x, y, z, w] = orientation;
     // The tool's own +z.
     const axis = [2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)];
