@@ -50,7 +50,7 @@ int main(int argc, char **argv)
     dhdEnableForce(DHD_ON, FIRST);
 
     for (begun = dhdGetTime(); dhdGetTime() < begun + seconds;) {
-        palpate_pose pose = {{0.0, 0.0, 0.0}, {0.0, 0.0, 0.0, 1.0}, 0};
+        palpate_pose pose = {{0.0, 0.0, 0.0}, {0.0, 0.0, 0.0, 1.0}, 0, 0.0f};
         double velocity[3], force[3] = {0.0, 0.0, 0.0}, now = dhdGetTime();
         dhdGetPosition(&pose.position[0], &pose.position[1], &pose.position[2], FIRST); /* m */
         dhdGetLinearVelocity(&velocity[0], &velocity[1], &velocity[2], FIRST);          /* m/s */

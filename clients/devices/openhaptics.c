@@ -71,6 +71,7 @@ static HDCallbackCode HDCALLBACK servo(void *data)
     hdGetIntegerv(HD_CURRENT_BUTTONS, &buttons);
     quaternion(transform, pose.orientation);
     pose.buttons = (uint32_t)buttons;
+    pose.opening = 0.0f;
     if (atomic_load(&hand->owner) == SERVO) {
         int good = palpate_clutch(hand->client, (buttons & HD_DEVICE_BUTTON_2) != 0) == 0;
         good = good && palpate_send_pose(hand->client, &pose) == 0;

@@ -24,7 +24,7 @@
 static void read_device(double seconds, palpate_pose *pose, double velocity[3])
 {
     double travel = seconds < 1.0 ? seconds : 1.0;
-    palpate_pose now = {{0.0, 25.0 - 24.0 * travel, 0.0}, {0.0, 0.0, 0.0, 1.0}, 0};
+    palpate_pose now = {{0.0, 25.0 - 24.0 * travel, 0.0}, {0.0, 0.0, 0.0, 1.0}, 0, 0.0f};
     velocity[0] = velocity[2] = 0.0;
     velocity[1] = seconds < 1.0 ? -24.0 : 0.0;
     *pose = now;

@@ -41,9 +41,9 @@ use std::sync::Arc;
 pub const BUNDLED: [(&str, &str); 6] = [
     ("liver", include_str!("../../../config/scenes/liver.toml")),
     ("organs", include_str!("../../../config/scenes/organs.toml")),
-    ("grasp", include_str!("../../../config/scenes/grasp.toml")),
     ("toy", include_str!("../../../config/scenes/toy.toml")),
     ("cube", include_str!("../../../config/scenes/cube.toml")),
+    ("grasp", include_str!("../../../config/scenes/grasp.toml")),
     ("organ", include_str!("../../../config/scenes/organ.toml")),
 ];
 
