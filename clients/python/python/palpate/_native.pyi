@@ -131,7 +131,7 @@ class Simulation:
         """One tick (1 ms), in which the tool gets a new pose, or nothing happens; the wrench after it."""
     @overload
     def run(self, poses: ArrayLike, tool: ToolName = 0) -> Wrenches:
-        """One tick for each row of ``poses``, (n, 3) or (n, 7). Python's lock is free meanwhile."""
+        """One tick for each row of ``poses``, (n, 3), (n, 7) or, of a tool with jaws, (n, 8). Python's lock is free meanwhile."""
     @overload
     def run(self, poses: "dict[ToolName, ArrayLike]") -> "dict[ToolName, Wrenches]":
         """Several tools at once, each with as many poses."""
