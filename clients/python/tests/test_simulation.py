@@ -204,3 +204,18 @@ def test_it_is_bit_for_bit_what_the_program_simulates_and_as_fast(simulated):
             break
     print("speed over that of the program:", ["%.2f" % share for share in shares])
     assert max(shares) >= 0.9, shares
+
+
+def test_jaws_open_and_close_by_an_eighth_column():
+    sim = palpate.Simulation("grasp", world={"gravity": [0.0, 0.0, 0.0]})
+    sim.attach()
+    n = 1200
+    opening = np.clip(1.5 - np.arange(n) / 400, 0.0, 1.0)
+    rows = np.tile([0.02, 0.02, 0.024, 0.0, 0.0, 0.0, 1.0, 1.0], (n, 1))
+    rows[:, 7] = opening
+    felt = sim.run(rows)
+    assert felt.opening[0] == 1.0 and felt.grip_torque[0] == 0.0
+    # The block holds the jaws open against the grip of 0.12 N m.
+    assert 0.3 < felt.opening[-1] < 0.6 and np.isclose(felt.grip_torque[-1], 0.12 * felt.opening[-1], rtol=0.02)
+    with pytest.raises(ValueError, match="open by 1.5"):
+        sim.step([0.02, 0.02, 0.024, 0.0, 0.0, 0.0, 1.0, 1.5])
