@@ -1,5 +1,8 @@
 //! The command line: what a user types, and what it says when something is wrong.
 
+#[path = "common/ports.rs"]
+mod ports;
+
 use assert_cmd::Command;
 use palpate_core::model::element_kernel::Simd;
 use std::fs;
@@ -114,8 +117,7 @@ fn mistakes_are_named_with_file_line_and_remedy() {
 #[test]
 fn the_demo_ends_by_itself_with_a_summary() {
     // Ports of its own, so that it runs beside other servers.
-    let port = || std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
-    let (force, surface) = (format!("tcp/127.0.0.1:{}", port()), format!("tcp/127.0.0.1:{}", port()));
+    let (force, surface) = free_endpoints();
     let folder = tempfile::tempdir().unwrap();
     let recording = folder.path().join("demo.mcap");
     let outcome = palpate(&[
@@ -157,8 +159,7 @@ impl Drop for Serving {
 
 #[test]
 fn record_starts_and_stops_a_recording_on_a_running_server() {
-    let port = || std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
-    let (force, surface) = (format!("tcp/127.0.0.1:{}", port()), format!("tcp/127.0.0.1:{}", port()));
+    let (force, surface) = free_endpoints();
     let folder = tempfile::tempdir().unwrap();
     let server = std::process::Command::new(env!("CARGO_BIN_EXE_palpate"))
         .args(["serve", "--scene", "cube", "--set", "body.active_level=0", "--set", "world.settle=0"])
@@ -213,8 +214,7 @@ fn a_router_that_is_no_endpoint_is_refused_before_the_body_is_built() {
 
 /// Two endpoints of this machine that nobody listens on.
 fn free_endpoints() -> (String, String) {
-    let port = || std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
-    (format!("tcp/127.0.0.1:{}", port()), format!("tcp/127.0.0.1:{}", port()))
+    (ports::free_endpoint(), ports::free_endpoint())
 }
 
 const SMALL: [&str; 6] = ["--scene", "cube", "--set", "body.active_level=0", "--set", "world.settle=0"];

@@ -1,7 +1,9 @@
 //! The program as a server of its own.
 #![allow(dead_code, reason = "each test uses a part")]
 
-use std::net::TcpListener;
+#[path = "ports.rs"]
+mod ports;
+
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
@@ -29,10 +31,7 @@ impl Served {
     }
 
     fn run(serve: Command, arguments: &[&str]) -> Self {
-        let taken: Vec<TcpListener> = (0..2).map(|_| TcpListener::bind("127.0.0.1:0").unwrap()).collect();
-        let endpoint = |i: usize| format!("tcp/127.0.0.1:{}", taken[i].local_addr().unwrap().port());
-        let [force, surface] = [endpoint(0), endpoint(1)];
-        drop(taken);
+        let [force, surface] = [0, 1].map(|_| ports::free_endpoint());
         Self::at(serve, arguments, &palpate_sdk::Endpoints { force, surface, ..Default::default() })
     }
 

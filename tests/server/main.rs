@@ -3,6 +3,8 @@
 #[cfg(unix)]
 mod c_client;
 mod parameters;
+#[path = "../common/ports.rs"]
+mod ports;
 #[path = "../common/stranger.rs"]
 mod stranger;
 mod two_hands;
@@ -28,9 +30,7 @@ fn rigid(client: &str, tool: &str, rate_hz: f64) -> Attachment {
 
 /// Two ports that nobody listens on.
 fn free_endpoints() -> (String, String) {
-    let taken: Vec<_> = (0..2).map(|_| std::net::TcpListener::bind("127.0.0.1:0").unwrap()).collect();
-    let ports: Vec<u16> = taken.iter().map(|l| l.local_addr().unwrap().port()).collect();
-    (format!("tcp/127.0.0.1:{}", ports[0]), format!("tcp/127.0.0.1:{}", ports[1]))
+    (ports::free_endpoint(), ports::free_endpoint())
 }
 
 struct Running {

@@ -18,8 +18,7 @@ use std::time::{Duration, Instant};
 
 /// Endpoints of two ports that nobody listens on.
 pub fn free_endpoints() -> [String; 2] {
-    let taken: Vec<_> = (0..2).map(|_| TcpListener::bind("127.0.0.1:0").unwrap()).collect();
-    [0, 1].map(|i| format!("tcp/{}", taken[i].local_addr().unwrap()))
+    [0, 1].map(|_| crate::ports::free_endpoint())
 }
 
 /// A server of the weightless cube in a process of its own.

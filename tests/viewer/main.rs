@@ -5,6 +5,8 @@ mod display;
 mod live;
 mod look;
 mod pictures;
+#[path = "../common/ports.rs"]
+mod ports;
 #[path = "../../clients/viewer/tests/interface/screen.rs"]
 mod screen;
 #[path = "../common/textured_cube.rs"]

@@ -8,6 +8,8 @@ mod hands;
 mod memory;
 mod pictures;
 
+#[path = "../common/ports.rs"]
+mod ports;
 #[path = "../common/random.rs"]
 mod random;
 #[path = "../common/textured_cube.rs"]
@@ -16,14 +18,12 @@ mod textured_cube;
 use browser::{Page, Visitor};
 use palpate_sdk::Endpoints;
 use palpate_web::{Gateway, Options, Rights};
-use std::net::TcpListener;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 /// Endpoints of two ports that nobody listens on.
 fn free_endpoints() -> Endpoints {
-    let taken: Vec<_> = (0..2).map(|_| TcpListener::bind("127.0.0.1:0").unwrap()).collect();
-    let [force, surface] = [0, 1].map(|i| format!("tcp/{}", taken[i].local_addr().unwrap()));
+    let [force, surface] = [0, 1].map(|_| ports::free_endpoint());
     Endpoints { force, surface, session: "main".into(), identity: None }
 }
 

@@ -4,8 +4,8 @@ use palpate_proto::{ToolPhase, ToolWrench};
 
 use crate::ClientError;
 
-/// Encoded size of a wrench in contact [bytes]: a bare round trip of this many bytes is what the network alone costs.
-pub const WRENCH_BYTES: usize = 220;
+/// Encoded size of a wrench in contact, of a tool with jaws [bytes]: a bare round trip of this many bytes is what the network alone costs.
+pub const WRENCH_BYTES: usize = 232;
 
 /// One `ToolWrench` of the contract. Forces act on the tool, in the world frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -153,6 +153,7 @@ mod tests {
         assert_eq!(wrench.physical_force[2], 4.0);
         assert_eq!((wrench.sequence, wrench.pose_sequence, wrench.pose_time_ns), (3, 2, 5));
         assert_eq!((wrench.phase, wrench.contact_points, wrench.flags), (ToolPhase::Engaged, 6, 1));
+        assert_eq!((wrench.opening, wrench.grip_torque), (0.5, f64::from(0.02f32)));
     }
 
     #[test]
