@@ -11,7 +11,6 @@ use palpate_viewer::poke::Felt;
 use palpate_viewer::snapshot::Photographer;
 use palpate_viewer::three_d::egui::{PointerButton, Pos2, pos2};
 use palpate_viewer::three_d::{Viewport, vec3};
-use std::net::TcpListener;
 use std::process::{Child, Command, Stdio};
 use std::sync::mpsc;
 use std::time::{Duration, Instant};
