@@ -71,7 +71,7 @@ const LONGEST_PERIOD: Real = 10.0;
 
 impl Trajectory {
     /// Reads a trajectory: CSV with the columns of [`TRAJECTORY_HEADER`], or those and [`EVENT_COLUMNS`], or those and
-    /// [`BUDGET_COLUMNS`], or those and [`PARAMETER_COLUMNS`], with [`OPENING_COLUMN`] after those of a pose or without; times ascend from 0, and a row of time `t` acts in the first tick that ends later.
+    /// [`BUDGET_COLUMNS`], or those and [`PARAMETER_COLUMNS`], with a column `opening` after those of a pose or without; times ascend from 0, and a row of time `t` acts in the first tick that ends later.
     ///
     /// With poses alone each tool is attached just before its first pose, rigidly, with the median time between its rows as
     /// its period.
