@@ -166,6 +166,12 @@ mod tests {
             assert!((hinged.to_world(Vec3::zeros()) - pose.to_world(own)).norm() < 1e-15);
             assert_eq!(stance.of_part(&shape.parts()[2]), pose);
         }
+        // However it is put together, one ball holds it.
+        let (hinge, aside) =
+            (*shape.parts()[0].hinge().unwrap(), Pose { position: Vec3::x() * 0.03, ..Pose::default() });
+        let [one, other] = [|p: Part, h, at| p.hinged(h).at(at), |p: Part, h, at| p.at(at).hinged(h)]
+            .map(|made: fn(Part, Hinge, Pose) -> Part| made(Part::capsule(0.002, 0.05), hinge, aside));
+        assert_eq!(one, other);
     }
 
     #[test]

@@ -69,7 +69,7 @@ pub fn render(tool: &mut ToolState, physical: &Wrench, limits: &ForceLimits, tic
             limited.slew = true;
         }
     }
-    // Jaws have an axis of their own: neither limit nor slew of theirs is the wrench's.
+    // Of jaws apart from the wrench, as their motor is another, with the limits of a torque.
     let (grip, change) = (physical.grip * scale, slew * limits.torque / limits.force * tick);
     let bounded = grip.max(-limits.torque).min(limits.torque);
     let rendered = bounded.max(tool.jaws.torque - change).min(tool.jaws.torque + change);
@@ -121,11 +121,14 @@ mod tests {
             let mut tool = engaged();
             tool.ramp = ramp;
             for f in forces {
-                let before = tool.force;
+                let (before, grip_before) = (tool.force, tool.jaws.torque);
                 let physical = Wrench { force: Vec3::new(f[0], f[1], f[2]), torque: Vec3::new(f[3], f[4], f[5]), grip: f[3] };
                 render(&mut tool, &physical, &LIMITS, 1e-3);
                 prop_assert!(tool.force.norm() <= LIMITS.force * (1.0 + 1e-12));
                 prop_assert!(tool.torque.norm() <= LIMITS.torque * (1.0 + 1e-12));
+                prop_assert!(tool.jaws.torque.abs() <= LIMITS.torque * (1.0 + 1e-12));
+                let change = LIMITS.slew * LIMITS.torque / LIMITS.force * 1e-3;
+                prop_assert!((tool.jaws.torque - grip_before).abs() <= change * (1.0 + 1e-9));
                 prop_assert!((tool.force - before).norm() <= 1.0 + 1e-12);
             }
         }

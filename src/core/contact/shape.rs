@@ -132,14 +132,19 @@ impl Part {
         let (old, (start, along, radius)) = (self.place, self.outline);
         self.outline = (place.to_world(old.to_own(start)), place.rotate(old.unrotate(along)), radius);
         self.place = place;
-        self.bounding_radius = self.farthest(Vec3::zeros());
-        self
+        self.bounded()
     }
 
     /// The same part on a hinge.
     pub fn hinged(mut self, hinge: Hinge) -> Self {
         self.hinge = Some(hinge);
-        self.bounding_radius = hinge.point.norm() + self.farthest(hinge.point);
+        self.bounded()
+    }
+
+    /// With the ball that holds it however it is turned about its hinge.
+    fn bounded(mut self) -> Self {
+        let about = self.hinge.map_or(Vec3::zeros(), |hinge| hinge.point);
+        self.bounding_radius = about.norm() + self.farthest(about);
         self
     }
 

@@ -152,7 +152,7 @@ pub struct HingeKeys {
     pub open: Real,
 }
 
-/// Farthest that a jaw is turned [rad]: half a turn.
+/// Farthest that a jaw is turned [rad]: half a turn, beyond which two angles are one place; with less some hinges cannot be written.
 const MOST_ANGLE: Real = std::f64::consts::PI;
 
 /// Rounding where none is given [m].
