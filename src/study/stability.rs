@@ -98,6 +98,7 @@ pub fn settings(tools: usize) -> Settings {
         gravity: Vec3::zeros(),
         tools: vec![ball; tools],
         obstacles: vec![],
+        organ_friction: Default::default(),
         following: Following { speed: 1.0, engage_ticks: 100 },
         limits: ForceLimits { force: 20.0, torque: 1.0, slew: 1000.0 },
         adaptivity: Some(Adaptivity::default()),

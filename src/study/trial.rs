@@ -60,6 +60,7 @@ impl Trial {
             gravity: self.gravity,
             tools: vec![Tool { name: "ball".into(), shape: Shape::ball(self.radius), friction: 0.0 }],
             obstacles: vec![],
+            organ_friction: Default::default(),
             following: Following { speed: 1.0, engage_ticks: 1 },
             limits: ForceLimits { force: 1e6, torque: 1e6, slew: 1e9 },
             adaptivity: self.adaptivity.clone(),

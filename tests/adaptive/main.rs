@@ -125,6 +125,7 @@ fn settings(adaptivity: Option<Adaptivity>) -> Settings {
         gravity: Vec3::zeros(),
         tools: vec![Tool { name: "ball".into(), shape: ToolShape::ball(0.01), friction: 0.0 }],
         obstacles: vec![],
+        organ_friction: Default::default(),
         following: Following { speed: 1.0, engage_ticks: 1 },
         limits: ForceLimits { force: 100.0, torque: 10.0, slew: 1e6 },
         adaptivity,

@@ -5,7 +5,7 @@ use palpate_body::geometry::primitives::toy_surface;
 use palpate_core::ids::{Slot, Vertex};
 use palpate_core::model::active_mesh::{ChangeCost, Momenta};
 use palpate_core::model::element_kernel::Simd;
-use palpate_core::stepping::step::{self, World};
+use palpate_core::stepping::step::{self, Pushing, World};
 use std::collections::BTreeSet;
 
 /// Largest `Σ|w|` of a row: fits beyond it are refused, and barycentric rows of the covers here stay below it.
@@ -339,8 +339,7 @@ fn a_mesh_that_was_changed_and_one_made_from_its_state_step_alike() {
                     step::tick(
                         &World { path: Simd::best(), body: &body, gravity: Vec3::zeros() },
                         mesh,
-                        &mut [],
-                        0,
+                        Pushing::default(),
                         work,
                         &mut (),
                     );

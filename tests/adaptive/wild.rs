@@ -41,6 +41,7 @@ fn wild_settings() -> Settings {
         limits: ForceLimits { force: 3.3, torque: 0.2, slew: 1000.0 },
         // Faster than any scene allows.
         obstacles: vec![],
+        organ_friction: Default::default(),
         following: Following { speed: 1.5, engage_ticks: 20 },
         most_elements: 500,
         ..settings(Some(Adaptivity { split: 0.1, ..Adaptivity::default() }))

@@ -20,6 +20,7 @@ fn free_cube(shapes: &[ToolShape], friction: Real) -> Setup {
         gravity: Vec3::zeros(),
         tools: shapes.iter().map(|shape| Tool { name: "tool".into(), shape: shape.clone(), friction }).collect(),
         obstacles: vec![],
+        organ_friction: Default::default(),
         following: Following { speed: 1.0, engage_ticks: 100 },
         limits: ForceLimits { force: 3.3, torque: 0.2, slew: 1000.0 },
         adaptivity: None,

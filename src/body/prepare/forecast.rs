@@ -92,6 +92,7 @@ impl Touch {
             gravity: Vec3::zeros(),
             tools: vec![ball],
             obstacles: vec![],
+            organ_friction: Default::default(),
             following: Following { speed: 1.0, engage_ticks: 1 },
             limits: ForceLimits { force: 1e3, torque: 1e2, slew: 1e9 },
             adaptivity: Some(Adaptivity::default()),

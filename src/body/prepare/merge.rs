@@ -1,15 +1,14 @@
 //! Several bodies to one, of which each is an organ.
 //!
-//! They share nothing, so that each moves as it would alone; what is not simulated is that they touch: two organs go
-//! through each other. So bodies that overlap at rest are refused.
+//! They share nothing, and push each other where they touch. What overlaps at rest by more than display surfaces are off what they stand
+//! for is refused.
 
 use super::{PrepareError, maxwell_branches};
-use crate::geometry::crossings::crossings;
 use palpate_core::geometry::locate::Host;
 use palpate_core::geometry::{Moments, Surface};
 use palpate_core::hierarchy::Level;
 use palpate_core::ids::NONE;
-use palpate_core::math::{Mat3, Pose, Real, Vec3, to_parry};
+use palpate_core::math::{Mat3, Pose, Real, Vec3, from_parry, to_parry};
 use palpate_core::model::Body;
 use palpate_core::model::body::{BodyParts, LabelParts};
 use palpate_core::model::organ::{MOST_ORGANS, OrganParts};
@@ -27,11 +26,11 @@ pub enum MergeError {
     )]
     Levels { first: String, of_first: usize, second: String, of_second: usize },
     #[error(
-        "{first} and {second} overlap or touch around ({:.4}, {:.4}, {:.4}) m: organs do not feel each other, so give \
-         them positions apart",
-        at.x, at.y, at.z
+        "{first} and {second} overlap by {:.2} mm around ({:.4}, {:.4}, {:.4}) m: organs may touch, but give them positions in which \
+         they overlap by no more than {:.2} mm, half of what their display vertices are apart",
+        depth * 1e3, at.x, at.y, at.z, most * 1e3
     )]
-    Overlap { first: String, second: String, at: Vec3 },
+    Overlap { first: String, second: String, depth: Real, most: Real, at: Vec3 },
     #[error("{first} and {second} are of other kinds of elements: organs of a scene are of one")]
     Elements { first: String, second: String },
     #[error("the organs are of more than 65,535 materials together: give fewer regions")]
@@ -92,8 +91,9 @@ fn check(whole: &BodyParts, next: &BodyParts) -> Result<(), MergeError> {
     for organ in &whole.organs {
         let surface = part(&whole.surface, vertex, organ.vertices, triangle, organ.triangles);
         (vertex, triangle) = (vertex + organ.vertices, triangle + organ.triangles);
-        if let Some(at) = meet(&surface, &next.surface) {
-            return Err(MergeError::Overlap { first: organ.name.clone(), second: next.name.clone(), at });
+        let most = 0.5 * spacing(&surface).min(spacing(&next.surface));
+        if let Some((depth, at)) = deepest(&surface, &next.surface).filter(|(depth, _)| *depth > most) {
+            return Err(MergeError::Overlap { first: organ.name.clone(), second: next.name.clone(), depth, most, at });
         }
     }
     Ok(())
@@ -108,26 +108,34 @@ fn part(surface: &Surface, vertex: u32, vertices: u32, triangle: u32, triangles:
     }
 }
 
-/// Where two closed surfaces cross or touch, or the one lies in the other.
-fn meet(a: &Surface, b: &Surface) -> Option<Vec3> {
-    let apart = {
-        let (a, b) = (a.bounds(), b.bounds());
-        (0..3).any(|c| a.high[c] < b.low[c] || b.high[c] < a.low[c])
-    };
-    if apart {
+/// How far apart neighbouring vertices of `surface` are on the mean [m]: edges of as many equal triangles.
+fn spacing(surface: &Surface) -> Real {
+    let area: Real = surface.vertex_areas().iter().sum();
+    (area / surface.triangles.len() as Real * 4.0 / (3.0 as Real).sqrt()).sqrt()
+}
+
+/// How deep two closed surfaces are in each other at most [m], and where [m]: at their vertices, and in the middle of their triangles and
+/// edges. `None` where they are apart.
+fn deepest(a: &Surface, b: &Surface) -> Option<(Real, Vec3)> {
+    let (of_a, of_b) = (a.bounds(), b.bounds());
+    if (0..3).any(|c| of_a.high[c] < of_b.low[c] || of_b.high[c] < of_a.low[c]) {
         return None;
     }
-    let mut both = a.clone();
-    append_surface(&mut both, b.clone());
-    let between = |(s, t): &(u32, u32)| (*s as usize) < a.triangles.len() && *t as usize >= a.triangles.len();
-    if let Some((s, _)) = crossings(&both).into_iter().find(between) {
-        return Some(both.corners(s as usize).iter().sum::<Vec3>() / 3.0);
-    }
-    let lies_in = |inner: &Surface, outer: &Surface| {
-        let point = inner.corners(0)[0];
-        outer.to_trimesh().project_local_point(to_parry(point), false).is_inside.then_some(point)
+    let (bounds, mesh) = ([of_b, of_a], [b.to_trimesh(), a.to_trimesh()]);
+    let places = |surface: &Surface| {
+        let of_triangle = |t: usize| {
+            let [a, b, c] = surface.corners(t);
+            [(a + b + c) / 3.0, (a + b) * 0.5, (b + c) * 0.5, (c + a) * 0.5]
+        };
+        let within = (0..surface.triangles.len()).flat_map(of_triangle);
+        surface.vertices.iter().copied().chain(within).collect::<Vec<_>>()
     };
-    lies_in(b, a).or_else(|| lies_in(a, b))
+    let inside = |(other, p): (usize, Vec3)| {
+        let found = bounds[other].contains(&p).then(|| mesh[other].project_local_point(to_parry(p), false));
+        found.filter(|found| found.is_inside).map(|found| ((from_parry(found.point) - p).norm(), p))
+    };
+    let all = [places(a), places(b)].into_iter().enumerate().flat_map(|(i, all)| all.into_iter().map(move |p| (i, p)));
+    all.filter_map(inside).max_by(|a, b| a.0.total_cmp(&b.0))
 }
 
 fn append_surface(to: &mut Surface, from: Surface) {

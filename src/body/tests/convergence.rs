@@ -17,6 +17,7 @@ fn settings(gravity: Vec3, adaptivity: Option<Adaptivity>, radius: Real) -> Sett
         gravity,
         tools: vec![Tool { name: "ball".into(), shape: ToolShape::ball(radius), friction: 0.0 }],
         obstacles: vec![],
+        organ_friction: Default::default(),
         following: Following { speed: 1.0, engage_ticks: 1 },
         limits: ForceLimits { force: 100.0, torque: 10.0, slew: 1e6 },
         adaptivity,

@@ -34,6 +34,7 @@ fn on(body: &Arc<Body>, obstacle: Obstacle, gravity: Vec3, level: usize) -> Simu
         gravity,
         tools: vec![],
         obstacles: vec![obstacle],
+        organ_friction: Default::default(),
         following: Following { speed: 1.0, engage_ticks: 10 },
         limits: ForceLimits { force: 100.0, torque: 10.0, slew: 1e6 },
         adaptivity: None,

@@ -244,6 +244,7 @@ fn simulation(body: &Arc<Body>, state: State) -> Simulation {
         gravity: Vec3::zeros(),
         tools: vec![],
         obstacles: vec![],
+        organ_friction: Default::default(),
         following: Following { speed: 1.0, engage_ticks: 1 },
         limits: ForceLimits { force: 100.0, torque: 10.0, slew: 1e6 },
         adaptivity: None,

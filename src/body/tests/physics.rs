@@ -16,7 +16,7 @@ use palpate_core::model::element_pool::CLASSES;
 use palpate_core::model::energy::energy;
 use palpate_core::model::step_class::{TICK, class_for, step_of};
 use palpate_core::model::{ActiveMesh, Body, Material, State};
-use palpate_core::stepping::step::{self, Workspace, World};
+use palpate_core::stepping::step::{self, Pushing, Workspace, World};
 
 const SIDE: Real = 0.1;
 
@@ -200,7 +200,7 @@ fn trajectory_error(body: &Body, gravity: Real, traces: &[Trace], per_tick: u32)
     let (mut worst, mut least_det) = (0.0 as Real, Real::INFINITY);
     for tick in 1..=last {
         let extremes =
-            step::tick(&World { path: Simd::best(), body, gravity }, &mut mesh, &mut [], 0, &mut work, &mut ());
+            step::tick(&World { path: Simd::best(), body, gravity }, &mut mesh, Pushing::default(), &mut work, &mut ());
         least_det = least_det.min(extremes.det_f);
         for (node, points) in traces {
             for (_, value) in points.iter().filter(|p| p.0 == tick) {
@@ -334,8 +334,7 @@ fn a_free_spinning_cube_keeps_its_momentum_to_rounding_and_its_energy_to_the_ste
             step::tick(
                 &World { path: Simd::best(), body: &body, gravity: Vec3::zeros() },
                 &mut mesh,
-                &mut [],
-                0,
+                Pushing::default(),
                 &mut work,
                 &mut (),
             );
@@ -438,8 +437,7 @@ fn viscosity_damps_the_lowest_mode_as_the_reference() {
                     step::tick(
                         &World { path: Simd::best(), body: &body, gravity: Vec3::zeros() },
                         &mut mesh,
-                        &mut [],
-                        0,
+                        Pushing::default(),
                         &mut work,
                         &mut (),
                     );

@@ -54,6 +54,7 @@ fn settings(body: &Body, shape: Shape, friction: Real) -> Settings {
         gravity: Vec3::zeros(),
         tools: vec![Tool { name: "tool".into(), shape, friction }],
         obstacles: vec![],
+        organ_friction: Default::default(),
         following: Following { speed: 1.0, engage_ticks: 1 },
         limits: ForceLimits { force: 1e6, torque: 1e6, slew: 1e9 },
         adaptivity: None,

@@ -38,6 +38,7 @@ fn settings(body: &Body) -> Settings {
         gravity: Vec3::zeros(),
         tools: vec![Tool { name: "ball".into(), shape: ToolShape::ball(0.01), friction: 0.5 }],
         obstacles: vec![floor()],
+        organ_friction: Default::default(),
         following: Following { speed: 1.0, engage_ticks: 10 },
         limits: ForceLimits { force: 100.0, torque: 10.0, slew: 1e6 },
         adaptivity: Some(Adaptivity::default()),

@@ -204,7 +204,7 @@ pub fn adapt(
     let load = held.max(expected);
     let Budget { limit, planned, .. } = allowance.budget;
     // Under a tool, the out-of-balance force of a change decays as a residual.
-    let pressed: Real = loads.all_points().map(|p| p.multiplier).sum();
+    let pressed = loads.pressed();
     let residuals = pressed > 0.0;
     let mut spare;
     // Ticks that end a frame have to fit, too; there nothing is changed.

@@ -25,13 +25,13 @@ pub(super) struct Closing {
 }
 
 impl Closing {
-    /// Of a point that is `known` from the last tick with this `shift` [m], and overlaps by this much beside that [m] at the start
-    /// of a tick in which the tool has `moved` towards it [m].
+    /// Of a point that is `known` from the last tick with this slack and this `shift` [m], and overlaps by this much beside that [m] at
+    /// the start of a tick in which the tool has `moved` towards it [m].
     ///
     /// Neither the last multiplier nor the last slack explains that overlap: the tool came too fast, or the point was just found.
-    pub(super) fn new(known: Option<&PointMemory>, overlap: Real, shift: Real, moved: Real) -> Self {
+    pub(super) fn new(known: Option<Real>, overlap: Real, shift: Real, moved: Real) -> Self {
         let slack = match known {
-            Some(m) => m.slack.min(overlap.max(0.0)).max(overlap - UNNOTICED - 0.5 * moved.abs()),
+            Some(slack) => slack.min(overlap.max(0.0)).max(overlap - UNNOTICED - 0.5 * moved.abs()),
             None => overlap.max(0.0),
         };
         let left = |of: Real, kept: Real| if of.abs() > 1e-7 { of * kept } else { 0.0 };

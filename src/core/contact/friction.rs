@@ -9,7 +9,7 @@ use crate::model::step_class::TICK;
 use crate::model::{ActiveMesh, Constraint};
 
 /// Part of μ λ from which on a point slips.
-const SLIPS: Real = 1.0 - 1e-9;
+pub(super) const SLIPS: Real = 1.0 - 1e-9;
 
 /// A tool's part of a solve.
 #[derive(Clone, Copy, Debug)]

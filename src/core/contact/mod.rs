@@ -1,4 +1,4 @@
-//! Touch: tools and obstacles, where they meet the surface, and the wrench that comes of it.
+//! Touch: tools and obstacles, where they meet the surface, where organs meet, and the wrench that comes of it.
 //!
 //! Emits point constraints and receives their multipliers; knows nothing of how they are solved.
 
@@ -11,6 +11,7 @@ pub mod ground;
 mod hinge;
 mod influence;
 pub mod jaws;
+pub mod meeting;
 mod moving_part;
 mod nearby;
 pub mod obstacle;

@@ -3,7 +3,7 @@
 use super::jaws::Stance;
 use super::outside::is_inside;
 use super::posed::{Posed, posed};
-use super::shape::{Part, Shape};
+use super::shape::Shape;
 use super::tool::{Coupling, Phase, ToolState};
 use crate::math::{Pose, Real, Vec3};
 use crate::model::body::patches::MOST_PATCHES;
@@ -52,11 +52,6 @@ impl Obstacle {
             physical_force: -points.iter().map(push).sum::<Vec3>(),
             ..ToolState::default()
         }
-    }
-
-    /// True when one of its parts is a cylinder or a hull.
-    pub fn is_solid(&self) -> bool {
-        matches!(&self.shape, Form::Parts(shape) if shape.parts().iter().any(Part::is_solid))
     }
 
     /// Most points at which it can touch `body` at once.

@@ -528,7 +528,8 @@ impl Samples {
                 // Other nodes show other parts of the dents: nothing is to be felt of that at once.
                 let changed = n.dot(&sample.moved) + self.deepened(part.samples(), i);
                 let shift = known.map_or(0.0, |m| m.shift) - changed;
-                let Closing { slack, slack_end, shift_end } = Closing::new(known, overlap - shift, shift, moved);
+                let Closing { slack, slack_end, shift_end } =
+                    Closing::new(known.map(|m| m.slack), overlap - shift, shift, moved);
                 constraint.offset = n.dot(&start) + flat - slack - shift;
                 constraint.rate = (moved + slack - slack_end + shift - shift_end) / TICK;
                 constraint.multiplier = sample.multiplier;

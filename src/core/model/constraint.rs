@@ -1,9 +1,10 @@
-//! A point of the surface that a tool or an obstacle pushes: what contact hands to the solver, and nothing else passes
-//! between them.
+//! A point of the surface that a tool, an obstacle or another organ pushes: what contact hands to the solver, and nothing else
+//! passes between them.
 
+use super::body::Body;
 use super::element_kernel::Padded;
-use crate::ids::{Slot, ToolId};
-use crate::math::{Real, Vec3};
+use crate::ids::{OrganId, Slot, ToolId, Triangle};
+use crate::math::{Mat3, Real, Vec3};
 use serde::{Deserialize, Serialize};
 
 /// Most tools of a session.
@@ -14,6 +15,12 @@ pub const MOST_PARTS: usize = 8;
 
 /// Most obstacles of a session. To the solver an obstacle is a tool, with a number after those of the tools.
 pub const MOST_OBSTACLES: usize = 8;
+
+/// Most places where organs meet, or are about to: what bounds the cost of a tick.
+pub const MOST_MEETINGS: usize = 256;
+
+/// All that pushes the body has a number: tools, obstacles, and the organs that push each other one for all.
+pub const MOST_PUSHERS: usize = MOST_TOOLS + MOST_OBSTACLES + 1;
 
 /// Most contact points of one tool: what bounds the cost of a tick.
 pub const MOST_POINTS: usize = 64;
@@ -56,6 +63,20 @@ impl Row {
     /// Slots and weights.
     pub fn entries(&self) -> &[(Slot, Real)] {
         &self.entries[..self.len as usize]
+    }
+
+    /// Whether there is no place left.
+    pub fn is_full(&self) -> bool {
+        self.len as usize == MOST_ROW_NODES
+    }
+
+    /// Number of the entry of the node in `slot`, which is added with no weight where there is none yet.
+    fn entry_of(&mut self, slot: Slot) -> Option<u32> {
+        let known = |row: &Self| row.entries().iter().position(|e| e.0 == slot);
+        if known(self).is_none() && !self.is_full() {
+            self.add(slot, 0.0);
+        }
+        known(self).map(|entry| entry as u32)
     }
 
     /// `Σ b_i field_i`, of every fourth entry each: in one sum each term would wait for the one before.
@@ -233,6 +254,94 @@ impl Constraint {
     /// How far the surface gives way here below the mesh's size [m] under the multipliers of the tool's constraints, `own`.
     pub fn dent<'a>(&self, own: impl IntoIterator<Item = &'a Constraint>) -> Real {
         self.compliance.iter().zip(own).map(|(g, other)| g * other.multiplier).sum()
+    }
+}
+
+/// Most entries of a row that a [`Foot`] moves: nodes of an element, or what these hang on.
+const MOST_FOOT_NODES: usize = 40;
+
+/// How the other side of a constraint between two organs goes along with the first: its row holds both sides, that of the first with
+/// positive weights and that of the other with negative ones. While they slide along each other, the place of the other organ that
+/// the first one meets is another; two forces that act in two places would turn both.
+#[derive(Clone, Copy, Debug)]
+pub struct Foot {
+    /// Numbers of entries of the row, and how their weights change with the place [1/m]: `Σ g = 0`, and `Σ x gᵀ` is the identity.
+    gradients: [(u32, Vec3); MOST_FOOT_NODES],
+    len: u32,
+}
+
+impl Foot {
+    /// That stays.
+    pub const FIXED: Self = Self { gradients: [(0, Vec3::new(0.0, 0.0, 0.0)); MOST_FOOT_NODES], len: 0 };
+
+    /// The weight of the node in `slot` of `row` changes by `gradient` [1/m]; false where there is no room.
+    pub fn add(&mut self, row: &mut Row, slot: Slot, gradient: Vec3) -> bool {
+        let Some(entry) = row.entry_of(slot) else { return false };
+        let len = self.len as usize;
+        if let Some(known) = self.gradients[..len].iter_mut().find(|known| known.0 == entry) {
+            known.1 += gradient;
+        } else if len < MOST_FOOT_NODES {
+            self.gradients[len] = (entry, gradient);
+            self.len += 1;
+        } else {
+            return false;
+        }
+        true
+    }
+
+    /// Has the other side of `row` where the first is, with nodes at these `positions` [m]: its place is then zero. What it was [m].
+    pub fn follow(&self, row: &mut Row, positions: &[Padded]) -> Vec3 {
+        let apart = row.interpolate(positions);
+        let gradients = &self.gradients[..self.len as usize];
+        let mut moved = Mat3::zeros();
+        for (entry, g) in gradients {
+            let x = &positions[row.entries[*entry as usize].0.index()];
+            moved += Vec3::new(x[0], x[1], x[2]) * g.transpose();
+        }
+        let Some(weights) = moved.try_inverse().map(|inverse| inverse * apart) else { return Vec3::zeros() };
+        for (entry, g) in gradients {
+            row.entries[*entry as usize].1 -= g.dot(&weights);
+        }
+        apart
+    }
+}
+
+/// Where a patch of an organ's surface is near another organ, as it is remembered from tick to tick.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Meeting {
+    /// Number of the patch, ...
+    pub patch: u32,
+    /// ... and the other organ.
+    pub other: OrganId,
+    /// The other organ's display triangle that is next to it, ...
+    pub triangle: Triangle,
+    /// ... and barycentric weights of the place there.
+    pub weights: [Real; 3],
+    /// From that place to the patch along the normal [m]; below zero where they overlap.
+    pub gap: Real,
+    /// Whether they are held apart: so near that they may touch within the tick.
+    pub held: bool,
+    /// Unit vector from the other organ to this one.
+    pub normal: Vec3,
+    /// Last multiplier [N]: the force along the normal that the other organ puts on this one.
+    pub multiplier: Real,
+    /// Last force along the surface [N].
+    pub tangential: Vec3,
+    /// Overlap that has not been closed yet [m].
+    pub slack: Real,
+    /// How far the patch has come along the surface from where it sticks [m].
+    pub stretch: Vec3,
+}
+
+impl Meeting {
+    /// The force that the other organ put on this one [N].
+    pub fn force(&self) -> Vec3 {
+        self.normal * self.multiplier + self.tangential
+    }
+
+    /// [`Constraint::point`]s of both sides.
+    pub fn points(&self, body: &Body) -> [u32; 2] {
+        [body.point_of_patch(self.patch), self.triangle.0]
     }
 }
 

@@ -2,6 +2,7 @@
 
 use super::parameter::Parameter;
 use crate::adaptation::Adaptivity;
+use crate::contact::meeting::Between;
 use crate::contact::obstacle::Obstacle;
 use crate::contact::safety::ForceLimits;
 use crate::contact::tool::{Following, MOST_TOOLS, Tool, ToolEvent};
@@ -17,6 +18,8 @@ pub struct Settings {
     pub tools: Vec<Tool>,
     /// Rigid things that the body meets, at most [`MOST_OBSTACLES`](crate::contact::obstacle::MOST_OBSTACLES).
     pub obstacles: Vec<Obstacle>,
+    /// What of friction is between organs.
+    pub organ_friction: Between,
     /// How tools follow their poses.
     pub following: Following,
     /// Bounds on rendered forces.

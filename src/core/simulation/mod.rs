@@ -27,24 +27,26 @@ use crate::contact::detection;
 use crate::contact::friction::{self, Solved};
 use crate::contact::ground::{self, Ground};
 use crate::contact::jaws::Mechanism;
+use crate::contact::meeting::{self, Met, Organs};
 use crate::contact::obstacle::{Form, MOST_OBSTACLES, Obstacle};
 use crate::contact::outside::is_outside;
 use crate::contact::rigid::{Found, Rigid};
 use crate::contact::safety;
-use crate::contact::shape::{MOST_PARTS, Part as ShapePart};
+use crate::contact::shape::MOST_PARTS;
 use crate::contact::tool::{MOST_POINTS, MOST_TOOLS, Phase, ToolState};
 use crate::contact::wrench::{self, Wrench};
 use crate::ids::ToolId;
 use crate::math::{Real, Vec3};
 use crate::model::active_mesh::{Loads, Stiffening};
-use crate::model::constraint::PointMemory;
+use crate::model::constraint::{Foot, Meeting, PointMemory};
 use crate::model::element_kernel::{Extremes, Simd};
 use crate::model::entangled::{ENTANGLED_FRAMES, ReferencePose};
 use crate::model::{ActiveMesh, Body, Constraint, State, step_class};
-use crate::stepping::step::{self, World};
+use crate::stepping::step::{self, Pushing, World};
 use crate::stepping::work;
 use given::{Given, most_parameters};
-use room::Room;
+use room::{Room, part_of};
+use snapshot::most_meetings;
 use std::sync::Arc;
 
 /// Ticks of a frame: the surface is published once per frame (31.25 Hz).
@@ -67,6 +69,7 @@ pub struct Simulation {
     tools: Vec<ToolState>,
     points: Vec<Vec<PointMemory>>,
     obstacle_points: Vec<Vec<PointMemory>>,
+    meetings: Vec<Meeting>,
     start: State,
     /// Where `start` is.
     reference: ReferencePose,
@@ -74,10 +77,14 @@ pub struct Simulation {
     vertices: Vec<Vec3>,
     constraints: Vec<Constraint>,
     points_of_action: Vec<Vec3>,
+    /// Other sides of the last constraints, which are between organs.
+    feet: Vec<Foot>,
     focus: Vec<Focus>,
     adaptation: adaptation::Workspace,
     stepping: step::Workspace,
     detection: detection::Workspace,
+    /// Where the body has several organs.
+    meeting: Option<meeting::Workspace>,
     outputs: Outputs,
 }
 
@@ -120,7 +127,13 @@ impl Simulation {
             points
         };
         let (points, obstacle_points) = (with_room(tools, &start.points), with_room(obstacles, touched));
-        let most_constraints = MOST_POINTS * tools + settings.obstacles.iter().map(most).sum::<usize>();
+        let most_meetings = most_meetings(&body);
+        if start.meetings.len() > most_meetings {
+            return Err("the state has organs meet that the body has not".into());
+        }
+        let mut meetings = Vec::with_capacity(most_meetings);
+        meetings.extend_from_slice(&start.meetings);
+        let most_constraints = MOST_POINTS * tools + settings.obstacles.iter().map(most).sum::<usize>() + most_meetings;
         let mut simulation = Self {
             given: Given::by(&settings),
             parameters: Vec::with_capacity(most_parameters(&body, &settings)),
@@ -132,14 +145,17 @@ impl Simulation {
             tools: start.tools,
             points,
             obstacle_points,
+            meetings,
             reference: ReferencePose::new(&body, &mesh),
             vertices: vec![Vec3::zeros(); vertices],
             constraints: Vec::with_capacity(most_constraints),
             points_of_action: Vec::with_capacity(most_constraints),
+            feet: Vec::with_capacity(most_meetings),
             focus: Vec::with_capacity(MOST_TOOLS * MOST_PARTS * LOOKS_AHEAD),
             adaptation: adaptation::Workspace::new(&body, &settings.adaptivity.clone().unwrap_or_default()),
             stepping: step::Workspace::new(&mesh, most_constraints),
             detection: detection::Workspace::new(&body, &mesh, tools + obstacles, most_points),
+            meeting: meeting::Workspace::new(&body, &mesh),
             outputs: Outputs {
                 tick: start.tick,
                 tools: vec![ToolOutput::default(); tools],
@@ -223,9 +239,20 @@ impl Simulation {
 
     /// Changes the body between ticks: for tests, studies and for settling a body before it is served.
     pub fn mesh_mut(&mut self) -> &mut ActiveMesh {
-        self.detection.forget();
+        self.forget_places();
         self.detection.follow_change(&self.body, &self.mesh);
         &mut self.mesh
+    }
+
+    /// What is where may have changed at once.
+    fn forget_places(&mut self) {
+        self.detection.forget();
+        self.meeting.iter_mut().for_each(meeting::Workspace::forget);
+    }
+
+    /// Where organs meet, or are about to.
+    pub fn meetings(&self) -> &[Meeting] {
+        &self.meetings
     }
 
     /// The body, where the tools touch it, standing still, and its display vertices [m]: for questions about a copy.
@@ -272,10 +299,12 @@ impl Simulation {
     fn back_to_start(&mut self) {
         self.mesh.restore(&self.body, &self.start);
         self.mesh.reclass_stiffened(&self.body);
-        self.detection.forget();
+        self.forget_places();
         (self.entangled, self.frozen) = (0, 0);
         self.points.iter_mut().chain(&mut self.obstacle_points).for_each(Vec::clear);
+        self.meetings.clear();
         self.constraints.clear();
+        self.feet.clear();
         // The shape jumps back under the tools: they have to come from outside again.
         for tool in &mut self.tools {
             if tool.touches() {
@@ -315,9 +344,14 @@ impl Simulation {
             }
             let (contact, points) = self.contact_time(0);
             let near = !self.focus.is_empty();
+            let loads = Loads {
+                points: &self.points,
+                obstacle_points: &self.obstacle_points,
+                meetings: &self.meetings,
+                gravity: self.settings.gravity,
+            };
             let tools = self.points.iter().flatten().map(|p| p.point);
-            let obstacles = self.obstacle_points.iter().flatten().map(|p| p.point);
-            let class = self.mesh.contact_class(&self.body, tools, obstacles);
+            let class = self.mesh.contact_class(&self.body, tools, loads.hard_points(&self.body));
             let allowance = Allowance {
                 budget,
                 prices: &self.prices,
@@ -328,14 +362,13 @@ impl Simulation {
                 frame: ticks.is_multiple_of(TICKS_PER_FRAME / 2),
                 moves: self.frozen >= MOST_FROZEN,
             };
-            let loads =
-                Loads { points: &self.points, obstacle_points: &self.obstacle_points, gravity: self.settings.gravity };
             laps.lap(Part::Fixed, 0);
             let wishes = Request { adaptivity, focus: &self.focus, allowance, loads, ticks };
             self.outputs.adapted = adaptation::adapt(&self.body, &mut self.mesh, &wishes, &mut self.adaptation, laps);
             let adapted = &self.outputs.adapted;
             if adapted.splits + adapted.merges > 0 {
                 self.detection.follow_change(&self.body, &self.mesh);
+                self.meeting.iter_mut().for_each(|work| work.follow_change(&self.body, &self.mesh));
                 self.begin_transitions();
                 laps.lap(Part::Change, 0);
             }
@@ -353,15 +386,18 @@ impl Simulation {
             if tool.phase == Phase::Detached {
                 continue;
             }
-            let solid = of.shape.parts().iter().any(ShapePart::is_solid);
             let own = (memory.len() as u32).max(least.saturating_sub(points));
-            time = time.saturating_add(work::of_contact(&self.prices, own, solid));
+            time = time.saturating_add(work::of_contact(&self.prices, own, room::part_of_tool(&of.shape)));
             points += own;
         }
         for (memory, of) in self.obstacle_points.iter().zip(&self.settings.obstacles) {
             let own = memory.len() as u32;
-            time = time.saturating_add(work::of_contact(&self.prices, own, of.is_solid()));
+            time = time.saturating_add(work::of_contact(&self.prices, own, part_of(of)));
             points += own;
+        }
+        if self.meeting.is_some() {
+            time = time.saturating_add(work::of_contact(&self.prices, self.meetings.len() as u32, Part::PatchPoint));
+            points += self.feet.len() as u32;
         }
         (time, points)
     }
@@ -380,6 +416,7 @@ impl Simulation {
     /// while the body stands still.
     fn find_contacts(&mut self, budget: Budget, laps: &mut dyn Laps) {
         self.constraints.clear();
+        self.feet.clear();
         self.points_of_action.clear();
         // What is touched stays: the end of a frame has to have time for it, too.
         let taken = self.beside_motion(true).saturating_add(self.contact_time(0).0);
@@ -400,8 +437,21 @@ impl Simulation {
                     room.detect((&self.body, &self.mesh), rigid, points, out, &mut self.detection);
                 }
             }
-            room::lap_points(laps, points.len(), of.is_solid());
+            room::lap_points(laps, points.len(), part_of(of));
         }
+        self.find_meetings(&mut room, laps);
+    }
+
+    /// Those of organs with each other.
+    fn find_meetings(&mut self, room: &mut Room, laps: &mut dyn Laps) {
+        let Some(work) = &mut self.meeting else { return };
+        laps.lap(Part::Fixed, 0);
+        let id = ToolId::at(self.tools.len() + self.settings.obstacles.len());
+        let organs = Organs { body: &self.body, mesh: &self.mesh, friction: &self.settings.organ_friction, id };
+        let found = Found { constraints: &mut self.constraints, points_of_action: &mut self.points_of_action };
+        let out = Met { found, feet: &mut self.feet };
+        meeting::meet(&organs, self.tick, room.of(Part::PatchPoint), &mut self.meetings, out, work);
+        room::lap_points(laps, self.meetings.len(), Part::PatchPoint);
     }
 
     /// Time that the tick may take [ns].
@@ -443,15 +493,16 @@ impl Simulation {
             let (shape, friction) = (&of.shape, of.friction);
             let rigid = Rigid { id: ToolId::at(i), shape, friction, state: tool, horizon: 0.0 };
             room.detect((&self.body, &self.mesh), rigid, points, out, &mut self.detection);
-            room::lap_points(laps, points.len(), of.shape.parts().iter().any(ShapePart::is_solid));
+            room::lap_points(laps, points.len(), room::part_of_tool(&of.shape));
         }
     }
 
     fn step(&mut self, budget: Budget, laps: &mut dyn Laps) {
         let of_tools = self.points.iter().map(Vec::len).sum::<usize>().min(self.constraints.len());
-        let (tools, obstacles) = self.constraints.split_at(of_tools);
-        let (tools, obstacles) = (tools.iter().map(|c| c.point), obstacles.iter().map(|c| c.point));
-        let contact = self.mesh.contact_class(&self.body, tools, obstacles);
+        let (tools, hard) = self.constraints.split_at(of_tools);
+        let (tools, hard) = (tools.iter().map(|c| c.point), hard.iter().map(|c| c.point));
+        let other_sides = self.meetings.iter().filter(|m| m.held).map(|m| m.triangle.0);
+        let contact = self.mesh.contact_class(&self.body, tools, hard.chain(other_sides));
         let solves = (self.constraints.len() as u32) << contact;
         let motion = work::of_motion(&self.body, &self.mesh, &self.prices, solves);
         let needed = motion.saturating_add(self.contact_time(0).0);
@@ -468,8 +519,8 @@ impl Simulation {
         if moves {
             self.outputs.element_evaluations = work::evaluations(&self.mesh);
             let world = World { path: self.path, body: &self.body, gravity: self.settings.gravity };
-            self.outputs.extremes =
-                step::tick(&world, &mut self.mesh, &mut self.constraints, contact, &mut self.stepping, laps);
+            let pushing = Pushing { constraints: &mut self.constraints, feet: &self.feet, class: contact };
+            self.outputs.extremes = step::tick(&world, &mut self.mesh, pushing, &mut self.stepping, laps);
             self.mesh.decay_residuals();
             laps.lap(Part::Fixed, 0);
             self.mesh.reclass_over_limit(&self.body);
@@ -531,6 +582,9 @@ impl Simulation {
             };
             let solved = Solved { constraints: own, at: state.stance(), shape, per_part, moved: !stood_still };
             friction::remember(&self.mesh, &solved, &state, points);
+        }
+        if !stood_still {
+            meeting::remember(&self.mesh, constraints, &mut self.meetings);
         }
     }
 

@@ -5,7 +5,7 @@ use super::parameter::Parameter;
 use super::{Settings, Simulation};
 use crate::contact::tool::{MOST_POINTS, ToolState};
 use crate::model::active_mesh::Stiffening;
-use crate::model::constraint::PointMemory;
+use crate::model::constraint::{MOST_MEETINGS, Meeting, PointMemory};
 use crate::model::{Body, State};
 use crate::stepping::work::Prices;
 use serde::{Deserialize, Serialize};
@@ -34,6 +34,8 @@ pub struct Snapshot {
     pub points: Vec<Vec<PointMemory>>,
     /// Each obstacle's; empty where the body touches none.
     pub obstacle_points: Vec<Vec<PointMemory>>,
+    /// Where organs meet, by patch and other organ.
+    pub meetings: Vec<Meeting>,
 }
 
 impl Snapshot {
@@ -55,6 +57,7 @@ impl Snapshot {
             tools: vec![ToolState::default(); tools],
             points: (0..tools).map(|_| Vec::with_capacity(MOST_POINTS)).collect(),
             obstacle_points: Vec::new(),
+            meetings: Vec::new(),
         }
     }
 
@@ -67,6 +70,7 @@ impl Snapshot {
             parameters: Vec::with_capacity(most_parameters(body, settings)),
             stiffening: Stiffening::with_room(body.tissue_count()),
             obstacle_points: points.collect(),
+            meetings: Vec::with_capacity(most_meetings(body)),
             ..Self::with_state(state, settings.tools.len())
         }
     }
@@ -106,6 +110,8 @@ impl Simulation {
         snapshot.tools.copy_from_slice(&self.tools);
         copy_points(&mut snapshot.points, &self.points);
         copy_points(&mut snapshot.obstacle_points, &self.obstacle_points);
+        snapshot.meetings.clear();
+        snapshot.meetings.extend_from_slice(&self.meetings);
     }
 
     /// xxh3-64 of exactly what [`Simulation::snapshot`] saves: the same for the same history, whatever the machine.
@@ -125,6 +131,7 @@ impl Simulation {
             hash_points(points, &mut hash);
         }
         self.obstacle_points.iter().for_each(|points| hash_points(points, &mut hash));
+        self.meetings.iter().for_each(|meeting| hash_saved(meeting, &mut hash));
         hash.digest()
     }
 
@@ -134,12 +141,19 @@ impl Simulation {
         self.prices = snapshot.prices;
         self.assume_all(&snapshot.parameters, &snapshot.stiffening);
         self.mesh.restore(&self.body, &snapshot.body);
-        self.detection.forget();
+        self.forget_places();
         self.tools.copy_from_slice(&snapshot.tools);
         copy_points(&mut self.points, &snapshot.points);
         self.obstacle_points.iter_mut().for_each(Vec::clear);
         copy_points(&mut self.obstacle_points, &snapshot.obstacle_points);
+        self.meetings.clear();
+        self.meetings.extend_from_slice(&snapshot.meetings);
     }
+}
+
+/// Most meetings of a body's organs at once.
+pub(super) fn most_meetings(body: &Body) -> usize {
+    if body.organs().len() > 1 { MOST_MEETINGS } else { 0 }
 }
 
 /// Without allocating where there is room.

@@ -11,7 +11,7 @@
 
 use crate::math::{Real, Vec3};
 use crate::model::active_mesh::Motion;
-use crate::model::constraint::{Coupling, MOST_OBSTACLES, MOST_POINTS, MOST_TOOLS, Pushed};
+use crate::model::constraint::{Coupling, Foot, MOST_POINTS, MOST_PUSHERS, Pushed};
 use crate::model::element_kernel::Padded;
 use crate::model::sweeps::sweep;
 use crate::model::{ActiveMesh, Constraint};
@@ -130,6 +130,19 @@ pub fn solve(mesh: &mut ActiveMesh, constraints: &mut [Constraint], work: &mut W
     solve_in(mesh.registers(), &mut mesh.motion, constraints, work, step, end);
 }
 
+/// Before a solve: where organs have slid along each other, the place that one meets of the other is another. `feet` are those of the
+/// last constraints.
+pub fn follow(mesh: &ActiveMesh, constraints: &mut [Constraint], feet: &[Foot], work: &mut Workspace) {
+    let motion = &mesh.motion;
+    let first = constraints.len() - feet.len();
+    for (i, (c, foot)) in (first..).zip(constraints[first..].iter_mut().zip(feet)) {
+        let apart = foot.follow(&mut c.row, &motion.position);
+        c.offset -= c.normal.dot(&apart);
+        c.friction.anchor -= apart;
+        work.mobility[i][0] = c.row.entries().iter().map(|(n, b)| b * b * motion.inverse_mass[n.index()]).sum();
+    }
+}
+
 sweep! {
     /// As [`prepare`].
     fn prepare_in(inverse_mass: &[Real], constraints: &[Constraint], work: &mut Workspace) {
@@ -170,7 +183,7 @@ sweep! {
         let Workspace { points, groups, mobility, velocities, dents, shears, .. } = work;
         let Motion { position, velocity, inverse_mass, .. } = motion;
         // By tool: the sum of what its points push with.
-        let mut pushed = [Pushed::default(); MOST_TOOLS + MOST_OBSTACLES];
+        let mut pushed = [Pushed::default(); MOST_PUSHERS];
         let all = constraints.len();
         dents[..all].fill(0.0);
         shears.0.iter_mut().for_each(|shears| shears[..all].fill(0.0));

@@ -11,6 +11,7 @@ use super::work::{Laps, Part};
 use crate::ids::Slot;
 use crate::math::{Real, Vec3};
 use crate::model::active_mesh::Motion;
+use crate::model::constraint::Foot;
 use crate::model::element_kernel::{Extremes, Rates, Simd};
 use crate::model::element_pool::CLASSES;
 use crate::model::step_class::{self, Residual, STEP_VISCOSITY, TICK};
@@ -71,6 +72,24 @@ pub struct World<'a> {
     pub gravity: Vec3,
 }
 
+/// What pushes the body within a tick.
+#[derive(Debug)]
+pub struct Pushing<'a> {
+    /// Points that are pushed.
+    pub constraints: &'a mut [Constraint],
+    /// Other sides of the last of them, which are between organs.
+    pub feet: &'a [Foot],
+    /// They are held by the steps of this class, [`ActiveMesh::contact_class`].
+    pub class: usize,
+}
+
+impl Default for Pushing<'_> {
+    /// Nothing.
+    fn default() -> Self {
+        Self { constraints: &mut [], feet: &[], class: 0 }
+    }
+}
+
 /// What is due within a tick.
 #[derive(Clone, Copy, Debug)]
 struct Due {
@@ -83,16 +102,15 @@ struct Due {
 }
 
 /// Moves `mesh` by one tick, and tells `laps` what it does, and leaves the mean multiplier of each constraint over the
-/// tick. The constraints are held by the steps of class `contact`, [`ActiveMesh::contact_class`].
+/// tick.
 pub fn tick(
     world: &World,
     mesh: &mut ActiveMesh,
-    constraints: &mut [Constraint],
-    contact: usize,
+    pushing: Pushing,
     work: &mut Workspace,
     laps: &mut dyn Laps,
 ) -> Extremes {
-    let World { body, gravity, .. } = *world;
+    let (World { body, gravity, .. }, Pushing { constraints, feet, class: contact }) = (*world, pushing);
     let mut extremes = Extremes::REST;
     let finest = mesh.finest_class();
     let holds = mesh.support_class(body);
@@ -123,6 +141,7 @@ pub fn tick(
         if touched {
             let step = step_class::step_of(class);
             drift(&work.contact_nodes, &mut work.time, mesh, gravity, now);
+            constraint_solve::follow(mesh, constraints, feet, &mut work.solve);
             constraint_solve::solve(mesh, constraints, &mut work.solve, step, now + step);
             for c in constraints.iter_mut() {
                 c.mean_multiplier += c.multiplier;

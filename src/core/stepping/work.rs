@@ -27,6 +27,8 @@ pub enum Part {
     Point,
     /// Contact points of cylinders and convex hulls. Points.
     SolidPoint,
+    /// Patches that lie on the ground or meet another organ, found and made ready. Points.
+    PatchPoint,
     /// The contact solve. Points in one solve.
     Solve,
     /// Changes of resolution. Units of [`change_units`].
@@ -40,14 +42,17 @@ pub enum Part {
 }
 
 /// Parts of a tick.
-pub const PARTS: usize = 12 + CLASSES;
+pub const PARTS: usize = 13 + CLASSES;
 
 impl Part {
     /// All of them.
     pub const ALL: [Part; PARTS] = {
-        use Part::{Change, Copy, Element, Fixed, Frame, Look, Node, Point, Row, Search, SolidPoint, Solve, Support};
+        use Part::{
+            Change, Copy, Element, Fixed, Frame, Look, Node, PatchPoint, Point, Row, Search, SolidPoint, Solve, Support,
+        };
         let mut all = [Fixed; PARTS];
-        let others = [Fixed, Look, Node, Row, Support, Search, Point, SolidPoint, Solve, Change, Frame, Copy];
+        let others =
+            [Fixed, Look, Node, Row, Support, Search, Point, SolidPoint, PatchPoint, Solve, Change, Frame, Copy];
         let mut i = 0;
         while i < PARTS {
             all[i] = if i < others.len() { others[i] } else { Element((i - others.len()) as u8) };
@@ -67,11 +72,12 @@ impl Part {
             Part::Search => 5,
             Part::Point => 6,
             Part::SolidPoint => 7,
-            Part::Solve => 8,
-            Part::Change => 9,
-            Part::Frame => 10,
-            Part::Copy => 11,
-            Part::Element(class) => 12 + usize::from(class),
+            Part::PatchPoint => 8,
+            Part::Solve => 9,
+            Part::Change => 10,
+            Part::Frame => 11,
+            Part::Copy => 12,
+            Part::Element(class) => 13 + usize::from(class),
         }
     }
 
@@ -86,6 +92,7 @@ impl Part {
             Part::Search => "looking for contacts",
             Part::Point => "contact points, balls and capsules",
             Part::SolidPoint => "contact points, cylinders and hulls",
+            Part::PatchPoint => "contact points, ground and organs",
             Part::Solve => "contact solve",
             Part::Change => "changes of resolution",
             Part::Frame => "surface of a frame",
@@ -99,7 +106,7 @@ impl Part {
             Part::Row => "entry",
             Part::Support => "element",
             Part::Search => "tool",
-            Part::Point | Part::SolidPoint | Part::Solve => "point",
+            Part::Point | Part::SolidPoint | Part::PatchPoint | Part::Solve => "point",
             Part::Change => "unit",
             Part::Frame => "frame",
             _ => "copy",
@@ -137,6 +144,7 @@ impl Prices {
             20_000_000, // search
             3_000_000,  // point
             4_000_000,  // solid point
+            1_000_000,  // patch point
             250_000,    // solve
             15_000,     // change
             80_000_000, // frame
@@ -222,7 +230,7 @@ impl Costs {
             time = expected as u64;
         }
         self.long[part.index()] = long;
-        if count > 0 && matches!(part, Part::Point | Part::SolidPoint) {
+        if count > 0 && matches!(part, Part::Point | Part::SolidPoint | Part::PatchPoint) {
             // Looking for them comes on top of the points.
             time -= (self.price(Part::Search) as u64).min(3 * time / 4);
         }
@@ -353,14 +361,9 @@ pub fn of_frame(prices: &Prices) -> u32 {
     prices.of(Part::Frame, 1).max(prices.of(Part::Copy, 1))
 }
 
-/// Time of finding `points` contact points of a tool [ns], `solid` when one of its parts is a cylinder or a hull.
-pub fn of_contact(prices: &Prices, points: u32, solid: bool) -> u32 {
-    prices.of(Part::Search, 1).saturating_add(prices.of(part_of_points(solid), points))
-}
-
-/// What such points are counted as.
-pub fn part_of_points(solid: bool) -> Part {
-    if solid { Part::SolidPoint } else { Part::Point }
+/// Time of looking for contact points and finding `points`, which are counted as `part` [ns].
+pub fn of_contact(prices: &Prices, points: u32, part: Part) -> u32 {
+    prices.of(Part::Search, 1).saturating_add(prices.of(part, points))
 }
 
 /// Element evaluations of a tick.

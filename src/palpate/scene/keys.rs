@@ -234,6 +234,7 @@ impl Scene {
             gravity: Vec3::from(self.world.gravity),
             tools: self.tool.iter().map(ToolKeys::tool).collect(),
             obstacles: self.obstacle.iter().map(ObstacleKeys::obstacle).collect(),
+            organ_friction: Default::default(),
             following: Following {
                 speed: self.safety.tool_speed,
                 engage_ticks: (self.safety.engage_time / TICK).ceil() as u32,

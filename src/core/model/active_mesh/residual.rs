@@ -13,7 +13,7 @@ use crate::ids::{Element, Node, Slot, Vertex};
 use crate::math::{Bounds, Real, Vec3};
 use crate::model::active_set::Change;
 use crate::model::body::Body;
-use crate::model::constraint::PointMemory;
+use crate::model::constraint::{Meeting, PointMemory};
 use crate::model::element_kernel::Padded;
 use crate::model::element_pool::{CLASSES, ElementConstants, History};
 use crate::model::step_class::Residual;
@@ -25,19 +25,28 @@ pub struct Loads<'a> {
     pub points: &'a [Vec<PointMemory>],
     /// By obstacle: the points that lie on it.
     pub obstacle_points: &'a [Vec<PointMemory>],
+    /// Where organs meet.
+    pub meetings: &'a [Meeting],
     /// [m/s²].
     pub gravity: Vec3,
 }
 
 impl<'a> Loads<'a> {
-    /// All points that may push.
-    pub fn all_points(&self) -> impl Iterator<Item = &'a PointMemory> + use<'a> {
-        self.points.iter().chain(self.obstacle_points).flatten()
+    /// Points on tools and obstacles that push.
+    pub fn pushing(&self) -> impl Iterator<Item = &'a PointMemory> + use<'a> {
+        self.points.iter().chain(self.obstacle_points).flatten().filter(|point| point.multiplier > 0.0)
     }
 
-    /// Those that do.
-    pub fn pushing(&self) -> impl Iterator<Item = &'a PointMemory> + use<'a> {
-        self.all_points().filter(|point| point.multiplier > 0.0)
+    /// What all push with together [N].
+    pub fn pressed(&self) -> Real {
+        let between = self.meetings.iter().filter(|m| m.held).map(|m| m.multiplier);
+        self.pushing().map(|point| point.multiplier).chain(between).sum()
+    }
+
+    /// [`Constraint::point`](crate::model::Constraint::point)s of what nothing soft is between: obstacles, and organs that meet.
+    pub fn hard_points(&self, body: &'a Body) -> impl Iterator<Item = u32> + use<'a> {
+        let meeting = self.meetings.iter().filter(|m| m.held).flat_map(|m| m.points(body));
+        self.obstacle_points.iter().flatten().map(|p| p.point).chain(meeting)
     }
 }
 
@@ -116,7 +125,7 @@ impl ActiveMesh {
 
     /// Adds to the residuals `sign` times the force on each active node, as far as the concerned elements and `loads` go: by
     /// class of step, so that it acts when that force does.
-    fn add_balance<'a>(&mut self, body: &Body, loads: &Loads<'a>, exact: bool, sign: Real) {
+    fn add_balance(&mut self, body: &Body, loads: &Loads, exact: bool, sign: Real) {
         self.residuals = true;
         for i in 0..self.work.concerned.len() {
             self.add_forces_of(body, Kind::Element(self.work.concerned[i]), sign);
@@ -124,8 +133,8 @@ impl ActiveMesh {
         for i in 0..self.work.concerned_stars.len() {
             self.add_forces_of(body, Kind::Star(self.work.concerned_stars[i]), sign);
         }
-        let numbers = |points: &'a [Vec<PointMemory>]| points.iter().flatten().map(|p| p.point);
-        let class = self.contact_class(body, numbers(loads.points), numbers(loads.obstacle_points));
+        let of_tools = loads.points.iter().flatten().map(|p| p.point);
+        let class = self.contact_class(body, of_tools, loads.hard_points(body));
         let mut around = self.work.around.take();
         self.add_contact_forces(body, loads, around.as_mut().filter(|_| exact), class, sign);
         self.work.around = around;
@@ -241,6 +250,14 @@ impl ActiveMesh {
             let row = fitted.unwrap_or_else(|| skin::row(self, patch.unwrap_or(own)).0);
             let on_body = (point.normal * point.multiplier + point.tangential) * sign;
             row.entries().iter().for_each(|(slot, b)| self.add_residual(*slot, class, on_body * *b));
+        }
+        for m in loads.meetings.iter().filter(|m| m.multiplier > 0.0) {
+            let (corners, force) = (body.triangle(m.triangle), m.force() * sign);
+            let place: [(Vertex, Real); 3] = std::array::from_fn(|i| (corners[i], m.weights[i]));
+            for (side, force) in [(body.patches().of(m.patch), force), (&place[..], -force)] {
+                let (row, _) = skin::row(self, side);
+                row.entries().iter().for_each(|(slot, b)| self.add_residual(*slot, class, force * *b));
+            }
         }
     }
 

@@ -158,9 +158,11 @@ impl Body {
             levels().flat_map(|(r, _)| of_level(r)).flat_map(|(i, n)| std::iter::repeat_n(i, n)).collect();
         let finest = finest_whole(&parts.levels);
         let vertex_area = parts.surface.vertex_areas();
+        let organs = organ::organs(organs, finest, &parts.levels);
+        let of_organs: Vec<_> = organs.iter().map(|organ| organ.vertices.clone()).collect();
         let mut body = Body {
             level_of_node: levels().flat_map(|(r, l)| vec![r as u8; l.mesh.nodes.len()]).collect(),
-            organs: organ::organs(organs, finest, &parts.levels),
+            organs,
             organ_of_node,
             rest: levels().flat_map(|(_, l)| l.mesh.nodes.iter().copied()).collect(),
             around,
@@ -172,7 +174,7 @@ impl Body {
             heterogeneous,
             mass: parts.levels[finest].node_mass.iter().sum(),
             centre: parts.levels[finest].centre_of_mass(),
-            patches: Patches::new(&parts.surface, &vertex_area),
+            patches: Patches::new(&parts.surface, &vertex_area, &of_organs),
             stars: Stars::default(),
             vertex_area,
             adjacency: Csr::new(

@@ -1,15 +1,16 @@
-//! Patches: pieces of the display surface, each of which meets flat ground as one.
+//! Patches: pieces of the display surface, each of which meets flat ground, or another organ, as one.
 //!
 //! A body lies on ground with all of a side, by more vertices than a tick has time for. A patch meets the ground with its mean
 //! place, by area, so that an even pressure loads the surface evenly however much finer than a patch the mesh is. Patches are
 //! those of the rest shape: chosen anew in each tick, they would keep a body that lies still in motion.
 
 use crate::geometry::Surface;
-use crate::ids::Vertex;
-use crate::math::{Real, Vec3};
+use crate::ids::{OrganId, Vertex};
+use crate::math::{Bounds, Real, Vec3};
 use crate::model::csr::Csr;
+use std::ops::Range;
 
-/// Patches of a smooth body, about: chosen for cost, which is in proportion to those that touch. What lies still weighs the same
+/// Patches of a smooth organ, about: chosen for cost, which is in proportion to those that touch. What lies still weighs the same
 /// on any number; fewer resolve the moment of their pressure less. Others than this were not tried.
 const PATCHES: Real = 256.0;
 /// Most patches of any body: what bounds the cost of a tick.
@@ -29,12 +30,13 @@ const WIDER: Real = 1.4;
 pub struct Patches {
     /// By patch: display vertices and their weights, which sum to one.
     of: Csr<(Vertex, Real)>,
-    count: u32,
+    /// By organ: its first patch; after the last, how many there are.
+    first: Vec<u32>,
 }
 
 impl Patches {
-    /// Those of `surface`, around whose vertices are these `areas` [m²].
-    pub(super) fn new(surface: &Surface, areas: &[Real]) -> Self {
+    /// Those of `surface`, around whose vertices are these `areas` [m²]: of organs with these vertices.
+    pub(super) fn new(surface: &Surface, areas: &[Real], organs: &[Range<usize>]) -> Self {
         let place = &surface.vertices;
         let mut normals = vec![Vec3::zeros(); place.len()];
         for (t, triangle) in surface.triangles.iter().enumerate() {
@@ -42,46 +44,72 @@ impl Patches {
             triangle.iter().for_each(|v| normals[*v as usize] += (b - a).cross(&(c - a)));
         }
         normals.iter_mut().for_each(|n| *n = n.try_normalize(0.0).unwrap_or_default());
-        let mut apart = areas.iter().sum::<Real>() / PATCHES;
-        let alike = |v: usize, w: usize| normals[v].dot(&normals[w]) > SAME_SIDE;
-        let nearest = |from: &[usize], v: usize| {
-            let squared = |i: usize| (place[from[i]] - place[v]).norm_squared();
-            (0..from.len()).filter(|i| alike(v, from[*i])).map(|i| (i, squared(i))).min_by(|a, b| a.1.total_cmp(&b.1))
-        };
-        let centres = loop {
-            let mut centres: Vec<usize> = Vec::new();
-            for (v, area) in areas.iter().enumerate() {
-                if *area > 0.0 && nearest(&centres, v).is_none_or(|(_, squared)| squared >= apart) {
-                    centres.push(v);
-                }
-            }
-            if centres.len() <= MOST_PATCHES || apart > surface.bounds().size().norm_squared() {
-                centres.truncate(MOST_PATCHES);
-                break centres;
-            }
-            apart *= WIDER;
-        };
-        let mut members: Vec<Vec<usize>> = vec![Vec::new(); centres.len()];
-        for v in (0..place.len()).filter(|v| areas[*v] > 0.0) {
-            if let Some((i, _)) = nearest(&centres, v) {
-                members[i].push(v);
-            }
+        let (mut patches, mut first) = (Vec::new(), vec![0]);
+        for vertices in organs {
+            patches.extend(of_organ(place, areas, &normals, vertices, MOST_PATCHES / organs.len()));
+            first.push(patches.len() as u32);
         }
-        let patches = centres.iter().zip(&members).map(|(centre, all)| weighed(place, areas, *centre, all));
-        let patches: Vec<Vec<(Vertex, Real)>> = patches.collect();
         let entries = patches.iter().enumerate().flat_map(|(i, patch)| patch.iter().map(move |entry| (i, *entry)));
-        Self { of: Csr::new(patches.len(), entries), count: patches.len() as u32 }
+        Self { of: Csr::new(patches.len(), entries), first }
     }
 
     /// How many they are.
     pub fn count(&self) -> u32 {
-        self.count
+        self.first.last().copied().unwrap_or(0)
     }
 
-    /// Vertices of patch `i` and their weights.
+    /// Numbers of those of an organ.
+    pub fn of_organ(&self, organ: OrganId) -> Range<u32> {
+        self.first[organ.index()]..self.first[organ.index() + 1]
+    }
+
+    /// The organ that patch `i` is of.
+    pub fn organ(&self, i: u32) -> OrganId {
+        OrganId::at(self.first.partition_point(|first| *first <= i) - 1)
+    }
+
+    /// Vertices of patch `i` and their weights; the first is in its middle.
     pub fn of(&self, i: u32) -> &[(Vertex, Real)] {
         self.of.of(i as usize)
     }
+}
+
+/// Patches of an organ's `vertices`, at most so many.
+fn of_organ(
+    place: &[Vec3],
+    areas: &[Real],
+    normals: &[Vec3],
+    vertices: &Range<usize>,
+    most: usize,
+) -> Vec<Vec<(Vertex, Real)>> {
+    let own = || vertices.clone();
+    let mut apart = areas[own()].iter().sum::<Real>() / PATCHES;
+    let alike = |v: usize, w: usize| normals[v].dot(&normals[w]) > SAME_SIDE;
+    let nearest = |from: &[usize], v: usize| {
+        let squared = |i: usize| (place[from[i]] - place[v]).norm_squared();
+        (0..from.len()).filter(|i| alike(v, from[*i])).map(|i| (i, squared(i))).min_by(|a, b| a.1.total_cmp(&b.1))
+    };
+    let size = Bounds::of(place[own()].iter().copied()).size().norm_squared();
+    let centres = loop {
+        let mut centres: Vec<usize> = Vec::new();
+        for v in own().filter(|v| areas[*v] > 0.0) {
+            if nearest(&centres, v).is_none_or(|(_, squared)| squared >= apart) {
+                centres.push(v);
+            }
+        }
+        if centres.len() <= most || apart > size {
+            centres.truncate(most);
+            break centres;
+        }
+        apart *= WIDER;
+    };
+    let mut members: Vec<Vec<usize>> = vec![Vec::new(); centres.len()];
+    for v in own().filter(|v| areas[*v] > 0.0) {
+        if let Some((i, _)) = nearest(&centres, v) {
+            members[i].push(v);
+        }
+    }
+    centres.iter().zip(&members).map(|(centre, all)| weighed(place, areas, *centre, all)).collect()
 }
 
 /// At most [`MOST_VERTICES`] of `all` vertices of a patch, far from each other, with the parts of its area nearest to them.
@@ -113,7 +141,7 @@ mod tests {
     fn patches_of_a_block_lie_on_one_side_and_have_the_mean_place_of_their_area() {
         let surface = box_surface(Vec3::new(0.1, 0.08, 0.05), [25, 20, 12]);
         let areas = surface.vertex_areas();
-        let patches = Patches::new(&surface, &areas);
+        let patches = Patches::new(&surface, &areas, std::slice::from_ref(&(0..surface.vertices.len())));
         let all = || (0..patches.count()).map(|i| patches.of(i));
         assert!((200..=600).contains(&patches.count()), "{}", patches.count());
         assert!(all().all(|p| (p.iter().map(|(_, w)| w).sum::<Real>() - 1.0).abs() < 1e-12));

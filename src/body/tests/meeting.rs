@@ -1,0 +1,226 @@
+//! Organs that meet: what one feels the other does, nothing is gained, they carry each other, and hold and slide by Coulomb's law.
+
+use palpate_body::prepare::merge::merge;
+use palpate_body::prepare::{self, Recipe, Region, prepare};
+use palpate_core::contact::meeting::Between;
+use palpate_core::contact::safety::ForceLimits;
+use palpate_core::contact::tool::Following;
+use palpate_core::geometry::primitives::box_mesh;
+use palpate_core::ids::{OrganId, Slot};
+use palpate_core::math::{Bounds, Pose, Real, Vec3};
+use palpate_core::model::energy;
+use palpate_core::model::{Body, Material};
+use palpate_core::simulation::{Inputs, Settings, Simulation, Snapshot};
+use std::sync::Arc;
+
+/// A block of this size [m] with so many cells a side, of a material [Pa], at `position` [m].
+#[derive(Clone, Copy)]
+struct Block {
+    size: Vec3,
+    cells: u32,
+    youngs_modulus: Real,
+    poisson_ratio: Real,
+    position: Vec3,
+    /// Whether its lower face is held.
+    held: bool,
+}
+
+impl Block {
+    fn body(&self) -> (Body, Pose) {
+        let bounds = Bounds::new(Vec3::zeros(), Vec3::new(self.size.x, self.size.y, 0.0));
+        let hold = Region { bounds, stiffness: None, exact: true };
+        let recipe = Recipe {
+            name: "block".into(),
+            shape: prepare::Shape::meshes([box_mesh(self.size, [self.cells; 3])]),
+            material: Material::from_young(self.youngs_modulus, self.poisson_ratio, 1000.0),
+            inclusions: vec![],
+            holds: if self.held { vec![hold] } else { vec![] },
+            elements: Default::default(),
+            damping_ratio: 0.0,
+        };
+        (prepare(&recipe, &mut |_, _, _| {}).unwrap(), Pose { position: self.position, ..Pose::default() })
+    }
+}
+
+const SOFT: Block = Block {
+    size: Vec3::new(0.05, 0.05, 0.05),
+    cells: 4,
+    youngs_modulus: 5e3,
+    poisson_ratio: 0.35,
+    position: Vec3::new(0.0, 0.0, 0.0),
+    held: false,
+};
+
+/// The blocks as organs, without a tool.
+fn simulation(blocks: &[Block], damping_ratio: Real, friction: Real, gravity: Vec3) -> Simulation {
+    let body = Arc::new(merge(blocks.iter().map(Block::body).collect(), damping_ratio).unwrap());
+    let settings = Settings {
+        gravity,
+        tools: vec![],
+        obstacles: vec![],
+        organ_friction: Between::all(friction),
+        following: Following { speed: 1.0, engage_ticks: 10 },
+        limits: ForceLimits { force: 100.0, torque: 10.0, slew: 1e6 },
+        adaptivity: None,
+        most_elements: body.element_count(),
+    };
+    Simulation::new(body.clone(), settings, Snapshot::at_rest(&body, 0, 0)).unwrap()
+}
+
+/// Mass [kg], place [m] and velocity [m/s] of each active node, with its organ.
+fn nodes(simulation: &Simulation) -> Vec<(OrganId, Real, Vec3, Vec3)> {
+    let mesh = simulation.mesh();
+    let velocity = |s: usize| Vec3::from_row_slice(&mesh.motion.velocity[s][..3]);
+    let organ = |s: &Slot| simulation.body().organ_of(mesh.node(*s));
+    let of = |s: &Slot| (organ(s), mesh.motion.mass[s.index()], mesh.position(*s), velocity(s.index()));
+    mesh.active().iter().map(of).collect()
+}
+
+fn momenta(simulation: &Simulation) -> (Vec3, Vec3) {
+    let all = nodes(simulation);
+    let of = |(_, m, x, v): &(OrganId, Real, Vec3, Vec3)| (v * *m, x.cross(v) * *m);
+    all.iter().map(of).fold((Vec3::zeros(), Vec3::zeros()), |sum, one| (sum.0 + one.0, sum.1 + one.1))
+}
+
+fn kinetic(simulation: &Simulation) -> Real {
+    nodes(simulation).iter().map(|(_, m, _, v)| 0.5 * m * v.norm_squared()).sum()
+}
+
+fn energy(simulation: &Simulation) -> Real {
+    energy::energy(simulation.body(), simulation.mesh(), Vec3::zeros()).total()
+}
+
+/// Centre of mass of an organ [m].
+fn centre(simulation: &Simulation, organ: u32) -> Vec3 {
+    let own: Vec<_> = nodes(simulation).into_iter().filter(|n| n.0 == OrganId(organ)).collect();
+    own.iter().map(|(_, m, x, _)| x * *m).sum::<Vec3>() / own.iter().map(|n| n.1).sum::<Real>()
+}
+
+/// What organ 0 is pushed with by the others [N].
+fn force(simulation: &Simulation) -> Vec3 {
+    let patches = simulation.body().patches();
+    let own = |organ: OrganId| if organ == OrganId(0) { 1.0 } else { -1.0 };
+    simulation.meetings().iter().filter(|m| m.held).map(|m| m.force() * own(patches.organ(m.patch))).sum()
+}
+
+fn fade(simulation: &mut Simulation, ticks: usize) {
+    for _ in 0..ticks {
+        simulation.advance(&Inputs::default());
+        simulation.mesh_mut().change_motion(|_, _, v| *v *= 0.98);
+    }
+    (0..ticks).for_each(|_| _ = simulation.advance(&Inputs::default()));
+}
+
+#[test]
+fn organs_that_collide_keep_both_momenta_to_rounding_and_gain_no_energy() {
+    let harder = Block { youngs_modulus: 2e4, size: Vec3::new(0.06, 0.04, 0.05), cells: 5, ..SOFT };
+    for (friction, aside, speed) in [(0.0, 0.004, 0.3), (0.0, 0.02, 1.0), (0.5, 0.013, 0.3), (0.2, 0.021, 0.1)] {
+        let other = Block { position: Vec3::new(aside, 0.3 * aside, 0.052), ..harder };
+        let mut simulation = simulation(&[SOFT, other], 0.0, friction, Vec3::zeros());
+        let body = simulation.body().clone();
+        simulation.mesh_mut().change_motion(|n, _, v| {
+            *v = if body.organ_of(n) == OrganId(0) {
+                Vec3::new(0.1 * speed, 0.0, 0.5 * speed)
+            } else {
+                Vec3::new(0.0, 0.0, -speed)
+            };
+        });
+        let (p, l) = momenta(&simulation);
+        let scale: Real = nodes(&simulation).iter().map(|(_, m, _, v)| m * v.norm()).sum();
+        let (before, mut most, mut pushed) = (energy(&simulation), Real::NEG_INFINITY, 0.0);
+        let mut worst = (0.0, 0.0);
+        for _ in 0..400 {
+            simulation.advance(&Inputs::default());
+            let now = momenta(&simulation);
+            worst = ((now.0 - p).norm().max(worst.0), (now.1 - l).norm().max(worst.1));
+            most = energy(&simulation).max(most);
+            pushed = force(&simulation).norm().max(pushed);
+        }
+        println!(
+            "friction {friction}, {speed} m/s: momentum {:.1e}, angular {:.1e} of {scale:.3} kg m/s, energy at most {:.4}, at last {:.4}, force {pushed:.2} N, apart {:.4}",
+            worst.0 / scale,
+            worst.1 / (scale * 0.05),
+            most / before,
+            energy(&simulation) / before,
+            (centre(&simulation, 1) - centre(&simulation, 0)).norm()
+        );
+        assert!(pushed > 0.05);
+        assert!(worst.0 < 1e-12 * scale && worst.1 < 1e-12 * scale * 0.05);
+        assert!(most < 1.002 * before);
+    }
+}
+
+#[test]
+fn an_organ_that_lies_on_another_weighs_on_it_and_both_lie_still() {
+    for (size, modulus, nu) in [(0.05, 3e4, 0.35), (0.02, 1e4, 0.45), (0.1, 5e4, 0.2)] {
+        let lower =
+            Block { size: Vec3::repeat(1.3 * size), youngs_modulus: modulus, poisson_ratio: nu, held: true, ..SOFT };
+        let position = Vec3::new(0.2 * size, 0.15 * size, 1.3 * size);
+        let upper = Block { size: Vec3::repeat(size), cells: 5, position, held: false, ..lower };
+        let mut simulation = simulation(&[lower, upper], 0.1, 0.5, Vec3::new(0.0, 0.0, -9.81));
+        fade(&mut simulation, 1500);
+        let weight = 9.81 * simulation.body().organ(OrganId(1)).mass;
+        for i in 0..50 {
+            simulation.advance(&Inputs::default());
+            let force = force(&simulation);
+            if i % 10 == 0 { println!("{size} m: {} {} {} of {weight} N, {:e} J {:?}", force.x, force.y, force.z, kinetic(&simulation), centre(&simulation,1)); }
+            assert!(
+                (force.z / -weight - 1.0).abs() < 1e-4 && force.xy().norm() < 1e-4 * weight,
+                "{force} of {weight} N"
+            );
+        }
+        let deepest = simulation.meetings().iter().filter(|m| m.multiplier > 0.0).map(|m| m.gap).fold(0.0, Real::min);
+        println!("overlap {deepest:e} m");
+        assert!(deepest > -5e-5 && kinetic(&simulation) < 1e-6 * weight * size);
+    }
+}
+
+#[test]
+fn an_organ_holds_and_slides_on_another_as_coulomb_says() {
+    let lower = Block { size: Vec3::new(0.16, 0.08, 0.03), cells: 5, youngs_modulus: 1e5, held: true, ..SOFT };
+    let upper = Block {
+        size: Vec3::repeat(0.03),
+        cells: 3,
+        youngs_modulus: 3e4,
+        position: Vec3::new(0.02, 0.025, 0.03),
+        ..SOFT
+    };
+    let tilted = |slope: Real| Vec3::new(slope.atan().sin(), 0.0, -slope.atan().cos()) * 9.81;
+    let mut held = simulation(&[lower, upper], 0.2, 0.5, tilted(0.35));
+    fade(&mut held, 1000);
+    let before = centre(&held, 1);
+    (0..1000).for_each(|_| _ = held.advance(&Inputs::default()));
+    let crept = (centre(&held, 1) - before).norm();
+    println!("crept by {crept:e} m in 1 s");
+    
+
+    let mut slides = simulation(&[lower, upper], 0.2, 0.3, tilted(0.8));
+    let velocity = |simulation: &Simulation| {
+        let own: Vec<_> = nodes(simulation).into_iter().filter(|n| n.0 == OrganId(1)).collect();
+        own.iter().map(|(_, m, _, v)| v * *m).sum::<Vec3>() / own.iter().map(|n| n.1).sum::<Real>()
+    };
+    (0..60).for_each(|_| _ = slides.advance(&Inputs::default()));
+    let from = velocity(&slides);
+    (0..120).for_each(|_| _ = slides.advance(&Inputs::default()));
+    let (a, angle) = ((velocity(&slides) - from).x / 0.12, (0.8 as Real).atan());
+    let expected = 9.81 * (angle.sin() - 0.3 * angle.cos());
+    println!("{a} m/s² of {expected}");
+    assert!((a / expected - 1.0).abs() < 0.03);
+}
+
+#[test]
+fn a_state_in_which_organs_meet_goes_on_as_it_would_have() {
+    let other = Block { position: Vec3::new(0.011, 0.007, 0.0502), ..SOFT };
+    let mut first = simulation(&[SOFT, other], 0.1, 0.3, Vec3::zeros());
+    let body = first.body().clone();
+    first.mesh_mut().change_motion(|n, _, v| *v = Vec3::z() * if body.organ_of(n) == OrganId(0) { 0.2 } else { -0.2 });
+    (0..37).for_each(|_| _ = first.advance(&Inputs::default()));
+    assert!(first.meetings().iter().any(|m| m.multiplier > 0.0));
+    let snapshot = first.snapshot();
+    let mut second = Simulation::new(body, first.settings().clone(), snapshot).unwrap();
+    for _ in 0..100 {
+        first.advance(&Inputs::default());
+        second.advance(&Inputs::default());
+        assert_eq!(first.hash(), second.hash());
+    }
+}

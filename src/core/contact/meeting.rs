@@ -1,0 +1,407 @@
+//! Where organs meet: point constraints with two sides, once per tick, one for each patch of the surface that is near another organ.
+//!
+//! A patch meets the display triangles of the other organ that face it with its mean place, as it does the ground, and the other's
+//! patches meet it likewise: neither is the master. What a constraint does to one organ it does to the other at the same place, so that
+//! no momentum comes of it, nor any moment.
+
+use super::closing::Closing;
+use super::friction::SLIPS;
+use super::nearby::Nearby;
+use super::rigid::Found;
+use super::tool::MOST_POINTS;
+use super::touchable::{MARGIN, Touchable, area_vector, weights_in_triangle};
+use crate::geometry::tet_mesh::gradients;
+use crate::ids::{OrganId, ToolId, Triangle, Vertex};
+use crate::math::{Bounds, Real, Vec3, from_parry, to_parry};
+use crate::model::active_mesh::{MOST_ASIDE, skin};
+use crate::model::constraint::{Constraint, Foot, Held, MOST_MEETINGS, Meeting, Pushed, Row};
+use crate::model::organ::MOST_ORGANS;
+use crate::model::step_class::{TICK, step_of};
+use crate::model::{ActiveMesh, Body, Friction};
+use parry3d_f64::query::PointQuery;
+use parry3d_f64::shape::Triangle as Face;
+
+/// Patches that are this far from another organ [m] are followed, so that all that come with up to 1 m/s within [`LOOKS`] ticks are
+/// known before they touch.
+const NEAR: Real = 10e-3;
+/// Ticks in which all patches are looked at once for what they come near to: with fewer each takes longer, with more fast ones are found
+/// late.
+const LOOKS: u64 = 8;
+/// Least cosine between the normal of a triangle and what comes against that of a patch: an edge's patches, whose normals are between
+/// those of its sides, meet what lies flat against a side, and not what is beside it.
+const FACING: Real = 0.1;
+/// Steps from triangle to triangle that a place takes within a tick at most.
+const MOST_STEPS: usize = 4;
+/// Slack of bounds around organs [m]: for what fades on the surface.
+const ASIDE: Real = 1e-3;
+/// Stretch of display edges up to which no triangle is missed.
+const MOST_STRETCH: Real = 2.0;
+
+/// Coulomb's coefficients of friction between organs, each two of them.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Between([[Real; MOST_ORGANS]; MOST_ORGANS]);
+
+impl Between {
+    /// Between all of them alike.
+    pub fn all(friction: Real) -> Self {
+        Self([[friction; MOST_ORGANS]; MOST_ORGANS])
+    }
+
+    /// With this `friction` between two of them.
+    pub fn set(&mut self, a: OrganId, b: OrganId, friction: Real) {
+        (self.0[a.index()][b.index()], self.0[b.index()][a.index()]) = (friction, friction);
+    }
+
+    /// That between two of them.
+    pub fn of(&self, a: OrganId, b: OrganId) -> Real {
+        self.0[a.index()][b.index()]
+    }
+}
+
+/// What meets.
+#[derive(Clone, Copy, Debug)]
+pub struct Organs<'a> {
+    /// The body that they are.
+    pub body: &'a Body,
+    /// As it moves.
+    pub mesh: &'a ActiveMesh,
+    /// What of friction is between them.
+    pub friction: &'a Between,
+    /// Their number among all that pushes.
+    pub id: ToolId,
+}
+
+/// Receives what is found.
+#[derive(Debug)]
+pub struct Met<'a> {
+    /// Constraints, and where they act.
+    pub found: Found<'a>,
+    /// The other side of each.
+    pub feet: &'a mut Vec<Foot>,
+}
+
+/// Memory that looking for meetings needs and no one keeps.
+#[derive(Debug)]
+pub struct Workspace {
+    nearby: Nearby,
+    /// Display vertices [m], (n_vertices); those far from all meetings as of some earlier tick.
+    vertices: Vec<Vec3>,
+    before: Vec<Meeting>,
+    /// No display edge is longer [m].
+    longest_edge: Real,
+}
+
+impl Workspace {
+    /// For `body`; `None` where it is a single organ.
+    pub fn new(body: &Body, mesh: &ActiveMesh) -> Option<Self> {
+        let surface = body.surface();
+        let edge = |t: usize, i: usize| {
+            let corners = surface.corners(t);
+            (corners[i] - corners[(i + 1) % 3]).norm()
+        };
+        let longest = (0..surface.triangles.len()).flat_map(|t| (0..3).map(move |i| edge(t, i))).fold(0.0, Real::max);
+        (body.organs().len() > 1).then(|| Self {
+            nearby: Nearby::new(body, mesh),
+            vertices: surface.vertices.clone(),
+            before: Vec::with_capacity(MOST_MEETINGS),
+            longest_edge: MOST_STRETCH * longest,
+        })
+    }
+
+    /// What is where may have changed at once.
+    pub(crate) fn forget(&mut self) {
+        self.nearby.forget();
+    }
+
+    /// The resolution is another in this tick than in the last one.
+    pub(crate) fn follow_change(&mut self, body: &Body, mesh: &ActiveMesh) {
+        self.nearby.follow_change(body, mesh);
+    }
+}
+
+/// Appends the constraints between `organs` at the start of tick `tick` to `out`; `memory` holds the meetings of the last tick and receives this tick's, by patch. No more than `room` of them are new.
+pub fn meet(organs: &Organs, tick: u64, room: u32, memory: &mut Vec<Meeting>, out: Met, work: &mut Workspace) {
+    let (Organs { body, mesh, .. }, Met { found, feet }) = (*organs, out);
+    std::mem::swap(memory, &mut work.before);
+    memory.clear();
+    let boxes = boxes(body, mesh);
+    let window = window(&boxes, body.organs().len());
+    if window.low.x > window.high.x {
+        return;
+    }
+    work.nearby.place(body, mesh, window.grown(work.longest_edge), &mut work.vertices);
+    let on = &Touchable { body, mesh, vertices: &work.vertices, near: work.nearby.placed() };
+    for m in &work.before {
+        let seen = Patch::of(on, m.patch).and_then(|patch| patch.follow(on, m.triangle));
+        if let Some(seen) = seen.filter(|seen| seen.gap < NEAR) {
+            memory.push(Meeting {
+                triangle: seen.triangle,
+                weights: seen.weights,
+                gap: seen.gap,
+                normal: seen.normal,
+                ..*m
+            });
+        }
+    }
+    let mut left = room;
+    let looked_at = (0..body.patches().count()).filter(|i| (u64::from(*i) + tick).is_multiple_of(LOOKS));
+    for i in looked_at {
+        let own = body.patches().organ(i);
+        if left == 0 || memory.len() == MOST_MEETINGS {
+            break;
+        }
+        let Some(patch) = Patch::of(on, i).filter(|patch| window.contains(&patch.place)) else { continue };
+        for other in (0..body.organs().len()).map(OrganId::at).filter(|other| *other != own) {
+            let place = memory.binary_search_by_key(&(i, other), |m| (m.patch, m.other));
+            let Err(place) = place else { continue };
+            if left == 0 || memory.len() == MOST_MEETINGS || !boxes[other.index()].grown(NEAR).contains(&patch.place) {
+                continue;
+            }
+            let range = &body.organ(other).triangles;
+            let all = work.nearby.triangles();
+            let from = all.partition_point(|t| t.index() < range.start);
+            let to = all.partition_point(|t| t.index() < range.end);
+            if let Some(seen) = patch.look(on, &all[from..to], work.longest_edge) {
+                memory.insert(place, seen.met_anew(i, other));
+                left -= 1;
+            }
+        }
+    }
+    for m in memory.iter_mut() {
+        m.held = m.gap < MARGIN;
+        if m.held {
+            constrain(organs, m, found.constraints, feet);
+            found.points_of_action.push(on.displayed(m.triangle, m.weights));
+        } else {
+            let forget = (Vec3::zeros(), Vec3::zeros());
+            (m.multiplier, m.slack, (m.tangential, m.stretch)) = (0.0, 0.0, forget);
+        }
+    }
+}
+
+/// Around each organ [m].
+fn boxes(body: &Body, mesh: &ActiveMesh) -> [Bounds; MOST_ORGANS] {
+    let mut boxes = [Bounds::NOTHING; MOST_ORGANS];
+    for &slot in mesh.active().iter().chain(mesh.interface()) {
+        let around = &mut boxes[body.organ_of(mesh.node(slot)).index()];
+        let x = mesh.position(slot);
+        (around.low, around.high) = (around.low.inf(&x), around.high.sup(&x));
+    }
+    for (around, organ) in boxes.iter_mut().zip(body.organs()) {
+        // Elements are at most about so much larger than their level's spacing, and no vertex hangs farther outside of one.
+        let spacing = organ.levels.iter().map(|level| level.spacing).fold(0.0, Real::max);
+        *around = around.grown(3.0 * MOST_ASIDE * spacing + ASIDE);
+    }
+    boxes
+}
+
+/// Around all places where the boxes of two of so many organs are near each other [m].
+fn window(boxes: &[Bounds; MOST_ORGANS], organs: usize) -> Bounds {
+    let pairs = (0..organs).flat_map(|i| (0..i).map(move |j| (i, j)));
+    let shared = pairs.map(|(i, j)| {
+        let (a, b) = (boxes[i].grown(NEAR), boxes[j].grown(NEAR));
+        Bounds::new(a.low.sup(&b.low), a.high.inf(&b.high))
+    });
+    let is_any = |shared: &Bounds| (0..3).all(|c| shared.low[c] <= shared.high[c]);
+    shared.filter(is_any).fold(Bounds::NOTHING, |all, shared| all.joined(&shared))
+}
+
+/// A patch where it is now.
+struct Patch {
+    /// Its mean place [m].
+    place: Vec3,
+    /// Outward unit normal in its middle.
+    normal: Vec3,
+}
+
+/// The place of another organ that is next to a patch.
+struct Seen {
+    squared: Real,
+    triangle: Triangle,
+    weights: [Real; 3],
+    gap: Real,
+    normal: Vec3,
+}
+
+impl Seen {
+    fn met_anew(self, patch: u32, other: OrganId) -> Meeting {
+        Meeting {
+            patch,
+            other,
+            triangle: self.triangle,
+            weights: self.weights,
+            gap: self.gap,
+            held: false,
+            normal: self.normal,
+            multiplier: 0.0,
+            tangential: Vec3::zeros(),
+            // All that they overlap by is closed gradually.
+            slack: Real::INFINITY,
+            stretch: Vec3::zeros(),
+        }
+    }
+}
+
+impl Patch {
+    /// `None` where it has no normal.
+    fn of(on: &Touchable, i: u32) -> Option<Self> {
+        let all = on.body.patches().of(i);
+        let around = on.body.triangles_around(all.first()?.0);
+        let normal: Vec3 = around.iter().map(|t| area_vector(on, *t)).sum();
+        let place = all.iter().map(|(v, w)| on.vertex(*v) * *w).sum();
+        Some(Self { place, normal: normal.try_normalize(0.0)? })
+    }
+
+    /// What is next to it beside what was next to it a tick ago.
+    fn follow(&self, on: &Touchable, was: Triangle) -> Option<Seen> {
+        let mut best: Option<Seen> = None;
+        let mut at = was;
+        for _ in 0..MOST_STEPS {
+            for t in on.body.triangle(at).iter().flat_map(|v| on.body.triangles_around(*v)) {
+                self.consider(on, *t, &mut best);
+            }
+            match best.as_ref().map(|seen| seen.triangle) {
+                Some(next) if next != at => at = next,
+                _ => break,
+            }
+        }
+        best.and_then(|seen| self.met(on, seen))
+    }
+
+    /// What is next to it among `triangles`, if it is near.
+    fn look(&self, on: &Touchable, triangles: &[Triangle], longest_edge: Real) -> Option<Seen> {
+        let mut best: Option<Seen> = None;
+        for t in triangles {
+            let reach = best.as_ref().map_or(NEAR, |seen| seen.squared.sqrt()) + longest_edge;
+            if (on.vertex(on.body.triangle(*t)[0]) - self.place).norm_squared() < reach * reach {
+                self.consider(on, *t, &mut best);
+            }
+        }
+        best.and_then(|seen| self.met(on, seen)).filter(|seen| seen.gap.abs() < NEAR)
+    }
+
+    /// Takes triangle `t` for the `best` where it faces the patch and is nearer.
+    fn consider(&self, on: &Touchable, t: Triangle, best: &mut Option<Seen>) {
+        let corners = on.body.triangle(t).map(|v| on.vertex(v));
+        let area = (corners[1] - corners[0]).cross(&(corners[2] - corners[0]));
+        if area.dot(&self.normal) >= -FACING * area.norm() {
+            return;
+        }
+        let [a, b, c] = corners.map(to_parry);
+        let nearest = from_parry(Face::new(a, b, c).project_local_point(to_parry(self.place), false).point);
+        let squared = (self.place - nearest).norm_squared();
+        if best.as_ref().is_none_or(|seen| squared < seen.squared)
+            && let Some(weights) = weights_in_triangle(&corners, nearest)
+        {
+            *best = Some(Seen { squared, triangle: t, weights, gap: 0.0, normal: Vec3::zeros() });
+        }
+    }
+
+    /// How the patch is to the place that was `seen` to be nearest; `None` where it is behind the surface, but beside it.
+    fn met(&self, on: &Touchable, seen: Seen) -> Option<Seen> {
+        let normal = area_vector(on, seen.triangle).try_normalize(0.0)?;
+        let away = self.place - on.displayed(seen.triangle, seen.weights);
+        let (height, distance) = (normal.dot(&away), away.norm());
+        let aside = (away - normal * height).norm();
+        if aside <= 1e-6 * distance + 1e-9 {
+            return Some(Seen { gap: height, normal, ..seen });
+        }
+        // Over an edge the way to it is the normal, from within where the surface is hollow.
+        match height {
+            h if h >= 0.0 => Some(Seen { gap: distance, normal: away / distance, ..seen }),
+            h if aside < -h => Some(Seen { gap: -distance, normal: away / -distance, ..seen }),
+            _ => None,
+        }
+    }
+}
+
+/// Appends the constraint of `m`.
+fn constrain(organs: &Organs, m: &mut Meeting, constraints: &mut Vec<Constraint>, feet: &mut Vec<Foot>) {
+    let Organs { body, mesh, friction, id } = *organs;
+    let closing = Closing::new(Some(m.slack), -m.gap, 0.0, 0.0);
+    m.slack = closing.slack_end;
+    let patch = body.patches().of(m.patch);
+    let corners = body.triangle(m.triangle);
+    let stencil: [(Vertex, Real); 3] = std::array::from_fn(|i| (corners[i], m.weights[i]));
+    let (row, foot) = sides(mesh, patch, &stencil);
+    let mobility: Real = row.entries().iter().map(|(s, b)| b * b * mesh.motion.inverse_mass[s.index()]).sum();
+    // Of the elements that carry it, the one that is kicked the least often.
+    let kicked = |v: Vertex| mesh.pool().class_of(mesh.embedding(v).element);
+    let carriers = patch.iter().map(|(v, _)| *v).chain(corners);
+    let horizon = carriers.filter_map(kicked).map(step_of).fold(0.0, Real::max);
+    // As on the ground: as much as its inertia gives way within a step.
+    let mut compliance = [0.0; MOST_POINTS];
+    compliance[0] = horizon * horizon * mobility;
+    let apart = row.interpolate(&mesh.motion.position);
+    let along = |v: &Vec3| v - m.normal * m.normal.dot(v);
+    let coefficient = friction.of(body.patches().organ(m.patch), m.other);
+    (m.tangential, m.stretch) = (along(&m.tangential), along(&m.stretch));
+    constraints.push(Constraint {
+        row,
+        normal: m.normal,
+        offset: m.normal.dot(&apart) - m.gap - closing.slack,
+        rate: (closing.slack - closing.slack_end) / TICK,
+        first: constraints.len() as u32,
+        compliance,
+        tool: id,
+        point: body.point_of_patch(m.patch),
+        multiplier: m.multiplier,
+        mean_multiplier: 0.0,
+        friction: Friction {
+            coefficient,
+            compliance: 1.0,
+            anchor: apart - m.stretch,
+            rate: Vec3::zeros(),
+            multiplier: m.tangential,
+            mean_multiplier: Vec3::zeros(),
+        },
+        arm: Vec3::zeros(),
+        lever: Vec3::zeros(),
+        held: Held::default(),
+        allowed_for: Pushed::default(),
+        horizon,
+    });
+    feet.push(foot);
+}
+
+/// The row of both sides: what carries a patch, and against it what carries the place of a triangle that it meets.
+fn sides(mesh: &ActiveMesh, patch: &[(Vertex, Real)], stencil: &[(Vertex, Real); 3]) -> (Row, Foot) {
+    let (other, _) = skin::row(mesh, stencil);
+    let heaviest = stencil.iter().max_by(|a, b| a.1.total_cmp(&b.1)).map_or(stencil[0].0, |(v, _)| *v);
+    let host = mesh.embedding(heaviest).slots;
+    let slopes = gradients(&host.map(|slot| mesh.position(slot)));
+    let whole = |patch: &[(Vertex, Real)]| {
+        let (mut row, mut foot) = (skin::row(mesh, patch).0, Foot::FIXED);
+        other.entries().iter().for_each(|(slot, b)| row.add(*slot, -b));
+        let mut has_room = true;
+        for (slot, g) in host.iter().zip(slopes) {
+            if mesh.is_master(*slot) {
+                has_room &= foot.add(&mut row, *slot, g);
+            } else {
+                mesh.row(*slot).entries().for_each(|(master, p)| has_room &= foot.add(&mut row, master, g * p));
+            }
+        }
+        (has_room && !row.is_full()).then_some((row, foot))
+    };
+    // Where there is no room for all that carries a patch, what carries the vertex in its middle stands for it.
+    whole(patch).or_else(|| whole(&[(patch[0].0, 1.0)])).unwrap_or_else(|| {
+        let mut row = skin::row(mesh, &patch[..1]).0;
+        other.entries().iter().for_each(|(slot, b)| row.add(*slot, -b));
+        (row, Foot::FIXED)
+    })
+}
+
+/// Writes what the `constraints` between organs were solved to into the meetings; nothing where the body stood still.
+pub fn remember(mesh: &ActiveMesh, constraints: &[Constraint], meetings: &mut [Meeting]) {
+    for (c, m) in constraints.iter().zip(meetings.iter_mut().filter(|m| m.held)) {
+        m.multiplier = c.multiplier;
+        if c.friction.coefficient == 0.0 {
+            continue;
+        }
+        m.tangential = c.friction.multiplier;
+        let stretch = c.row.interpolate(&mesh.motion.position) - c.friction.anchor;
+        let slips = c.friction.multiplier.norm() >= SLIPS * c.friction.coefficient * c.multiplier;
+        // One that slips takes the place that it sticks to along.
+        m.stretch = if slips { c.friction.multiplier * (-c.compliance[0] * c.friction.compliance) } else { stretch };
+    }
+}
