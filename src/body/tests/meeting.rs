@@ -6,14 +6,14 @@ use palpate_core::contact::meeting::Between;
 use palpate_core::contact::safety::ForceLimits;
 use palpate_core::contact::tool::Following;
 use palpate_core::geometry::primitives::box_mesh;
-use palpate_core::ids::{OrganId, Slot};
+use palpate_core::ids::{OrganId, Slot, Vertex};
 use palpate_core::math::{Bounds, Pose, Real, Vec3};
 use palpate_core::model::energy;
 use palpate_core::model::{Body, Material};
 use palpate_core::simulation::{Inputs, Settings, Simulation, Snapshot};
 use std::sync::Arc;
 
-/// A block of this size [m] with so many cells a side, of a material [Pa], at `position` [m].
+/// A block of this size [m] with so many cells along x and as large ones along z, of a material [Pa], at `position` [m].
 #[derive(Clone, Copy)]
 struct Block {
     size: Vec3,
@@ -29,9 +29,10 @@ impl Block {
     fn body(&self) -> (Body, Pose) {
         let bounds = Bounds::new(Vec3::zeros(), Vec3::new(self.size.x, self.size.y, 0.0));
         let hold = Region { bounds, stiffness: None, exact: true };
+        let cells = [self.cells, self.cells, (Real::from(self.cells) * self.size.z / self.size.x).ceil() as u32];
         let recipe = Recipe {
             name: "block".into(),
-            shape: prepare::Shape::meshes([box_mesh(self.size, [self.cells; 3])]),
+            shape: prepare::Shape::meshes([box_mesh(self.size, cells)]),
             material: Material::from_young(self.youngs_modulus, self.poisson_ratio, 1000.0),
             inclusions: vec![],
             holds: if self.held { vec![hold] } else { vec![] },
@@ -136,17 +137,13 @@ fn organs_that_collide_keep_both_momenta_to_rounding_and_gain_no_energy() {
             most = energy(&simulation).max(most);
             pushed = force(&simulation).norm().max(pushed);
         }
+        let [linear, angular, end] = [worst.0 / scale, worst.1 / (scale * 0.05), energy(&simulation) / before];
         println!(
-            "friction {friction}, {speed} m/s: momentum {:.1e}, angular {:.1e} of {scale:.3} kg m/s, energy at most {:.4}, at last {:.4}, force {pushed:.2} N, apart {:.4}",
-            worst.0 / scale,
-            worst.1 / (scale * 0.05),
-            most / before,
-            energy(&simulation) / before,
-            (centre(&simulation, 1) - centre(&simulation, 0)).norm()
+            "{speed} m/s, friction {friction}: {linear:.0e}, {angular:.0e}; energy {:.3} to {end:.3}",
+            most / before
         );
         assert!(pushed > 0.05);
-        assert!(worst.0 < 1e-12 * scale && worst.1 < 1e-12 * scale * 0.05);
-        assert!(most < 1.002 * before);
+        assert!(linear < 1e-13 && angular < 1e-13 && most < 1.0001 * before);
     }
 }
 
@@ -160,39 +157,59 @@ fn an_organ_that_lies_on_another_weighs_on_it_and_both_lie_still() {
         let mut simulation = simulation(&[lower, upper], 0.1, 0.5, Vec3::new(0.0, 0.0, -9.81));
         fade(&mut simulation, 1500);
         let weight = 9.81 * simulation.body().organ(OrganId(1)).mass;
-        for i in 0..50 {
+        for _ in 0..50 {
             simulation.advance(&Inputs::default());
             let force = force(&simulation);
-            if i % 10 == 0 { println!("{size} m: {} {} {} of {weight} N, {:e} J {:?}", force.x, force.y, force.z, kinetic(&simulation), centre(&simulation,1)); }
-            assert!(
-                (force.z / -weight - 1.0).abs() < 1e-4 && force.xy().norm() < 1e-4 * weight,
-                "{force} of {weight} N"
-            );
+            assert!((force.z / -weight - 1.0).abs() < 1e-8, "{force} of {weight} N");
+            assert!(force.xy().norm() < 1e-8 * weight, "{force} of {weight} N");
         }
         let deepest = simulation.meetings().iter().filter(|m| m.multiplier > 0.0).map(|m| m.gap).fold(0.0, Real::min);
-        println!("overlap {deepest:e} m");
-        assert!(deepest > -5e-5 && kinetic(&simulation) < 1e-6 * weight * size);
+        println!("{size} m: overlap {deepest:e} m, {:e} J", kinetic(&simulation));
+        assert!(deepest > -1e-3 * size && kinetic(&simulation) < 1e-12 * weight * size);
+    }
+}
+
+/// In uniform stress there is no difference between a column and one that is cut through.
+#[test]
+fn a_column_of_two_blocks_sags_as_one_does() {
+    let column = |blocks: &[Block]| {
+        let mut simulation = simulation(blocks, 0.1, 0.5, Vec3::new(0.0, 0.0, -9.81));
+        fade(&mut simulation, 2500);
+        let last = simulation.body().organs().len() - 1;
+        let vertices = simulation.body().organs()[last].vertices.clone();
+        let top = vertices.map(|v| simulation.mesh().vertex(Vertex::at(v)).z).fold(0.0, Real::max);
+        (top, force(&simulation).z)
+    };
+    let lower = Block { youngs_modulus: 2e4, poisson_ratio: 0.0, held: true, ..SOFT };
+    let upper = Block { position: Vec3::z() * 0.05, held: false, ..lower };
+    let (one, _) = column(&[Block { size: Vec3::new(0.05, 0.05, 0.1), ..lower }]);
+    // What is kicked more often than the other side gives way by more of a step's inertia.
+    for (cells, most) in [(3, 0.01), (4, 0.02), (6, 0.05)] {
+        let (two, pushed) = column(&[lower, Block { cells, ..upper }]);
+        let [sag, whole] = [two, one].map(|top| 0.1 - top);
+        println!("{cells} cells on {}: sags by {sag} m, one block by {whole} m; {pushed} N", lower.cells);
+        assert!((sag / whole - 1.0).abs() < most);
     }
 }
 
 #[test]
 fn an_organ_holds_and_slides_on_another_as_coulomb_says() {
     let lower = Block { size: Vec3::new(0.16, 0.08, 0.03), cells: 5, youngs_modulus: 1e5, held: true, ..SOFT };
-    let upper = Block {
-        size: Vec3::repeat(0.03),
-        cells: 3,
-        youngs_modulus: 3e4,
-        position: Vec3::new(0.02, 0.025, 0.03),
-        ..SOFT
-    };
+    let position = Vec3::new(0.02, 0.025, 0.03);
+    let upper = Block { size: Vec3::repeat(0.03), cells: 3, youngs_modulus: 3e4, position, ..SOFT };
     let tilted = |slope: Real| Vec3::new(slope.atan().sin(), 0.0, -slope.atan().cos()) * 9.81;
-    let mut held = simulation(&[lower, upper], 0.2, 0.5, tilted(0.35));
-    fade(&mut held, 1000);
-    let before = centre(&held, 1);
-    (0..1000).for_each(|_| _ = held.advance(&Inputs::default()));
-    let crept = (centre(&held, 1) - before).norm();
-    println!("crept by {crept:e} m in 1 s");
-    
+    for blocks in [[lower, upper], [Block { held: true, ..lower }, Block { youngs_modulus: 1e4, ..upper }]] {
+        let mut held = simulation(&blocks, 0.2, 0.5, tilted(0.35));
+        fade(&mut held, 1500);
+        let mut before = centre(&held, 1);
+        let mut crept = [0.0; 2];
+        for crept in &mut crept {
+            (0..1000).for_each(|_| _ = held.advance(&Inputs::default()));
+            *crept = (centre(&held, 1) - std::mem::replace(&mut before, centre(&held, 1))).norm();
+        }
+        println!("creeps by {crept:?} m/s");
+        assert!(crept[1] < 1e-7);
+    }
 
     let mut slides = simulation(&[lower, upper], 0.2, 0.3, tilted(0.8));
     let velocity = |simulation: &Simulation| {
@@ -205,7 +222,7 @@ fn an_organ_holds_and_slides_on_another_as_coulomb_says() {
     let (a, angle) = ((velocity(&slides) - from).x / 0.12, (0.8 as Real).atan());
     let expected = 9.81 * (angle.sin() - 0.3 * angle.cos());
     println!("{a} m/s² of {expected}");
-    assert!((a / expected - 1.0).abs() < 0.03);
+    assert!((a / expected - 1.0).abs() < 0.01);
 }
 
 #[test]

@@ -2,6 +2,7 @@
 //! less, or two runs that part could pass for one.
 
 use palpate_body::geometry::primitives::sphere_surface;
+use palpate_body::prepare::merge::merge;
 use palpate_body::prepare::{Elements, Recipe, Shape, prepare};
 use palpate_core::adaptation::Adaptivity;
 use palpate_core::contact::obstacle::{Form, Obstacle};
@@ -13,6 +14,7 @@ use palpate_core::simulation::{Inputs, Parameter, Settings, Simulation, Snapshot
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
+/// Two balls side by side, that touch.
 fn body(elements: Elements) -> Arc<Body> {
     let material = Material { phi: 3.0, psi: 5.0, ..Material::from_young(1e4, 0.35, 1000.0) };
     let recipe = Recipe {
@@ -24,7 +26,9 @@ fn body(elements: Elements) -> Arc<Body> {
         elements,
         damping_ratio: 0.1,
     };
-    prepare(&recipe, &mut |_, _, _| {}).unwrap().into()
+    let ball = || prepare(&recipe, &mut |_, _, _| {}).unwrap();
+    let beside = Pose { position: Vec3::x() * 0.0995, ..Pose::default() };
+    merge(vec![(ball(), Pose::default()), (ball(), beside)], 0.1).unwrap().into()
 }
 
 /// Just below the ball at rest.
@@ -87,6 +91,7 @@ fn changes(snapshot: &Snapshot) -> BTreeMap<&'static str, Snapshot> {
         tools: _,
         points: _,
         obstacle_points: _,
+        meetings: _,
     } = snapshot;
     let State {
         nodes: _,
@@ -154,6 +159,8 @@ fn changes(snapshot: &Snapshot) -> BTreeMap<&'static str, Snapshot> {
     change("points", &|s| s.points[0][0].weights[2] += 1e-12);
     change("an obstacle's point less", &|s| _ = s.obstacle_points[0].pop());
     change("an obstacle's points", &|s| s.obstacle_points[0][0].anchor.x += 1e-12);
+    change("a meeting less", &|s| _ = s.meetings.pop());
+    change("meetings", &|s| s.meetings[0].gap += 1e-12);
     changed
 }
 

@@ -34,6 +34,8 @@ const FACING: Real = 0.1;
 const MOST_STEPS: usize = 4;
 /// Slack of bounds around organs [m]: for what fades on the surface.
 const ASIDE: Real = 1e-3;
+/// A way this much off a triangle's normal is along it, but for rounding.
+const STRAIGHT: Real = 1e-6;
 /// Stretch of display edges up to which no triangle is missed.
 const MOST_STRETCH: Real = 2.0;
 
@@ -134,13 +136,8 @@ pub fn meet(organs: &Organs, tick: u64, room: u32, memory: &mut Vec<Meeting>, ou
     for m in &work.before {
         let seen = Patch::of(on, m.patch).and_then(|patch| patch.follow(on, m.triangle));
         if let Some(seen) = seen.filter(|seen| seen.gap < NEAR) {
-            memory.push(Meeting {
-                triangle: seen.triangle,
-                weights: seen.weights,
-                gap: seen.gap,
-                normal: seen.normal,
-                ..*m
-            });
+            let Seen { triangle, weights, gap, normal, share, .. } = seen;
+            memory.push(Meeting { triangle, weights, gap, normal, share, ..*m });
         }
     }
     let mut left = room;
@@ -212,6 +209,8 @@ struct Patch {
     place: Vec3,
     /// Outward unit normal in its middle.
     normal: Vec3,
+    /// Of the disc that is as large [m].
+    radius: Real,
 }
 
 /// The place of another organ that is next to a patch.
@@ -221,6 +220,8 @@ struct Seen {
     weights: [Real; 3],
     gap: Real,
     normal: Vec3,
+    /// How much of the patch meets it.
+    share: Real,
 }
 
 impl Seen {
@@ -231,6 +232,7 @@ impl Seen {
             triangle: self.triangle,
             weights: self.weights,
             gap: self.gap,
+            share: self.share,
             held: false,
             normal: self.normal,
             multiplier: 0.0,
@@ -249,7 +251,7 @@ impl Patch {
         let around = on.body.triangles_around(all.first()?.0);
         let normal: Vec3 = around.iter().map(|t| area_vector(on, *t)).sum();
         let place = all.iter().map(|(v, w)| on.vertex(*v) * *w).sum();
-        Some(Self { place, normal: normal.try_normalize(0.0)? })
+        Some(Self { place, normal: normal.try_normalize(0.0)?, radius: on.body.patches().radius(i) })
     }
 
     /// What is next to it beside what was next to it a tick ago.
@@ -293,33 +295,29 @@ impl Patch {
         if best.as_ref().is_none_or(|seen| squared < seen.squared)
             && let Some(weights) = weights_in_triangle(&corners, nearest)
         {
-            *best = Some(Seen { squared, triangle: t, weights, gap: 0.0, normal: Vec3::zeros() });
+            *best = Some(Seen { squared, triangle: t, weights, gap: 0.0, normal: Vec3::zeros(), share: 1.0 });
         }
     }
 
-    /// How the patch is to the place that was `seen` to be nearest; `None` where it is behind the surface, but beside it.
+    /// How the patch is to the place that was `seen` to be nearest; `None` where it is beyond the edge of what faces it.
     fn met(&self, on: &Touchable, seen: Seen) -> Option<Seen> {
         let normal = area_vector(on, seen.triangle).try_normalize(0.0)?;
         let away = self.place - on.displayed(seen.triangle, seen.weights);
-        let (height, distance) = (normal.dot(&away), away.norm());
-        let aside = (away - normal * height).norm();
-        if aside <= 1e-6 * distance + 1e-9 {
-            return Some(Seen { gap: height, normal, ..seen });
+        let height = normal.dot(&away);
+        let (distance, aside) = (away.norm(), (away - normal * height).norm());
+        if height > 0.0 && aside > STRAIGHT * height {
+            // Over an edge the way to it is the normal.
+            return Some(Seen { gap: distance, normal: away / distance, ..seen });
         }
-        // Over an edge the way to it is the normal, from within where the surface is hollow.
-        match height {
-            h if h >= 0.0 => Some(Seen { gap: distance, normal: away / distance, ..seen }),
-            h if aside < -h => Some(Seen { gap: -distance, normal: away / -distance, ..seen }),
-            _ => None,
-        }
+        // A patch whose middle is beyond an edge, but behind it, lies on it with less and less until all of it has slid off.
+        let share = 1.0 - aside / self.radius;
+        (share > 0.0).then_some(Seen { gap: height, normal, share, ..seen })
     }
 }
 
 /// Appends the constraint of `m`.
 fn constrain(organs: &Organs, m: &mut Meeting, constraints: &mut Vec<Constraint>, feet: &mut Vec<Foot>) {
     let Organs { body, mesh, friction, id } = *organs;
-    let closing = Closing::new(Some(m.slack), -m.gap, 0.0, 0.0);
-    m.slack = closing.slack_end;
     let patch = body.patches().of(m.patch);
     let corners = body.triangle(m.triangle);
     let stencil: [(Vertex, Real); 3] = std::array::from_fn(|i| (corners[i], m.weights[i]));
@@ -331,7 +329,10 @@ fn constrain(organs: &Organs, m: &mut Meeting, constraints: &mut Vec<Constraint>
     let horizon = carriers.filter_map(kicked).map(step_of).fold(0.0, Real::max);
     // As on the ground: as much as its inertia gives way within a step.
     let mut compliance = [0.0; MOST_POINTS];
-    compliance[0] = horizon * horizon * mobility;
+    compliance[0] = horizon * horizon * mobility / m.share;
+    // What the compliance gives way by is no overlap that was found late.
+    let closing = Closing::new(Some(m.slack), -m.gap - compliance[0] * m.multiplier, 0.0, 0.0);
+    m.slack = closing.slack_end;
     let apart = row.interpolate(&mesh.motion.position);
     let along = |v: &Vec3| v - m.normal * m.normal.dot(v);
     let coefficient = friction.of(body.patches().organ(m.patch), m.other);

@@ -319,6 +319,8 @@ pub struct Meeting {
     pub weights: [Real; 3],
     /// From that place to the patch along the normal [m]; below zero where they overlap.
     pub gap: Real,
+    /// How much of the patch meets the other organ: less than all where its middle is beyond an edge.
+    pub share: Real,
     /// Whether they are held apart: so near that they may touch within the tick.
     pub held: bool,
     /// Unit vector from the other organ to this one.

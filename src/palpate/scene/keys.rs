@@ -1,6 +1,7 @@
 //! The keys of a scene, each with its range and default, and what follows from them.
 
 use super::body_keys::{BodyKeys, HoldKeys, MaterialKeys, RegionKeys};
+use super::contact_keys::ContactKeys;
 use super::obstacle_keys::ObstacleKeys;
 use super::organ_keys::{OrganKeys, TissueKeys};
 use super::tool_keys::{ToolKeys, centimetre};
@@ -46,10 +47,14 @@ pub struct Scene {
     #[serde(default)]
     #[garde(dive, length(max = 64))]
     pub hold: Vec<HoldKeys>,
-    /// Further bodies beside it, which do not touch it.
+    /// Further bodies beside it, which meet it and each other.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     #[garde(dive, length(max = MOST_ORGANS - 1))]
     pub organ: Vec<OrganKeys>,
+    /// What is between two organs that meet.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    #[garde(dive, length(max = MOST_ORGANS * (MOST_ORGANS - 1) / 2))]
+    pub contact: Vec<ContactKeys>,
     /// Rigid things that the bodies meet.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     #[garde(dive, length(max = MOST_OBSTACLES))]
@@ -224,6 +229,7 @@ impl Scene {
             material,
             hold: organ.hold.clone(),
             organ: Vec::new(),
+            contact: Vec::new(),
             ..self.clone()
         }
     }
@@ -234,7 +240,7 @@ impl Scene {
             gravity: Vec3::from(self.world.gravity),
             tools: self.tool.iter().map(ToolKeys::tool).collect(),
             obstacles: self.obstacle.iter().map(ObstacleKeys::obstacle).collect(),
-            organ_friction: Default::default(),
+            organ_friction: self.organ_friction(),
             following: Following {
                 speed: self.safety.tool_speed,
                 engage_ticks: (self.safety.engage_time / TICK).ceil() as u32,

@@ -4,6 +4,7 @@
 //! A wrong key, a bad value or a bad mesh gets an error that names the file, the line and what to do.
 
 pub mod body_keys;
+pub mod contact_keys;
 mod elastic_keys;
 pub mod keys;
 pub mod obstacle_keys;
@@ -428,6 +429,7 @@ pub fn parse(text: &str, origin: &str) -> Result<Scene, SceneError> {
         let obstacles = scene.obstacle.iter().enumerate();
         obstacles.for_each(|(i, obstacle)| obstacle.faults(&format!("obstacle[{i}]"), &mut faults));
         scene.tool.iter().enumerate().for_each(|(i, tool)| tool.faults(&format!("tool[{i}]"), &mut faults));
+        scene.contact_faults(&mut faults);
     }
     let told = |(path, fault): &(String, String)| match line_of(text, path) {
         Some(line) => format!("{origin}, line {line}: {path}: {fault}"),

@@ -8,6 +8,7 @@ use crate::geometry::Surface;
 use crate::ids::{OrganId, Vertex};
 use crate::math::{Bounds, Real, Vec3};
 use crate::model::csr::Csr;
+use std::f64::consts::PI;
 use std::ops::Range;
 
 /// Patches of a smooth organ, about: chosen for cost, which is in proportion to those that touch. What lies still weighs the same
@@ -32,6 +33,8 @@ pub struct Patches {
     of: Csr<(Vertex, Real)>,
     /// By organ: its first patch; after the last, how many there are.
     first: Vec<u32>,
+    /// By patch: radius of the disc that is as large [m].
+    radius: Vec<Real>,
 }
 
 impl Patches {
@@ -49,8 +52,10 @@ impl Patches {
             patches.extend(of_organ(place, areas, &normals, vertices, MOST_PATCHES / organs.len()));
             first.push(patches.len() as u32);
         }
-        let entries = patches.iter().enumerate().flat_map(|(i, patch)| patch.iter().map(move |entry| (i, *entry)));
-        Self { of: Csr::new(patches.len(), entries), first }
+        let all = patches.iter().enumerate();
+        let entries = all.flat_map(|(i, (patch, _))| patch.iter().map(move |entry| (i, *entry)));
+        let of = Csr::new(patches.len(), entries);
+        Self { of, first, radius: patches.iter().map(|(_, area)| (area / PI).sqrt()).collect() }
     }
 
     /// How many they are.
@@ -68,20 +73,25 @@ impl Patches {
         OrganId::at(self.first.partition_point(|first| *first <= i) - 1)
     }
 
+    /// Radius of the disc that is as large as patch `i` [m].
+    pub fn radius(&self, i: u32) -> Real {
+        self.radius[i as usize]
+    }
+
     /// Vertices of patch `i` and their weights; the first is in its middle.
     pub fn of(&self, i: u32) -> &[(Vertex, Real)] {
         self.of.of(i as usize)
     }
 }
 
-/// Patches of an organ's `vertices`, at most so many.
+/// Patches of an organ's `vertices`, at most so many, and their areas [m²].
 fn of_organ(
     place: &[Vec3],
     areas: &[Real],
     normals: &[Vec3],
     vertices: &Range<usize>,
     most: usize,
-) -> Vec<Vec<(Vertex, Real)>> {
+) -> Vec<(Vec<(Vertex, Real)>, Real)> {
     let own = || vertices.clone();
     let mut apart = areas[own()].iter().sum::<Real>() / PATCHES;
     let alike = |v: usize, w: usize| normals[v].dot(&normals[w]) > SAME_SIDE;
@@ -112,8 +122,8 @@ fn of_organ(
     centres.iter().zip(&members).map(|(centre, all)| weighed(place, areas, *centre, all)).collect()
 }
 
-/// At most [`MOST_VERTICES`] of `all` vertices of a patch, far from each other, with the parts of its area nearest to them.
-fn weighed(place: &[Vec3], areas: &[Real], centre: usize, all: &[usize]) -> Vec<(Vertex, Real)> {
+/// At most [`MOST_VERTICES`] of `all` vertices of a patch, far from each other, with the parts of its area nearest to them, and that [m²].
+fn weighed(place: &[Vec3], areas: &[Real], centre: usize, all: &[usize]) -> (Vec<(Vertex, Real)>, Real) {
     let mut kept = vec![centre];
     let nearest = |kept: &[usize], v: usize| {
         let squared = |i: &usize| (place[kept[*i]] - place[v]).norm_squared();
@@ -129,7 +139,7 @@ fn weighed(place: &[Vec3], areas: &[Real], centre: usize, all: &[usize]) -> Vec<
     let mut area = vec![0.0; kept.len()];
     all.iter().for_each(|v| area[nearest(&kept, *v).0] += areas[*v]);
     let whole: Real = area.iter().sum();
-    kept.iter().zip(area).map(|(v, a)| (Vertex::at(*v), a / whole)).collect()
+    (kept.iter().zip(area).map(|(v, a)| (Vertex::at(*v), a / whole)).collect(), whole)
 }
 
 #[cfg(test)]
