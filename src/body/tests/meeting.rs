@@ -2,9 +2,10 @@
 
 use palpate_body::prepare::merge::merge;
 use palpate_body::prepare::{self, Recipe, Region, prepare};
+use palpate_core::adaptation::Adaptivity;
 use palpate_core::contact::meeting::Between;
 use palpate_core::contact::safety::ForceLimits;
-use palpate_core::contact::tool::Following;
+use palpate_core::contact::tool::{Coupling, Following, PoseSample, Shape as ToolShape, Tool, ToolEvent};
 use palpate_core::geometry::primitives::box_mesh;
 use palpate_core::ids::{OrganId, Slot, Vertex};
 use palpate_core::math::{Bounds, Pose, Real, Vec3};
@@ -13,11 +14,11 @@ use palpate_core::model::{Body, Material};
 use palpate_core::simulation::{Inputs, Settings, Simulation, Snapshot};
 use std::sync::Arc;
 
-/// A block of this size [m] with so many cells along x and as large ones along z, of a material [Pa], at `position` [m].
+/// A block of this size [m] with so many cells along x and as large ones along z on each level, of a material [Pa], at `position` [m].
 #[derive(Clone, Copy)]
 struct Block {
     size: Vec3,
-    cells: u32,
+    cells: &'static [u32],
     youngs_modulus: Real,
     poisson_ratio: Real,
     position: Vec3,
@@ -29,10 +30,10 @@ impl Block {
     fn body(&self) -> (Body, Pose) {
         let bounds = Bounds::new(Vec3::zeros(), Vec3::new(self.size.x, self.size.y, 0.0));
         let hold = Region { bounds, stiffness: None, exact: true };
-        let cells = [self.cells, self.cells, (Real::from(self.cells) * self.size.z / self.size.x).ceil() as u32];
+        let cells = |n: &u32| [*n, *n, (Real::from(*n) * self.size.z / self.size.x).ceil() as u32];
         let recipe = Recipe {
             name: "block".into(),
-            shape: prepare::Shape::meshes([box_mesh(self.size, cells)]),
+            shape: prepare::Shape::meshes(self.cells.iter().map(|n| box_mesh(self.size, cells(n)))),
             material: Material::from_young(self.youngs_modulus, self.poisson_ratio, 1000.0),
             inclusions: vec![],
             holds: if self.held { vec![hold] } else { vec![] },
@@ -45,7 +46,7 @@ impl Block {
 
 const SOFT: Block = Block {
     size: Vec3::new(0.05, 0.05, 0.05),
-    cells: 4,
+    cells: &[4],
     youngs_modulus: 5e3,
     poisson_ratio: 0.35,
     position: Vec3::new(0.0, 0.0, 0.0),
@@ -66,6 +67,38 @@ fn simulation(blocks: &[Block], damping_ratio: Real, friction: Real, gravity: Ve
         most_elements: body.element_count(),
     };
     Simulation::new(body.clone(), settings, Snapshot::at_rest(&body, 0, 0)).unwrap()
+}
+
+/// The blocks as organs of a resolution that follows a ball, which holds still at `from` [m] for 100 ticks, goes to `to` in 500, and stays.
+struct Pressed {
+    simulation: Simulation,
+    from: Vec3,
+    to: Vec3,
+    tick: u32,
+}
+
+impl Pressed {
+    fn new(blocks: &[Block], radius: Real, [from, to]: [Vec3; 2]) -> Self {
+        let without = simulation(blocks, 0.3, 0.3, Vec3::zeros());
+        let tools = vec![Tool { name: "ball".into(), shape: ToolShape::ball(radius), friction: 0.0 }];
+        let settings = Settings { tools, adaptivity: Some(Adaptivity::default()), ..without.settings().clone() };
+        let body = without.body().clone();
+        let mut simulation = Simulation::new(body.clone(), settings, Snapshot::at_rest(&body, 0, 1)).unwrap();
+        let mut inputs = Inputs::default();
+        inputs.tools[0] = Some(ToolEvent::Attach { epoch: 1, period_ticks: 1, coupling: Coupling::RIGID });
+        simulation.advance(&inputs);
+        Self { simulation, from, to, tick: 0 }
+    }
+
+    /// One tick; the force on the tool [N].
+    fn advance(&mut self) -> Vec3 {
+        self.tick += 1;
+        let part = ((Real::from(self.tick) - 100.0) / 500.0).clamp(0.0, 1.0);
+        let pose = Pose { position: self.from + (self.to - self.from) * part, ..Pose::default() };
+        let mut inputs = Inputs::default();
+        inputs.tools[0] = Some(ToolEvent::Pose(PoseSample { sequence: self.tick, pose, ..PoseSample::default() }));
+        self.simulation.advance(&inputs).tools[0].state.physical_force
+    }
 }
 
 /// Mass [kg], place [m] and velocity [m/s] of each active node, with its organ.
@@ -101,7 +134,7 @@ fn centre(simulation: &Simulation, organ: u32) -> Vec3 {
 fn force(simulation: &Simulation) -> Vec3 {
     let patches = simulation.body().patches();
     let own = |organ: OrganId| if organ == OrganId(0) { 1.0 } else { -1.0 };
-    simulation.meetings().iter().filter(|m| m.held).map(|m| m.force() * own(patches.organ(m.patch))).sum()
+    simulation.meetings().iter().filter(|m| m.held).map(|m| m.force * own(patches.organ(m.patch))).sum()
 }
 
 fn fade(simulation: &mut Simulation, ticks: usize) {
@@ -114,7 +147,7 @@ fn fade(simulation: &mut Simulation, ticks: usize) {
 
 #[test]
 fn organs_that_collide_keep_both_momenta_to_rounding_and_gain_no_energy() {
-    let harder = Block { youngs_modulus: 2e4, size: Vec3::new(0.06, 0.04, 0.05), cells: 5, ..SOFT };
+    let harder = Block { youngs_modulus: 2e4, size: Vec3::new(0.06, 0.04, 0.05), cells: &[5], ..SOFT };
     for (friction, aside, speed) in [(0.0, 0.004, 0.3), (0.0, 0.02, 1.0), (0.5, 0.013, 0.3), (0.2, 0.021, 0.1)] {
         let other = Block { position: Vec3::new(aside, 0.3 * aside, 0.052), ..harder };
         let mut simulation = simulation(&[SOFT, other], 0.0, friction, Vec3::zeros());
@@ -153,7 +186,7 @@ fn an_organ_that_lies_on_another_weighs_on_it_and_both_lie_still() {
         let lower =
             Block { size: Vec3::repeat(1.3 * size), youngs_modulus: modulus, poisson_ratio: nu, held: true, ..SOFT };
         let position = Vec3::new(0.2 * size, 0.15 * size, 1.3 * size);
-        let upper = Block { size: Vec3::repeat(size), cells: 5, position, held: false, ..lower };
+        let upper = Block { size: Vec3::repeat(size), cells: &[5], position, held: false, ..lower };
         let mut simulation = simulation(&[lower, upper], 0.1, 0.5, Vec3::new(0.0, 0.0, -9.81));
         fade(&mut simulation, 1500);
         let weight = 9.81 * simulation.body().organ(OrganId(1)).mass;
@@ -184,19 +217,19 @@ fn a_column_of_two_blocks_sags_as_one_does() {
     let upper = Block { position: Vec3::z() * 0.05, held: false, ..lower };
     let (one, _) = column(&[Block { size: Vec3::new(0.05, 0.05, 0.1), ..lower }]);
     // What is kicked more often than the other side gives way by more of a step's inertia.
-    for (cells, most) in [(3, 0.01), (4, 0.02), (6, 0.05)] {
+    for (cells, most) in [(&[3], 0.01), (&[4], 0.02), (&[6], 0.05)] {
         let (two, pushed) = column(&[lower, Block { cells, ..upper }]);
         let [sag, whole] = [two, one].map(|top| 0.1 - top);
-        println!("{cells} cells on {}: sags by {sag} m, one block by {whole} m; {pushed} N", lower.cells);
+        println!("{cells:?} cells on {:?}: sags by {sag} m, one block by {whole} m; {pushed} N", lower.cells);
         assert!((sag / whole - 1.0).abs() < most);
     }
 }
 
 #[test]
 fn an_organ_holds_and_slides_on_another_as_coulomb_says() {
-    let lower = Block { size: Vec3::new(0.16, 0.08, 0.03), cells: 5, youngs_modulus: 1e5, held: true, ..SOFT };
+    let lower = Block { size: Vec3::new(0.16, 0.08, 0.03), cells: &[5], youngs_modulus: 1e5, held: true, ..SOFT };
     let position = Vec3::new(0.02, 0.025, 0.03);
-    let upper = Block { size: Vec3::repeat(0.03), cells: 3, youngs_modulus: 3e4, position, ..SOFT };
+    let upper = Block { size: Vec3::repeat(0.03), cells: &[3], youngs_modulus: 3e4, position, ..SOFT };
     let tilted = |slope: Real| Vec3::new(slope.atan().sin(), 0.0, -slope.atan().cos()) * 9.81;
     for blocks in [[lower, upper], [Block { held: true, ..lower }, Block { youngs_modulus: 1e4, ..upper }]] {
         let mut held = simulation(&blocks, 0.2, 0.5, tilted(0.35));
@@ -239,5 +272,33 @@ fn a_state_in_which_organs_meet_goes_on_as_it_would_have() {
         first.advance(&Inputs::default());
         second.advance(&Inputs::default());
         assert_eq!(first.hash(), second.hash());
+    }
+}
+
+#[test]
+fn what_presses_an_organ_presses_what_it_lies_on_while_the_resolution_changes() {
+    let lower = Block { size: Vec3::new(0.1, 0.1, 0.05), cells: &[4, 8], held: true, ..SOFT };
+    let position = Vec3::new(0.02, 0.02, 0.05);
+    let upper = Block { size: Vec3::new(0.06, 0.06, 0.03), cells: &[3, 6, 9], position, held: false, ..lower };
+    let lower = Block { cells: &[4, 8, 12], ..lower };
+    let way = |depth: Real| [Vec3::new(0.05, 0.045, 0.093), Vec3::new(0.05, 0.045, 0.09 - depth)];
+    for (depth, harder) in [(0.006, 1.0), (0.012, 4.0)] {
+        let upper = Block { youngs_modulus: harder * upper.youngs_modulus, ..upper };
+        let mut pressed = Pressed::new(&[lower, upper], 0.01, way(depth));
+        let (mut before, mut jump, mut changes) = (Vec3::zeros(), 0.0, 0);
+        for _ in 0..1500 {
+            pressed.advance();
+            let adapted = pressed.simulation.outputs().adapted;
+            changes += adapted.splits + adapted.merges;
+            let now = force(&pressed.simulation);
+            jump = (now - before).norm().max(jump);
+            before = now;
+        }
+        let on_tool = pressed.advance();
+        let passed_on = force(&pressed.simulation);
+        println!("{on_tool:?} N on the tool, {passed_on:?} N below; {changes} changes, at most {jump} N a tick");
+        assert!(changes > 20 && on_tool.z > 0.2);
+        assert!((on_tool + passed_on).norm() < 0.01 * on_tool.norm());
+        assert!(jump < 0.05 * on_tool.norm());
     }
 }

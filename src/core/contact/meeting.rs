@@ -170,8 +170,8 @@ pub fn meet(organs: &Organs, tick: u64, room: u32, memory: &mut Vec<Meeting>, ou
             constrain(organs, m, found.constraints, feet);
             found.points_of_action.push(on.displayed(m.triangle, m.weights));
         } else {
-            let forget = (Vec3::zeros(), Vec3::zeros());
-            (m.multiplier, m.slack, (m.tangential, m.stretch)) = (0.0, 0.0, forget);
+            (m.multiplier, m.slack) = (0.0, 0.0);
+            (m.force, m.tangential, m.stretch) = (Vec3::zeros(), Vec3::zeros(), Vec3::zeros());
         }
     }
 }
@@ -235,6 +235,7 @@ impl Seen {
             share: self.share,
             held: false,
             normal: self.normal,
+            force: Vec3::zeros(),
             multiplier: 0.0,
             tangential: Vec3::zeros(),
             // All that they overlap by is closed gradually.
@@ -396,6 +397,7 @@ fn sides(mesh: &ActiveMesh, patch: &[(Vertex, Real)], stencil: &[(Vertex, Real);
 pub fn remember(mesh: &ActiveMesh, constraints: &[Constraint], meetings: &mut [Meeting]) {
     for (c, m) in constraints.iter().zip(meetings.iter_mut().filter(|m| m.held)) {
         m.multiplier = c.multiplier;
+        m.force = c.normal * c.mean_multiplier + c.friction.mean_multiplier;
         if c.friction.coefficient == 0.0 {
             continue;
         }

@@ -325,7 +325,9 @@ pub struct Meeting {
     pub held: bool,
     /// Unit vector from the other organ to this one.
     pub normal: Vec3,
-    /// Last multiplier [N]: the force along the normal that the other organ puts on this one.
+    /// The force that the other organ put on this one in the last tick, on the mean [N].
+    pub force: Vec3,
+    /// Last multiplier [N].
     pub multiplier: Real,
     /// Last force along the surface [N].
     pub tangential: Vec3,
@@ -336,11 +338,6 @@ pub struct Meeting {
 }
 
 impl Meeting {
-    /// The force that the other organ put on this one [N].
-    pub fn force(&self) -> Vec3 {
-        self.normal * self.multiplier + self.tangential
-    }
-
     /// [`Constraint::point`]s of both sides.
     pub fn points(&self, body: &Body) -> [u32; 2] {
         [body.point_of_patch(self.patch), self.triangle.0]

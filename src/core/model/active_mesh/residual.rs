@@ -39,7 +39,7 @@ impl<'a> Loads<'a> {
 
     /// What all push with together [N].
     pub fn pressed(&self) -> Real {
-        let between = self.meetings.iter().filter(|m| m.held).map(|m| m.multiplier);
+        let between = self.meetings.iter().filter(|m| m.held).map(|m| m.force.norm());
         self.pushing().map(|point| point.multiplier).chain(between).sum()
     }
 
@@ -251,8 +251,8 @@ impl ActiveMesh {
             let on_body = (point.normal * point.multiplier + point.tangential) * sign;
             row.entries().iter().for_each(|(slot, b)| self.add_residual(*slot, class, on_body * *b));
         }
-        for m in loads.meetings.iter().filter(|m| m.multiplier > 0.0) {
-            let (corners, force) = (body.triangle(m.triangle), m.force() * sign);
+        for m in loads.meetings.iter().filter(|m| m.force != Vec3::zeros()) {
+            let (corners, force) = (body.triangle(m.triangle), m.force * sign);
             let place: [(Vertex, Real); 3] = std::array::from_fn(|i| (corners[i], m.weights[i]));
             for (side, force) in [(body.patches().of(m.patch), force), (&place[..], -force)] {
                 let (row, _) = skin::row(self, side);
