@@ -7,12 +7,14 @@ use palpate_body::prepare::body_file::{BodyFile, Provenance};
 use palpate_body::prepare::merge::merge;
 use palpate_core::contact::Shape as ToolShape;
 use palpate_core::contact::tool::{Coupling, Part, PoseSample, ToolEvent};
+use palpate_core::geometry::Surface;
 use palpate_core::ids::{OrganId, Slot, Vertex};
-use palpate_core::math::{Pose, Real, Vec3, is_finite};
+use palpate_core::math::{Pose, Real, Vec3, from_parry, is_finite, to_parry};
 use palpate_core::model::active_set::Change;
 use palpate_core::model::element_kernel::Simd;
 use palpate_core::model::{ActiveMesh, Body, State};
 use palpate_core::simulation::{Budget, Inputs, MOST_FROZEN, Parameter, Simulation, TICKS_PER_FRAME};
+use parry3d_f64::query::PointQuery;
 use std::f64::consts::PI;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -535,4 +537,127 @@ fn tissues_of_organs_and_regions_have_names_in_the_order_of_the_body() {
         }
     }
     assert_eq!(loaded.scene.parameters_named("stiffness", &[2.0]).unwrap().len(), 4);
+}
+
+/// Deepest that the displayed vertices of one organ are in another [m].
+fn deepest(body: &Body, mesh: &ActiveMesh) -> Real {
+    let mut skin = vec![Vec3::zeros(); body.surface().vertices.len()];
+    mesh.skin(&mut skin);
+    let surface = |organ: &palpate_core::model::Organ| Surface {
+        vertices: skin[organ.vertices.clone()].to_vec(),
+        triangles: body.surface().triangles[organ.triangles.clone()]
+            .iter()
+            .map(|t| t.map(|v| v - organ.vertices.start as u32))
+            .collect(),
+    };
+    let mut most: Real = 0.0;
+    for (i, organ) in body.organs().iter().enumerate() {
+        let shape = surface(organ).to_trimesh();
+        let others = body.organs().iter().enumerate().filter(|(j, _)| *j != i);
+        for v in others.flat_map(|(_, other)| &skin[other.vertices.clone()]) {
+            let found = shape.project_local_point(to_parry(*v), false);
+            if found.is_inside {
+                most = most.max((from_parry(found.point) - v).norm());
+            }
+        }
+    }
+    most
+}
+
+#[test]
+fn a_liver_that_is_pressed_onto_a_kidney_stays_outside_of_it() {
+    let text =
+        std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("config/scenes/organs.toml")).unwrap();
+    let holds = "hold=[{min=[0.0,0.0,0.0],max=[0.12,1.0,1.0],relative=true},{min=[0.85,0.0,0.0],max=[1.0,1.0,1.0],relative=true}]";
+    let loaded = load_text(&text, &["organ.0.position=[0.04,0.0,0.004]", holds]);
+    let body = build(&loaded);
+    let start = loaded.scene.settled(&body, &mut |_, _, _| {});
+    let fixed = std::env::var("FIXED").is_ok();
+    let mut settings = loaded.scene.settings();
+    if fixed {
+        settings.adaptivity = None;
+    }
+    let mut simulation = Simulation::new(body.clone(), settings, start).unwrap();
+    let mut skin = vec![Vec3::zeros(); body.surface().vertices.len()];
+    simulation.mesh().skin(&mut skin);
+    let above = body.organs()[0]
+        .vertices
+        .clone()
+        .map(|v| skin[v])
+        .filter(|p| (p.xy() - Vec3::new(0.0, -0.005, 0.0).xy()).norm() < 0.005);
+    let top = above.map(|p| p.z).fold(Real::NEG_INFINITY, Real::max);
+    println!("at rest: {:.2e} m deep, {} meetings", deepest(&body, simulation.mesh()), simulation.meetings().len());
+    if fixed {
+        let (mut all, mut normals) = (Vec::new(), 0.0f64);
+        let mut was: std::collections::BTreeMap<(u32, u32), Vec3> = Default::default();
+        for i in 0..1200 {
+            simulation.advance(&Inputs::default());
+            let f: Vec3 = simulation
+                .meetings()
+                .iter()
+                .map(|m| m.force * if body.patches().organ(m.patch).index() == 0 { 1.0 } else { -1.0 })
+                .sum();
+            if i >= 800 {
+                all.push(f);
+                for m in simulation.meetings().iter().filter(|m| m.held) {
+                    if let Some(n) = was.get(&(m.patch, m.other.0)) {
+                        normals = normals.max((n - m.normal).norm());
+                    }
+                }
+            }
+            was = simulation.meetings().iter().map(|m| ((m.patch, m.other.0), m.normal)).collect();
+        }
+        let mean = all.iter().sum::<Vec3>() / all.len() as Real;
+        let dev = (all.iter().map(|f| (f - mean).norm_squared()).sum::<Real>() / all.len() as Real).sqrt();
+        let step = all.windows(2).map(|w| (w[1] - w[0]).norm()).fold(0.0, Real::max);
+        println!(
+            "FIXED deep mean {mean:?} dev {dev:.4} step {step:.4} N, normals jump {normals:.3}, gap {:.2e} slack {:.2e}, deepest {:.2e} kin {:.2e}",
+            simulation.meetings().iter().map(|m| m.gap).fold(0.0, Real::min),
+            simulation.meetings().iter().map(|m| m.slack).fold(0.0, Real::max),
+            deepest(&body, simulation.mesh()),
+            simulation
+                .mesh()
+                .active()
+                .iter()
+                .map(|s| {
+                    let v = simulation.mesh().motion.velocity[s.index()];
+                    0.5 * simulation.mesh().motion.mass[s.index()] * (v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+                })
+                .sum::<Real>()
+        );
+        return;
+    }
+    let began = std::time::Instant::now();
+    let mut changed = 0;
+    for tick in 0..1200u64 {
+        let height = 0.012 - 0.035 * (tick as Real / 600.0).min(1.0);
+        let pose = Pose { position: Vec3::new(0.0, -0.005, top + height), ..Pose::default() };
+        let mut inputs = Inputs::default();
+        inputs.tools[0] = Some(match tick {
+            0 => ToolEvent::Attach { epoch: 1, period_ticks: 1, coupling: Coupling::RIGID },
+            _ => ToolEvent::Pose(PoseSample { sequence: tick as u32, time_ns: 0, pose, buttons: 0, opening: 0.0 }),
+        });
+        let outputs = simulation.advance(&inputs);
+        changed += outputs.adapted.splits + outputs.adapted.merges;
+        let force = outputs.tools[0].state.physical_force;
+        if tick % 100 == 99 {
+            let all = simulation.meetings();
+            let pushed: Vec3 =
+                all.iter().map(|m| m.force * if body.patches().organ(m.patch).index() == 0 { 1.0 } else { -1.0 }).sum();
+            println!(
+                "{tick}: {:.3} N on the tool, {:.3} {:.3} {:.3} N on the liver at {} of {} places, {:.2e} m deep, least gap {:.2e}, slack {:.2e}, dent {:.2e}, {changed} changes, {:?}",
+                force.norm(),
+                pushed.x,
+                pushed.y,
+                pushed.z,
+                all.iter().filter(|m| m.force != Vec3::zeros()).count(),
+                all.len(),
+                deepest(&body, simulation.mesh()),
+                all.iter().map(|m| m.gap).fold(0.0, Real::min),
+                all.iter().map(|m| m.slack).fold(0.0, Real::max),
+                all.iter().map(|m| m.stretch.norm()).fold(0.0, Real::max),
+                began.elapsed()
+            );
+        }
+    }
 }

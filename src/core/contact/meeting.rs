@@ -14,6 +14,7 @@ use crate::geometry::tet_mesh::gradients;
 use crate::ids::{OrganId, ToolId, Triangle, Vertex};
 use crate::math::{Bounds, Real, Vec3, from_parry, to_parry};
 use crate::model::active_mesh::{MOST_ASIDE, skin};
+use crate::model::body::patches::SAME_SIDE;
 use crate::model::constraint::{Constraint, Foot, Held, MOST_MEETINGS, Meeting, Pushed, Row};
 use crate::model::organ::MOST_ORGANS;
 use crate::model::step_class::{TICK, step_of};
@@ -302,18 +303,34 @@ impl Patch {
 
     /// How the patch is to the place that was `seen` to be nearest; `None` where it is beyond the edge of what faces it.
     fn met(&self, on: &Touchable, seen: Seen) -> Option<Seen> {
-        let normal = area_vector(on, seen.triangle).try_normalize(0.0)?;
+        let normal = smooth_normal(on, seen.triangle, seen.weights)?;
         let away = self.place - on.displayed(seen.triangle, seen.weights);
-        let height = normal.dot(&away);
-        let (distance, aside) = (away.norm(), (away - normal * height).norm());
+        let flat = area_vector(on, seen.triangle).try_normalize(0.0)?;
+        let height = flat.dot(&away);
+        let (distance, aside) = (away.norm(), (away - flat * height).norm());
         if height > 0.0 && aside > STRAIGHT * height {
-            // Over an edge the way to it is the normal.
-            return Some(Seen { gap: distance, normal: away / distance, ..seen });
+            // Over a sharp edge the way to it is the normal.
+            let out = away / distance;
+            let normal = if out.dot(&normal) > SAME_SIDE { normal } else { out };
+            return Some(Seen { gap: distance, normal, ..seen });
         }
         // A patch whose middle is beyond an edge, but behind it, lies on it with less and less until all of it has slid off.
         let share = 1.0 - aside / self.radius;
         (share > 0.0).then_some(Seen { gap: height, normal, share, ..seen })
     }
+}
+
+/// Outward unit normal of the surface that the triangles stand for, at the place of one with these weights: it turns continuously but at
+/// edges, where those around a corner that belong to another side do not count.
+fn smooth_normal(on: &Touchable, t: Triangle, weights: [Real; 3]) -> Option<Vec3> {
+    let flat = area_vector(on, t).try_normalize(0.0)?;
+    let mut sum = Vec3::zeros();
+    for (v, w) in on.body.triangle(t).into_iter().zip(weights) {
+        let around = on.body.triangles_around(v).iter().map(|t| area_vector(on, *t));
+        let side: Vec3 = around.filter(|area| area.dot(&flat) > SAME_SIDE * area.norm()).sum();
+        sum += side.try_normalize(0.0)? * w;
+    }
+    sum.try_normalize(0.0)
 }
 
 /// Appends the constraint of `m`.

@@ -374,6 +374,10 @@ impl Simulation {
             }
         }
         laps.lap(Part::Fixed, 0);
+        if self.meeting.is_some() {
+            self.mesh.step_alike(&self.body, self.meetings.iter().flat_map(|m| m.points(&self.body)));
+            laps.lap(Part::PatchPoint, 0);
+        }
         self.mesh.reclass_part(&self.body, ticks % RECLASS_TICKS, RECLASS_TICKS);
         laps.lap(Part::Fixed, 0);
     }

@@ -127,11 +127,70 @@ impl ActiveMesh {
         step_class::stable_step(omega_squared, strained, body.damping_time(), springs)
     }
 
+    /// Has all that is around the nodes which carry these points of meeting organs step alike, as often as the fastest of it could swing, and
+    /// gives other elements and stars the steps that they can take themselves again.
+    ///
+    /// Contact between what is kicked now and then and what is kicked often would push too much after each kick of the one, and too little
+    /// before it.
+    pub fn step_alike(&mut self, body: &Body, points: impl Iterator<Item = u32>) {
+        self.held_alike.iter().for_each(|n| self.least_class[n.index()] = 0);
+        self.held_alike.clear();
+        self.work.noted_nodes.clear();
+        for point in points {
+            let corners = body.corners_of_point(point).map(|v| (v, 1.0));
+            for (vertex, _) in body.patch_of_point(point).unwrap_or(&corners) {
+                for slot in self.embedded[vertex.index()].slots {
+                    let masters = self.row[slot.index()].entries().map(|(master, _)| master);
+                    for slot in std::iter::once(slot).chain(masters) {
+                        let node = self.node[slot.index()];
+                        if self.work.noted_nodes.visit(node.index()) {
+                            self.held_alike.push(node);
+                        }
+                    }
+                }
+            }
+        }
+        let mut fastest = 0.0;
+        for n in &self.held_alike {
+            let used = body.elements_around(*n).iter().filter(|e| self.pool.class_of(**e).is_some());
+            fastest = used.map(|e| self.omega_squared[e.index()]).fold(fastest, Real::max);
+            let stars = self.stars_around(body, *n).filter(|n| self.stars.contains(*n));
+            fastest = stars.map(|n| self.star_omega_squared[n.index()]).fold(fastest, Real::max);
+        }
+        if fastest == 0.0 {
+            return;
+        }
+        let class = step_class::class_of_rest(body, fastest);
+        self.held_alike.iter().for_each(|n| self.least_class[n.index()] = class as u8);
+        for i in 0..self.held_alike.len() {
+            let n = self.held_alike[i];
+            for e in body.elements_around(n) {
+                if self.pool.class_of(*e).is_some_and(|own| own < class) {
+                    self.reclass(body, *e);
+                }
+            }
+            for star in self.stars_around(body, n) {
+                if self.stars.class_of(star).is_some_and(|own| own < class) {
+                    self.reclass_star(body, star);
+                }
+            }
+        }
+    }
+
+    /// Class of the longest steps that what acts on these nodes may take.
+    fn least_class_at(&self, nodes: &[Node]) -> usize {
+        if self.held_alike.is_empty() {
+            return 0;
+        }
+        nodes.iter().map(|n| usize::from(self.least_class[n.index()])).max().unwrap_or(0)
+    }
+
     /// Moves element `e` to the class of its longest stable step; lengthening asks for some margin, so that elements do
     /// not flutter.
     pub fn reclass(&mut self, body: &Body, e: Element) {
         let (Some(class), Some((strain, det))) = (self.pool.class_of(e), self.pool.strain_and_det(e)) else { return };
-        let wanted = class_wanted(body, class, self.step_of(body, e, &strain, det));
+        let least = self.least_class_at(&body.element(e));
+        let wanted = class_wanted(body, class, self.step_of(body, e, &strain, det)).max(least);
         if wanted != class {
             self.move_residual(body, Kind::Element(e), wanted);
             self.pool.set_class(e, wanted);
@@ -143,7 +202,8 @@ impl ActiveMesh {
     /// The same for the star of node `n`.
     pub(super) fn reclass_star(&mut self, body: &Body, n: Node) {
         let (Some(class), Some((strain, det))) = (self.stars.class_of(n), self.stars.strain_and_det(n)) else { return };
-        let wanted = class_wanted(body, class, self.step_of_star(body, n, &strain, det));
+        let least = self.least_class_at(body.neighbours(n));
+        let wanted = class_wanted(body, class, self.step_of_star(body, n, &strain, det)).max(least);
         if wanted != class {
             self.move_residual(body, Kind::Star(n), wanted);
             self.stars.set_class(n, wanted);

@@ -122,6 +122,10 @@ pub struct ActiveMesh {
     registers: Registers,
     supports: Supports,
     stiffest_spring: Real,
+    /// By node: what is around it steps in this class at least; none where the body is a single organ.
+    least_class: Vec<u8>,
+    /// Nodes around which that is more than 0.
+    held_alike: Vec<Node>,
     materials: Materials,
     /// Factor on the viscosities and the Maxwell branches of all tissues.
     pub damping: Real,
@@ -191,6 +195,7 @@ impl ActiveMesh {
         // Stars come before others leave; each is around a node with a slot.
         let (plain, branches) = (body.stars().is_empty(), body.maxwell().len());
         let of_stars = if plain { 0 } else { slots };
+        let several = body.organs().len() > 1;
         let mut mesh = Self {
             set: ActiveSet::uniform(body, 0),
             pool: ElementPool::new(body.element_count(), capacity, slots, branches),
@@ -240,6 +245,8 @@ impl ActiveMesh {
             registers: Registers::best(),
             supports: Supports::new(body),
             stiffest_spring: 0.0,
+            least_class: vec![0; if several { body.node_count() } else { 0 }],
+            held_alike: Vec::with_capacity(if several { body.node_count() } else { 0 }),
             materials: Materials::new(body),
             damping: 1.0,
             work: Work {

@@ -21,7 +21,7 @@ const MOST_VERTICES: usize = 8;
 /// Cosine between normals of a patch, 26°, less than half of a block's edge (45° from either side to the normal on it): the
 /// vertices of an edge make patches of their own. Where it is below 0.7 they join those of a side, and a block tips over a line
 /// inside of it; near 1 each vertex of a curved surface is a patch.
-const SAME_SIDE: Real = 0.9;
+pub const SAME_SIDE: Real = 0.9;
 /// Factor on the squared distance of patches while they are too many: nearer to 1 takes more rounds at start-up, and a larger one
 /// leaves fewer patches than there may be.
 const WIDER: Real = 1.4;
