@@ -143,7 +143,7 @@ struct OfContact {
 impl Laps for OfContact {
     fn lap(&mut self, part: Part, _: u32) {
         let now = Instant::now();
-        if matches!(part, Part::Search | Part::Point | Part::SolidPoint | Part::Solve) {
+        if matches!(part, Part::Search | Part::Point | Part::SolidPoint | Part::PatchPoint | Part::Solve) {
             self.sum += now - self.since;
         }
         self.since = now;
@@ -196,6 +196,28 @@ fn contact(c: &mut Criterion) {
             (Vec3::new(0.02, 0.02, 0.024 + 0.05 * (1.0 - down)), 1.0 - closed * shut)
         });
     }
+    // The liver, held at its ends, lies on the kidney.
+    let lying = [
+        "organ.0.position=[0.04, 0.0, 0.004]",
+        "hold=[{min=[0.0, 0.0, 0.0], max=[0.12, 1.0, 1.0], relative=true}, {min=[0.85, 0.0, 0.0], max=[1.0, 1.0, 1.0], relative=true}]",
+    ];
+    let loaded = LoadedScene::load(Path::new("organs"), &lying.map(String::from)).unwrap();
+    let body = build(&loaded);
+    let start = loaded.scene.settled(&body, &mut |_, _, _| ());
+    let mut simulation = Simulation::new(body.clone(), loaded.scene.settings(), start).unwrap();
+    simulation.advance(&Inputs::default());
+    let held = simulation.meetings().iter().filter(|m| m.held).count();
+    let name = format!("a liver on a kidney, {held} of {} patches", simulation.meetings().len());
+    group.bench_function(name, |b| {
+        b.iter_custom(|times| {
+            let mut laps = OfContact { since: Instant::now(), sum: Duration::ZERO };
+            for _ in 0..times {
+                laps.since = Instant::now();
+                simulation.advance_with(&Inputs::default(), &mut laps);
+            }
+            laps.sum
+        });
+    });
     group.finish();
 }
 

@@ -141,6 +141,16 @@ fn so_it_does_where_the_body_lies_on_a_floor_that_breathes_and_against_a_bone() 
 }
 
 #[test]
+fn so_it_does_where_organs_meet() {
+    let changes = run_and_press(&[
+        "organ=[{name='beside', position=[0.0999,0.01,0.0], body={source='box', size=[0.08,0.08,0.09], \
+          cells=[[2,2,2],[4,4,4],[8,8,8]]}, hold=[{min=[0,0,0], max=[0.08,0.08,0]}]}]",
+        "contact=[{between=['cube','beside'], friction=0.3}]",
+    ]);
+    assert!(changes.iter().all(|count| *count > 0), "splits and merges: {changes:?}");
+}
+
+#[test]
 fn so_it_does_with_smoothed_elements() {
     let changes = run_and_press(&["material.elements='smoothed'"]);
     assert!(changes.iter().all(|count| *count > 0), "splits and merges: {changes:?}");
