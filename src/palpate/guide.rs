@@ -47,6 +47,7 @@ macro_rules! page {
         /// [`palpate_body::prepare::calibration`]: palpate_body::prepare::calibration
         /// [`palpate_core::contact`]: palpate_core::contact
         /// [`palpate_core::contact::ground`]: palpate_core::contact::ground
+        /// [`palpate_core::contact::meeting`]: palpate_core::contact::meeting
         /// [`palpate_core::contact::jaws`]: palpate_core::contact::jaws
         /// [`palpate_core::contact::obstacle`]: palpate_core::contact::obstacle
         /// [`palpate_core::feedback::relaxed`]: palpate_core::feedback::relaxed
