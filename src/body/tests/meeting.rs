@@ -276,6 +276,24 @@ fn a_state_in_which_organs_meet_goes_on_as_it_would_have() {
 }
 
 #[test]
+fn a_state_with_meetings_that_are_none_is_refused() {
+    let other = Block { position: Vec3::new(0.011, 0.007, 0.0502), ..SOFT };
+    let mut simulation = simulation(&[SOFT, other], 0.1, 0.3, Vec3::zeros());
+    (0..10).for_each(|_| _ = simulation.advance(&Inputs::default()));
+    let (body, settings) = (simulation.body().clone(), simulation.settings().clone());
+    let with = |change: &dyn Fn(&mut Snapshot)| {
+        let mut snapshot = simulation.snapshot();
+        change(&mut snapshot);
+        Simulation::new(body.clone(), settings.clone(), snapshot).is_ok()
+    };
+    assert!(with(&|_| ()));
+    let own = body.patches().organ(simulation.meetings()[0].patch);
+    assert!(!with(&|s| s.meetings[0].patch = u32::MAX) && !with(&|s| s.meetings[0].triangle.0 = u32::MAX));
+    assert!(!with(&|s| s.meetings[0].other = own) && !with(&|s| s.meetings[0].other = OrganId(2)));
+    assert!(!with(&|s| s.meetings = vec![s.meetings[0]; 1000]));
+}
+
+#[test]
 fn what_presses_an_organ_presses_what_it_lies_on_while_the_resolution_changes() {
     let lower = Block { size: Vec3::new(0.1, 0.1, 0.05), cells: &[4, 8], held: true, ..SOFT };
     let position = Vec3::new(0.02, 0.02, 0.05);

@@ -122,7 +122,8 @@ impl Workspace {
     }
 }
 
-/// Appends the constraints between `organs` at the start of tick `tick` to `out`; `memory` holds the meetings of the last tick and receives this tick's, by patch. No more than `room` of them are new.
+/// Appends the constraints between `organs` at the start of tick `tick` to `out`; `memory` holds the meetings of the last tick and
+/// receives this tick's, by patch and other organ. No more than `room` of them are new.
 pub fn meet(organs: &Organs, tick: u64, room: u32, memory: &mut Vec<Meeting>, out: Met, work: &mut Workspace) {
     let (Organs { body, mesh, .. }, Met { found, feet }) = (*organs, out);
     std::mem::swap(memory, &mut work.before);

@@ -128,7 +128,12 @@ impl Simulation {
         };
         let (points, obstacle_points) = (with_room(tools, &start.points), with_room(obstacles, touched));
         let most_meetings = most_meetings(&body);
-        if start.meetings.len() > most_meetings {
+        let (patches, triangles) = (body.patches(), body.surface().triangles.len());
+        let is_of_body = |m: &Meeting| {
+            let known = m.patch < patches.count() && m.triangle.index() < triangles;
+            known && m.other.index() < body.organs().len() && m.other != patches.organ(m.patch)
+        };
+        if start.meetings.len() > most_meetings || !start.meetings.iter().all(is_of_body) {
             return Err("the state has organs meet that the body has not".into());
         }
         let mut meetings = Vec::with_capacity(most_meetings);
