@@ -10,12 +10,12 @@ use super::nearby::Nearby;
 use super::rigid::Found;
 use super::tool::MOST_POINTS;
 use super::touchable::{MARGIN, Touchable, area_vector, weights_in_triangle};
-use crate::geometry::tet_mesh::gradients;
 use crate::ids::{OrganId, ToolId, Triangle, Vertex};
 use crate::math::{Bounds, Real, Vec3, from_parry, to_parry};
 use crate::model::active_mesh::{MOST_ASIDE, skin};
 use crate::model::body::patches::SAME_SIDE;
-use crate::model::constraint::{Constraint, Foot, Held, MOST_MEETINGS, Meeting, Pushed, Row};
+use crate::model::constraint::{Constraint, Foot, Held, Pushed};
+use crate::model::meeting::{MOST_MEETINGS, Meeting};
 use crate::model::organ::MOST_ORGANS;
 use crate::model::step_class::{TICK, step_of};
 use crate::model::{ActiveMesh, Body, Friction};
@@ -340,7 +340,7 @@ fn constrain(organs: &Organs, m: &mut Meeting, constraints: &mut Vec<Constraint>
     let patch = body.patches().of(m.patch);
     let corners = body.triangle(m.triangle);
     let stencil: [(Vertex, Real); 3] = std::array::from_fn(|i| (corners[i], m.weights[i]));
-    let (row, foot) = sides(mesh, patch, &stencil);
+    let (row, foot) = skin::two_sided(mesh, patch, &stencil);
     let mobility: Real = row.entries().iter().map(|(s, b)| b * b * mesh.motion.inverse_mass[s.index()]).sum();
     // Of the elements that carry it, the one that is kicked the least often.
     let kicked = |v: Vertex| mesh.pool().class_of(mesh.embedding(v).element);
@@ -382,33 +382,6 @@ fn constrain(organs: &Organs, m: &mut Meeting, constraints: &mut Vec<Constraint>
         horizon,
     });
     feet.push(foot);
-}
-
-/// The row of both sides: what carries a patch, and against it what carries the place of a triangle that it meets.
-fn sides(mesh: &ActiveMesh, patch: &[(Vertex, Real)], stencil: &[(Vertex, Real); 3]) -> (Row, Foot) {
-    let (other, _) = skin::row(mesh, stencil);
-    let heaviest = stencil.iter().max_by(|a, b| a.1.total_cmp(&b.1)).map_or(stencil[0].0, |(v, _)| *v);
-    let host = mesh.embedding(heaviest).slots;
-    let slopes = gradients(&host.map(|slot| mesh.position(slot)));
-    let whole = |patch: &[(Vertex, Real)]| {
-        let (mut row, mut foot) = (skin::row(mesh, patch).0, Foot::FIXED);
-        other.entries().iter().for_each(|(slot, b)| row.add(*slot, -b));
-        let mut has_room = true;
-        for (slot, g) in host.iter().zip(slopes) {
-            if mesh.is_master(*slot) {
-                has_room &= foot.add(&mut row, *slot, g);
-            } else {
-                mesh.row(*slot).entries().for_each(|(master, p)| has_room &= foot.add(&mut row, master, g * p));
-            }
-        }
-        (has_room && !row.is_full()).then_some((row, foot))
-    };
-    // Where there is no room for all that carries a patch, what carries the vertex in its middle stands for it.
-    whole(patch).or_else(|| whole(&[(patch[0].0, 1.0)])).unwrap_or_else(|| {
-        let mut row = skin::row(mesh, &patch[..1]).0;
-        other.entries().iter().for_each(|(slot, b)| row.add(*slot, -b));
-        (row, Foot::FIXED)
-    })
 }
 
 /// Writes what the `constraints` between organs were solved to into the meetings; nothing where the body stood still.

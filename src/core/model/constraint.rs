@@ -1,9 +1,8 @@
 //! A point of the surface that a tool, an obstacle or another organ pushes: what contact hands to the solver, and nothing else
 //! passes between them.
 
-use super::body::Body;
 use super::element_kernel::Padded;
-use crate::ids::{OrganId, Slot, ToolId, Triangle};
+use crate::ids::{Slot, ToolId};
 use crate::math::{Mat3, Real, Vec3};
 use serde::{Deserialize, Serialize};
 
@@ -15,9 +14,6 @@ pub const MOST_PARTS: usize = 8;
 
 /// Most obstacles of a session. To the solver an obstacle is a tool, with a number after those of the tools.
 pub const MOST_OBSTACLES: usize = 8;
-
-/// Most places where organs meet, or are about to: what bounds the cost of a tick.
-pub const MOST_MEETINGS: usize = 256;
 
 /// All that pushes the body has a number: tools, obstacles, and the organs that push each other one for all.
 pub const MOST_PUSHERS: usize = MOST_TOOLS + MOST_OBSTACLES + 1;
@@ -303,44 +299,6 @@ impl Foot {
             row.entries[*entry as usize].1 -= g.dot(&weights);
         }
         apart
-    }
-}
-
-/// Where a patch of an organ's surface is near another organ, as it is remembered from tick to tick.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Meeting {
-    /// Number of the patch, ...
-    pub patch: u32,
-    /// ... and the other organ.
-    pub other: OrganId,
-    /// The other organ's display triangle that is next to it, ...
-    pub triangle: Triangle,
-    /// ... and barycentric weights of the place there.
-    pub weights: [Real; 3],
-    /// From that place to the patch along the normal [m]; below zero where they overlap.
-    pub gap: Real,
-    /// How much of the patch meets the other organ: less than all where its middle is beyond an edge.
-    pub share: Real,
-    /// Whether they are held apart: so near that they may touch within the tick.
-    pub held: bool,
-    /// Unit vector from the other organ to this one.
-    pub normal: Vec3,
-    /// The force that the other organ put on this one in the last tick, on the mean [N].
-    pub force: Vec3,
-    /// Last multiplier [N].
-    pub multiplier: Real,
-    /// Last force along the surface [N].
-    pub tangential: Vec3,
-    /// Overlap that has not been closed yet [m].
-    pub slack: Real,
-    /// How far the patch has come along the surface from where it sticks [m].
-    pub stretch: Vec3,
-}
-
-impl Meeting {
-    /// [`Constraint::point`]s of both sides.
-    pub fn points(&self, body: &Body) -> [u32; 2] {
-        [body.point_of_patch(self.patch), self.triangle.0]
     }
 }
 

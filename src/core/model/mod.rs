@@ -17,6 +17,7 @@ pub mod entangled;
 pub mod interface;
 pub mod lanes;
 pub mod material;
+pub mod meeting;
 pub mod organ;
 pub mod periodic;
 pub mod simd;

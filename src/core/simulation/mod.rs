@@ -5,6 +5,7 @@
 //! the simulation is built. Nothing but [`Inputs`] enters a tick, nothing but [`Outputs`] leaves it, and a
 //! [`Snapshot`] is all that it carries over: restored, the same inputs give the same bits.
 
+mod contacts;
 mod given;
 mod inputs;
 mod outputs;
@@ -25,12 +26,9 @@ pub use snapshot::Snapshot;
 use crate::adaptation::{self, Allowance, Focus, Request};
 use crate::contact::detection;
 use crate::contact::friction::{self, Solved};
-use crate::contact::ground::{self, Ground};
 use crate::contact::jaws::Mechanism;
-use crate::contact::meeting::{self, Met, Organs};
+use crate::contact::meeting;
 use crate::contact::obstacle::{Form, MOST_OBSTACLES, Obstacle};
-use crate::contact::outside::is_outside;
-use crate::contact::rigid::{Found, Rigid};
 use crate::contact::safety;
 use crate::contact::shape::MOST_PARTS;
 use crate::contact::tool::{MOST_POINTS, MOST_TOOLS, Phase, ToolState};
@@ -38,14 +36,14 @@ use crate::contact::wrench::{self, Wrench};
 use crate::ids::ToolId;
 use crate::math::{Real, Vec3};
 use crate::model::active_mesh::{Loads, Stiffening};
-use crate::model::constraint::{Foot, Meeting, PointMemory};
+use crate::model::constraint::{Foot, PointMemory};
 use crate::model::element_kernel::{Extremes, Simd};
 use crate::model::entangled::{ENTANGLED_FRAMES, ReferencePose};
-use crate::model::{ActiveMesh, Body, Constraint, State, step_class};
+use crate::model::meeting::Meeting;
+use crate::model::{ActiveMesh, Body, Constraint, State};
 use crate::stepping::step::{self, Pushing, World};
 use crate::stepping::work;
 use given::{Given, most_parameters};
-use room::{Room, part_of};
 use snapshot::most_meetings;
 use std::sync::Arc;
 
@@ -387,30 +385,6 @@ impl Simulation {
         laps.lap(Part::Fixed, 0);
     }
 
-    /// Time that finding contacts takes [ns] with as many points as in the last tick, but at least `least` in all, and how
-    /// many points these are.
-    fn contact_time(&self, least: u32) -> (u32, u32) {
-        let (mut time, mut points) = (0u32, 0);
-        for ((tool, memory), of) in self.tools.iter().zip(&self.points).zip(&self.settings.tools) {
-            if tool.phase == Phase::Detached {
-                continue;
-            }
-            let own = (memory.len() as u32).max(least.saturating_sub(points));
-            time = time.saturating_add(work::of_contact(&self.prices, own, room::part_of_tool(&of.shape)));
-            points += own;
-        }
-        for (memory, of) in self.obstacle_points.iter().zip(&self.settings.obstacles) {
-            let own = memory.len() as u32;
-            time = time.saturating_add(work::of_contact(&self.prices, own, part_of(of)));
-            points += own;
-        }
-        if self.meeting.is_some() {
-            time = time.saturating_add(work::of_contact(&self.prices, self.meetings.len() as u32, Part::PatchPoint));
-            points += self.feet.len() as u32;
-        }
-        (time, points)
-    }
-
     /// Tools that touch what now hangs on other elements follow their force slowly for a while.
     fn begin_transitions(&mut self) {
         for (tool, points) in self.tools.iter_mut().zip(&self.points) {
@@ -419,48 +393,6 @@ impl Simulation {
                 tool.begin_transition();
             }
         }
-    }
-
-    /// Fills the constraint list, tool by tool and obstacle by obstacle. What is touched anew waits for a tick that has time for it, be it
-    /// while the body stands still.
-    fn find_contacts(&mut self, budget: Budget, laps: &mut dyn Laps) {
-        self.constraints.clear();
-        self.feet.clear();
-        self.points_of_action.clear();
-        // What is touched stays: the end of a frame has to have time for it, too.
-        let taken = self.beside_motion(true).saturating_add(self.contact_time(0).0);
-        let mut room = Room::new(self.prices, self.most_of(budget).saturating_sub(taken));
-        self.find_tool_contacts(&mut room, laps);
-        for (i, (of, points)) in self.settings.obstacles.iter().zip(&mut self.obstacle_points).enumerate() {
-            laps.lap(Part::Fixed, 0);
-            let (id, state) = (ToolId::at(self.tools.len() + i), &of.state_at(self.tick, points));
-            let out = Found { constraints: &mut self.constraints, points_of_action: &mut self.points_of_action };
-            match &of.shape {
-                Form::Ground => {
-                    let ground = Ground { id, friction: of.friction, state };
-                    ground::lie(&self.body, &self.mesh, &ground, points, out, &mut self.detection);
-                }
-                Form::Parts(shape) => {
-                    let horizon = step_class::longest(&self.body);
-                    let rigid = Rigid { id, shape, friction: of.friction, state, horizon };
-                    room.detect((&self.body, &self.mesh), rigid, points, out, &mut self.detection);
-                }
-            }
-            room::lap_points(laps, points.len(), part_of(of));
-        }
-        self.find_meetings(&mut room, laps);
-    }
-
-    /// Those of organs with each other.
-    fn find_meetings(&mut self, room: &mut Room, laps: &mut dyn Laps) {
-        let Some(work) = &mut self.meeting else { return };
-        laps.lap(Part::Fixed, 0);
-        let id = ToolId::at(self.tools.len() + self.settings.obstacles.len());
-        let organs = Organs { body: &self.body, mesh: &self.mesh, friction: &self.settings.organ_friction, id };
-        let found = Found { constraints: &mut self.constraints, points_of_action: &mut self.points_of_action };
-        let out = Met { found, feet: &mut self.feet };
-        meeting::meet(&organs, self.tick, room.of(Part::PatchPoint), &mut self.meetings, out, work);
-        room::lap_points(laps, self.meetings.len(), Part::PatchPoint);
     }
 
     /// Time that the tick may take [ns].
@@ -474,36 +406,6 @@ impl Simulation {
         let rest = work::of_rest(&self.prices, frame);
         let looked = self.prices.of(Part::Look, self.outputs.adapted.looked);
         rest.saturating_add(looked).saturating_add(self.outputs.adapted.work)
-    }
-
-    /// Those of tools, of which waiting ones engage where they are outside.
-    fn find_tool_contacts(&mut self, room: &mut Room, laps: &mut dyn Laps) {
-        if self.tools.iter().all(|t| t.phase == Phase::Detached) {
-            self.points.iter_mut().for_each(Vec::clear);
-            return;
-        }
-        if self.tools.iter().any(|t| t.phase == Phase::Waiting) {
-            self.mesh.skin(&mut self.vertices);
-        }
-        for (i, (tool, points)) in self.tools.iter_mut().zip(&mut self.points).enumerate() {
-            let of = &self.settings.tools[i];
-            if tool.phase == Phase::Waiting && is_outside(&self.body, &self.vertices, &of.shape, &tool.stance()) {
-                tool.phase = Phase::Engaged;
-                tool.stand();
-                // It may have touched elsewhere a tick ago, before its client let go of it and took it up again.
-                points.clear();
-            }
-            if !tool.touches() {
-                points.clear();
-                continue;
-            }
-            laps.lap(Part::Fixed, 0);
-            let out = Found { constraints: &mut self.constraints, points_of_action: &mut self.points_of_action };
-            let (shape, friction) = (&of.shape, of.friction);
-            let rigid = Rigid { id: ToolId::at(i), shape, friction, state: tool, horizon: 0.0 };
-            room.detect((&self.body, &self.mesh), rigid, points, out, &mut self.detection);
-            room::lap_points(laps, points.len(), room::part_of_tool(&of.shape));
-        }
     }
 
     fn step(&mut self, budget: Budget, laps: &mut dyn Laps) {

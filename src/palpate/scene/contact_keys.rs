@@ -1,6 +1,5 @@
 //! What is between two organs that meet.
 
-use super::Scene;
 use garde::Validate;
 use palpate_core::contact::meeting::Between;
 use palpate_core::ids::OrganId;
@@ -19,43 +18,38 @@ pub struct ContactKeys {
     pub friction: Real,
 }
 
-impl Scene {
-    fn organ_named(&self, name: &str) -> Option<OrganId> {
-        let mut names = std::iter::once(&self.name).chain(self.organ.iter().map(|organ| &organ.name));
-        names.position(|own| own == name).map(OrganId::at)
-    }
+fn organ_named(names: &[&str], name: &str) -> Option<OrganId> {
+    names.iter().position(|own| *own == name).map(OrganId::at)
+}
 
-    /// Friction between organs: none where the scene gives none, as between wet ones.
-    pub(super) fn organ_friction(&self) -> Between {
-        let mut between = Between::default();
-        for contact in &self.contact {
-            if let [Some(a), Some(b)] = contact.between.each_ref().map(|name| self.organ_named(name)) {
-                between.set(a, b, contact.friction);
+/// Friction between organs of these `names`: none where the `contacts` give none, as between wet ones.
+pub(super) fn friction(contacts: &[ContactKeys], names: &[&str]) -> Between {
+    let mut between = Between::default();
+    for contact in contacts {
+        if let [Some(a), Some(b)] = contact.between.each_ref().map(|name| organ_named(names, name)) {
+            between.set(a, b, contact.friction);
+        }
+    }
+    between
+}
+
+/// Adds what is wrong with the `contacts` of organs of these `names`.
+pub(super) fn faults(contacts: &[ContactKeys], names: &[&str], out: &mut Vec<(String, String)>) {
+    for (i, contact) in contacts.iter().enumerate() {
+        let organs = contact.between.each_ref().map(|name| organ_named(names, name));
+        let is_same = |other: &ContactKeys| {
+            let [a, b] = &other.between;
+            contact.between == [a.clone(), b.clone()] || contact.between == [b.clone(), a.clone()]
+        };
+        let fault = match organs {
+            [Some(a), Some(b)] if a == b => "an organ does not meet itself: name two".into(),
+            [Some(_), Some(_)] if contacts[..i].iter().any(is_same) => "these two stand further up".into(),
+            [Some(_), Some(_)] => continue,
+            [first, _] => {
+                let unknown = &contact.between[usize::from(first.is_some())];
+                format!("no organ is called {unknown:?}: there is {}", names.join(", "))
             }
-        }
-        between
-    }
-
-    /// Adds what is wrong with the contacts among the organs.
-    pub(super) fn contact_faults(&self, out: &mut Vec<(String, String)>) {
-        for (i, contact) in self.contact.iter().enumerate() {
-            let organs = contact.between.each_ref().map(|name| self.organ_named(name));
-            let is_same = |other: &ContactKeys| {
-                let [a, b] = &other.between;
-                contact.between == [a.clone(), b.clone()] || contact.between == [b.clone(), a.clone()]
-            };
-            let fault = match organs {
-                [Some(a), Some(b)] if a == b => "an organ does not meet itself: name two".into(),
-                [Some(_), Some(_)] if self.contact[..i].iter().any(is_same) => "these two stand further up".into(),
-                [Some(_), Some(_)] => continue,
-                [first, _] => {
-                    let unknown = &contact.between[usize::from(first.is_some())];
-                    let names: Vec<&str> =
-                        std::iter::once(&*self.name).chain(self.organ.iter().map(|o| &*o.name)).collect();
-                    format!("no organ is called {unknown:?}: there is {}", names.join(", "))
-                }
-            };
-            out.push((format!("contact[{i}].between"), fault));
-        }
+        };
+        out.push((format!("contact[{i}].between"), fault));
     }
 }

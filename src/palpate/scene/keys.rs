@@ -1,7 +1,7 @@
 //! The keys of a scene, each with its range and default, and what follows from them.
 
 use super::body_keys::{BodyKeys, HoldKeys, MaterialKeys, RegionKeys};
-use super::contact_keys::ContactKeys;
+use super::contact_keys::{self, ContactKeys};
 use super::obstacle_keys::ObstacleKeys;
 use super::organ_keys::{OrganKeys, TissueKeys};
 use super::tool_keys::{ToolKeys, centimetre};
@@ -234,13 +234,18 @@ impl Scene {
         }
     }
 
+    /// Names of its organs, in the order of their numbers.
+    pub fn organ_names(&self) -> Vec<&str> {
+        std::iter::once(&*self.name).chain(self.organ.iter().map(|organ| &*organ.name)).collect()
+    }
+
     /// The simulation's settings.
     pub fn settings(&self) -> Settings {
         Settings {
             gravity: Vec3::from(self.world.gravity),
             tools: self.tool.iter().map(ToolKeys::tool).collect(),
             obstacles: self.obstacle.iter().map(ObstacleKeys::obstacle).collect(),
-            organ_friction: self.organ_friction(),
+            organ_friction: contact_keys::friction(&self.contact, &self.organ_names()),
             following: Following {
                 speed: self.safety.tool_speed,
                 engage_ticks: (self.safety.engage_time / TICK).ceil() as u32,

@@ -22,6 +22,7 @@ fn the_reference_names_every_key_with_its_default() {
     let minimal = parse("name = \"reference\"\n[body]\nsource = \"box\"\n", "minimal").unwrap();
     let optional = Scene {
         hold: vec![],
+        contact: vec![],
         obstacle: vec![],
         organ: vec![],
         probe: vec![],

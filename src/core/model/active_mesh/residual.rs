@@ -13,9 +13,10 @@ use crate::ids::{Element, Node, Slot, Vertex};
 use crate::math::{Bounds, Real, Vec3};
 use crate::model::active_set::Change;
 use crate::model::body::Body;
-use crate::model::constraint::{Meeting, PointMemory};
+use crate::model::constraint::PointMemory;
 use crate::model::element_kernel::Padded;
 use crate::model::element_pool::{CLASSES, ElementConstants, History};
+use crate::model::meeting::Meeting;
 use crate::model::step_class::Residual;
 
 /// What acts on a body from outside.
