@@ -10,6 +10,7 @@ use palpate_core::geometry::primitives::box_mesh;
 use palpate_core::ids::{OrganId, Slot, Vertex};
 use palpate_core::math::{Bounds, Pose, Real, Vec3};
 use palpate_core::model::energy;
+use palpate_core::model::meeting::Meeting;
 use palpate_core::model::{Body, Material};
 use palpate_core::simulation::{Inputs, Settings, Simulation, Snapshot};
 use std::sync::Arc;
@@ -134,7 +135,8 @@ fn centre(simulation: &Simulation, organ: u32) -> Vec3 {
 fn force(simulation: &Simulation) -> Vec3 {
     let patches = simulation.body().patches();
     let own = |organ: OrganId| if organ == OrganId(0) { 1.0 } else { -1.0 };
-    simulation.meetings().iter().filter(|m| m.held).map(|m| m.force * own(patches.organ(m.patch))).sum()
+    let with_it = |m: &&Meeting| m.held && (m.other == OrganId(0) || patches.organ(m.patch) == OrganId(0));
+    simulation.meetings().iter().filter(with_it).map(|m| m.force * own(patches.organ(m.patch))).sum()
 }
 
 fn fade(simulation: &mut Simulation, ticks: usize) {
@@ -337,4 +339,22 @@ fn what_overlaps_at_rest_is_eased_apart() {
         println!("{overlap} m: {deepest:e} m at last, up to {fastest} m/s and {pushed} N");
         assert!(deepest > -1e-5 && fastest < 0.4);
     }
+}
+
+/// Each is so small that what is looked at around its lower side reaches beyond the upper side of the next.
+#[test]
+fn a_tower_of_small_blocks_stands_with_all_its_weight_on_the_lowest() {
+    let size = 0.005;
+    let lowest = Block { size: Vec3::repeat(1.4 * size), youngs_modulus: 2e4, poisson_ratio: 0.45, held: true, ..SOFT };
+    let block = |i: u32| {
+        let aside = 0.01 * size * Real::from(i);
+        let position = Vec3::new(0.2 * size + aside, 0.17 * size - aside, (1.4 + Real::from(i)) * size);
+        Block { size: Vec3::repeat(size), cells: &[3], position, held: false, ..lowest }
+    };
+    let mut simulation = simulation(&[lowest, block(0), block(1), block(2)], 0.2, 0.5, Vec3::z() * -9.81);
+    fade(&mut simulation, 800);
+    let weight: Real = simulation.body().organs()[1..].iter().map(|organ| 9.81 * organ.mass).sum();
+    let carried = force(&simulation).z / -weight;
+    println!("carries {carried} of the weight, {:e} J", kinetic(&simulation));
+    assert!((carried - 1.0).abs() < 1e-4);
 }

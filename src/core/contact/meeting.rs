@@ -276,13 +276,22 @@ impl Patch {
     /// What is next to it among `triangles`, if it is near.
     fn look(&self, on: &Touchable, triangles: &[Triangle], longest_edge: Real) -> Option<Seen> {
         let mut best: Option<Seen> = None;
+        // The nearest of all, whichever way it faces: its distance [m²], and whether the patch is in front of it.
+        let mut nearest = (Real::INFINITY, true);
         for t in triangles {
             let reach = best.as_ref().map_or(NEAR, |seen| seen.squared.sqrt()) + longest_edge;
             if (on.vertex(on.body.triangle(*t)[0]) - self.place).norm_squared() < reach * reach {
                 self.consider(on, *t, &mut best);
+                let away = self.place - self.nearest_in(on, *t);
+                if away.norm_squared() < nearest.0 {
+                    nearest = (away.norm_squared(), area_vector(on, *t).dot(&away) > 0.0);
+                }
             }
         }
-        best.and_then(|seen| self.met(on, seen)).filter(|seen| seen.gap.abs() < NEAR)
+        // Behind what faces it, but outside: on the far side of a thin organ.
+        let is_outside = |seen: &Seen| nearest.1 && nearest.0 < seen.squared * (1.0 - STRAIGHT);
+        let seen = best.and_then(|seen| self.met(on, seen)).filter(|seen| seen.gap.abs() < NEAR);
+        seen.filter(|seen| seen.gap >= 0.0 || !is_outside(seen))
     }
 
     /// Takes triangle `t` for the `best` where it faces the patch and is nearer.
@@ -292,14 +301,19 @@ impl Patch {
         if area.dot(&self.normal) >= -FACING * area.norm() {
             return;
         }
-        let [a, b, c] = corners.map(to_parry);
-        let nearest = from_parry(Face::new(a, b, c).project_local_point(to_parry(self.place), false).point);
+        let nearest = self.nearest_in(on, t);
         let squared = (self.place - nearest).norm_squared();
         if best.as_ref().is_none_or(|seen| squared < seen.squared)
             && let Some(weights) = weights_in_triangle(&corners, nearest)
         {
             *best = Some(Seen { squared, triangle: t, weights, gap: 0.0, normal: Vec3::zeros(), share: 1.0 });
         }
+    }
+
+    /// The place of triangle `t` that is nearest [m].
+    fn nearest_in(&self, on: &Touchable, t: Triangle) -> Vec3 {
+        let [a, b, c] = on.body.triangle(t).map(|v| to_parry(on.vertex(v)));
+        from_parry(Face::new(a, b, c).project_local_point(to_parry(self.place), false).point)
     }
 
     /// How the patch is to the place that was `seen` to be nearest; `None` where it is beyond the edge of what faces it.
