@@ -21,6 +21,7 @@ use crate::model::step_class::{TICK, step_of};
 use crate::model::{ActiveMesh, Body, Friction};
 use parry3d_f64::query::PointQuery;
 use parry3d_f64::shape::Triangle as Face;
+use std::ops::Range;
 
 /// Patches that are this far from another organ [m] are followed, so that all that come with up to 1 m/s within [`LOOKS`] ticks are
 /// known before they touch.
@@ -156,11 +157,7 @@ pub fn meet(organs: &Organs, tick: u64, room: u32, memory: &mut Vec<Meeting>, ou
             if left == 0 || memory.len() == MOST_MEETINGS || !boxes[other.index()].grown(NEAR).contains(&patch.place) {
                 continue;
             }
-            let range = &body.organ(other).triangles;
-            let all = work.nearby.triangles();
-            let from = all.partition_point(|t| t.index() < range.start);
-            let to = all.partition_point(|t| t.index() < range.end);
-            if let Some(seen) = patch.look(on, &all[from..to], work.longest_edge) {
+            if let Some(seen) = patch.look(on, body.patches().of_organ(other)) {
                 memory.insert(place, seen.met_anew(i, other));
                 left -= 1;
             }
@@ -273,14 +270,19 @@ impl Patch {
         best.and_then(|seen| self.met(on, seen))
     }
 
-    /// What is next to it among `triangles`, if it is near.
-    fn look(&self, on: &Touchable, triangles: &[Triangle], longest_edge: Real) -> Option<Seen> {
+    /// What is next to it on the `patches` of another organ, if it is near.
+    fn look(&self, on: &Touchable, patches: Range<u32>) -> Option<Seen> {
         let mut best: Option<Seen> = None;
         // The nearest of all, whichever way it faces: its distance [m²], and whether the patch is in front of it.
         let mut nearest = (Real::INFINITY, true);
-        for t in triangles {
-            let reach = best.as_ref().map_or(NEAR, |seen| seen.squared.sqrt()) + longest_edge;
-            if (on.vertex(on.body.triangle(*t)[0]) - self.place).norm_squared() < reach * reach {
+        for i in patches {
+            let (triangles, reach) = on.body.patches().triangles(i);
+            let middle = on.body.patches().of(i).first().map(|(v, _)| on.vertex(*v));
+            let far = NEAR + MOST_STRETCH * reach;
+            if middle.is_none_or(|middle| (middle - self.place).norm_squared() > far * far) {
+                continue;
+            }
+            for t in triangles {
                 self.consider(on, *t, &mut best);
                 let away = self.place - self.nearest_in(on, *t);
                 if away.norm_squared() < nearest.0 {

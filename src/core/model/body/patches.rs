@@ -5,7 +5,7 @@
 //! those of the rest shape: chosen anew in each tick, they would keep a body that lies still in motion.
 
 use crate::geometry::Surface;
-use crate::ids::{OrganId, Vertex};
+use crate::ids::{OrganId, Triangle, Vertex};
 use crate::math::{Bounds, Real, Vec3};
 use crate::model::csr::Csr;
 use std::f64::consts::PI;
@@ -35,6 +35,10 @@ pub struct Patches {
     first: Vec<u32>,
     /// By patch: radius of the disc that is as large [m].
     radius: Vec<Real>,
+    /// By patch: display triangles, each of one patch, ...
+    triangles: Csr<Triangle>,
+    /// ... and how far a corner of them is from its middle at most, at rest [m].
+    reach: Vec<Real>,
 }
 
 impl Patches {
@@ -52,10 +56,24 @@ impl Patches {
             patches.extend(of_organ(place, areas, &normals, vertices, MOST_PATCHES / organs.len()));
             first.push(patches.len() as u32);
         }
+        let mut patch_of = vec![None; place.len()];
+        for (i, patch) in patches.iter().enumerate() {
+            patch.members.iter().for_each(|v| patch_of[*v] = Some(i));
+        }
+        let owner = |triangle: &[u32; 3]| triangle.iter().find_map(|v| patch_of[*v as usize]);
+        let owned = surface.triangles.iter().enumerate().filter_map(|(t, corners)| Some((owner(corners)?, t)));
+        let owned: Vec<(usize, Triangle)> = owned.map(|(i, t)| (i, Triangle::at(t))).collect();
+        let mut reach = vec![0.0; patches.len()];
+        for (i, t) in &owned {
+            let middle = place[patches[*i].vertices[0].0.index()];
+            let far = surface.corners(t.index()).iter().map(|p| (p - middle).norm()).fold(0.0, Real::max);
+            reach[*i] = far.max(reach[*i]);
+        }
+        let triangles = Csr::new(patches.len(), owned.into_iter());
         let all = patches.iter().enumerate();
-        let entries = all.flat_map(|(i, (patch, _))| patch.iter().map(move |entry| (i, *entry)));
+        let entries = all.flat_map(|(i, patch)| patch.vertices.iter().map(move |entry| (i, *entry)));
         let of = Csr::new(patches.len(), entries);
-        Self { of, first, radius: patches.iter().map(|(_, area)| (area / PI).sqrt()).collect() }
+        Self { of, first, radius: patches.iter().map(|patch| (patch.area / PI).sqrt()).collect(), triangles, reach }
     }
 
     /// How many they are.
@@ -78,20 +96,29 @@ impl Patches {
         self.radius[i as usize]
     }
 
+    /// Display triangles of patch `i`, and how far a corner of them is from its middle at most, at rest [m]: each is of one patch.
+    pub fn triangles(&self, i: u32) -> (&[Triangle], Real) {
+        (self.triangles.of(i as usize), self.reach[i as usize])
+    }
+
     /// Vertices of patch `i` and their weights; the first is in its middle.
     pub fn of(&self, i: u32) -> &[(Vertex, Real)] {
         self.of.of(i as usize)
     }
 }
 
-/// Patches of an organ's `vertices`, at most so many, and their areas [m²].
-fn of_organ(
-    place: &[Vec3],
-    areas: &[Real],
-    normals: &[Vec3],
-    vertices: &Range<usize>,
-    most: usize,
-) -> Vec<(Vec<(Vertex, Real)>, Real)> {
+/// A patch as it is made.
+struct Patch {
+    /// Display vertices and their weights.
+    vertices: Vec<(Vertex, Real)>,
+    /// [m²].
+    area: Real,
+    /// All display vertices that it stands for.
+    members: Vec<usize>,
+}
+
+/// Patches of an organ's `vertices`, at most so many.
+fn of_organ(place: &[Vec3], areas: &[Real], normals: &[Vec3], vertices: &Range<usize>, most: usize) -> Vec<Patch> {
     let own = || vertices.clone();
     let mut apart = areas[own()].iter().sum::<Real>() / PATCHES;
     let alike = |v: usize, w: usize| normals[v].dot(&normals[w]) > SAME_SIDE;
@@ -119,7 +146,11 @@ fn of_organ(
             members[i].push(v);
         }
     }
-    centres.iter().zip(&members).map(|(centre, all)| weighed(place, areas, *centre, all)).collect()
+    let patches = centres.iter().zip(members).map(|(centre, members)| {
+        let (vertices, area) = weighed(place, areas, *centre, &members);
+        Patch { vertices, area, members }
+    });
+    patches.collect()
 }
 
 /// At most [`MOST_VERTICES`] of `all` vertices of a patch, far from each other, with the parts of its area nearest to them, and that [m²].
