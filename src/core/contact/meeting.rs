@@ -20,7 +20,7 @@ use crate::model::organ::MOST_ORGANS;
 use crate::model::step_class::{TICK, step_of};
 use crate::model::{ActiveMesh, Body, Friction};
 use parry3d_f64::query::PointQuery;
-use parry3d_f64::shape::Triangle as Face;
+use parry3d_f64::shape::Triangle as Flat;
 use std::ops::Range;
 
 /// Patches that are this far from another organ [m] are followed, so that all that come with up to 1 m/s within [`LOOKS`] ticks are
@@ -157,7 +157,7 @@ pub fn meet(organs: &Organs, tick: u64, room: u32, memory: &mut Vec<Meeting>, ou
             if left == 0 || memory.len() == MOST_MEETINGS || !boxes[other.index()].grown(NEAR).contains(&patch.place) {
                 continue;
             }
-            if let Some(seen) = patch.look(on, body.patches().of_organ(other)) {
+            if let Some(seen) = patch.look(on, body.patches().of_organ(other), work.longest_edge) {
                 memory.insert(place, seen.met_anew(i, other));
                 left -= 1;
             }
@@ -212,6 +212,22 @@ struct Patch {
     radius: Real,
 }
 
+/// A display triangle where it is now.
+struct Face {
+    triangle: Triangle,
+    /// [m].
+    corners: [Vec3; 3],
+    /// Outward, twice as long as the triangle is large [m²].
+    area: Vec3,
+}
+
+impl Face {
+    fn of(on: &Touchable, triangle: Triangle) -> Self {
+        let corners = on.body.triangle(triangle).map(|v| on.vertex(v));
+        Self { triangle, corners, area: (corners[1] - corners[0]).cross(&(corners[2] - corners[0])) }
+    }
+}
+
 /// The place of another organ that is next to a patch.
 struct Seen {
     squared: Real,
@@ -260,7 +276,10 @@ impl Patch {
         let mut at = was;
         for _ in 0..MOST_STEPS {
             for t in on.body.triangle(at).iter().flat_map(|v| on.body.triangles_around(*v)) {
-                self.consider(on, *t, &mut best);
+                let face = Face::of(on, *t);
+                if face.area.dot(&self.normal) < 0.0 {
+                    self.consider(&face, &mut best);
+                }
             }
             match best.as_ref().map(|seen| seen.triangle) {
                 Some(next) if next != at => at = next,
@@ -271,10 +290,11 @@ impl Patch {
     }
 
     /// What is next to it on the `patches` of another organ, if it is near.
-    fn look(&self, on: &Touchable, patches: Range<u32>) -> Option<Seen> {
+    fn look(&self, on: &Touchable, patches: Range<u32>, longest_edge: Real) -> Option<Seen> {
         let mut best: Option<Seen> = None;
         // The nearest of all, whichever way it faces: its distance [m²], and whether the patch is in front of it.
         let mut nearest = (Real::INFINITY, true);
+        let near = NEAR + longest_edge;
         for i in patches {
             let (triangles, reach) = on.body.patches().triangles(i);
             let middle = on.body.patches().of(i).first().map(|(v, _)| on.vertex(*v));
@@ -283,10 +303,12 @@ impl Patch {
                 continue;
             }
             for t in triangles {
-                self.consider(on, *t, &mut best);
-                let away = self.place - self.nearest_in(on, *t);
-                if away.norm_squared() < nearest.0 {
-                    nearest = (away.norm_squared(), area_vector(on, *t).dot(&away) > 0.0);
+                let face = Face::of(on, *t);
+                if (face.corners[0] - self.place).norm_squared() < near * near {
+                    let away = self.place - self.consider(&face, &mut best);
+                    if away.norm_squared() < nearest.0 {
+                        nearest = (away.norm_squared(), face.area.dot(&away) > 0.0);
+                    }
                 }
             }
         }
@@ -296,26 +318,20 @@ impl Patch {
         seen.filter(|seen| seen.gap >= 0.0 || !is_outside(seen))
     }
 
-    /// Takes triangle `t` for the `best` where it faces the patch and is nearer.
-    fn consider(&self, on: &Touchable, t: Triangle, best: &mut Option<Seen>) {
-        let corners = on.body.triangle(t).map(|v| on.vertex(v));
-        let area = (corners[1] - corners[0]).cross(&(corners[2] - corners[0]));
-        if area.dot(&self.normal) >= -FACING * area.norm() {
-            return;
-        }
-        let nearest = self.nearest_in(on, t);
+    /// The place of the `face` that is nearest [m]; takes it for the `best` where it faces the patch and is nearer.
+    fn consider(&self, face: &Face, best: &mut Option<Seen>) -> Vec3 {
+        let Face { triangle, corners, area } = face;
+        let [a, b, c] = corners.map(to_parry);
+        let nearest = from_parry(Flat::new(a, b, c).project_local_point(to_parry(self.place), false).point);
         let squared = (self.place - nearest).norm_squared();
-        if best.as_ref().is_none_or(|seen| squared < seen.squared)
-            && let Some(weights) = weights_in_triangle(&corners, nearest)
+        if area.dot(&self.normal) < -FACING * area.norm()
+            && best.as_ref().is_none_or(|seen| squared < seen.squared)
+            && let Some(weights) = weights_in_triangle(corners, nearest)
         {
-            *best = Some(Seen { squared, triangle: t, weights, gap: 0.0, normal: Vec3::zeros(), share: 1.0 });
+            let normal = Vec3::zeros();
+            *best = Some(Seen { squared, triangle: *triangle, weights, gap: 0.0, normal, share: 1.0 });
         }
-    }
-
-    /// The place of triangle `t` that is nearest [m].
-    fn nearest_in(&self, on: &Touchable, t: Triangle) -> Vec3 {
-        let [a, b, c] = on.body.triangle(t).map(|v| to_parry(on.vertex(v)));
-        from_parry(Face::new(a, b, c).project_local_point(to_parry(self.place), false).point)
+        nearest
     }
 
     /// How the patch is to the place that was `seen` to be nearest; `None` where it is beyond the edge of what faces it.
