@@ -35,7 +35,7 @@ pub struct Workspace {
 }
 
 /// Stretch of display edges up to which no triangle near a tool is missed.
-const MOST_STRETCH: Real = 2.0;
+pub(super) const MOST_STRETCH: Real = 2.0;
 
 impl Workspace {
     /// For the surface of `body`, all of which may come near one of `tools` tools and obstacles at once, with at most `points`

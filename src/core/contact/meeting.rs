@@ -5,6 +5,7 @@
 //! no momentum comes of it, nor any moment.
 
 use super::closing::Closing;
+use super::detection::MOST_STRETCH;
 use super::friction::SLIPS;
 use super::nearby::Nearby;
 use super::rigid::Found;
@@ -38,8 +39,6 @@ const MOST_STEPS: usize = 4;
 const ASIDE: Real = 1e-3;
 /// A way this much off a triangle's normal is along it, but for rounding.
 const STRAIGHT: Real = 1e-6;
-/// Stretch of display edges up to which no triangle is missed.
-const MOST_STRETCH: Real = 2.0;
 
 /// Coulomb's coefficients of friction between organs, each two of them.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
