@@ -12,7 +12,7 @@ use palpate_core::math::{Bounds, Pose, Real, Vec3};
 use palpate_core::model::energy;
 use palpate_core::model::meeting::Meeting;
 use palpate_core::model::{Body, Material};
-use palpate_core::simulation::{Inputs, Settings, Simulation, Snapshot};
+use palpate_core::simulation::{Budget, Inputs, Settings, Simulation, Snapshot};
 use std::sync::Arc;
 
 /// A block of this size [m] with so many cells along x and as large ones along z on each level, of a material [Pa], at `position` [m].
@@ -76,6 +76,7 @@ struct Pressed {
     from: Vec3,
     to: Vec3,
     tick: u32,
+    budget: Budget,
 }
 
 impl Pressed {
@@ -88,7 +89,7 @@ impl Pressed {
         let mut inputs = Inputs::default();
         inputs.tools[0] = Some(ToolEvent::Attach { epoch: 1, period_ticks: 1, coupling: Coupling::RIGID });
         simulation.advance(&inputs);
-        Self { simulation, from, to, tick: 0 }
+        Self { simulation, from, to, tick: 0, budget: Budget::UNLIMITED }
     }
 
     /// One tick; the force on the tool [N].
@@ -96,7 +97,7 @@ impl Pressed {
         self.tick += 1;
         let part = ((Real::from(self.tick) - 100.0) / 500.0).clamp(0.0, 1.0);
         let pose = Pose { position: self.from + (self.to - self.from) * part, ..Pose::default() };
-        let mut inputs = Inputs::default();
+        let mut inputs = Inputs { budget: self.budget, ..Inputs::default() };
         inputs.tools[0] = Some(ToolEvent::Pose(PoseSample { sequence: self.tick, pose, ..PoseSample::default() }));
         self.simulation.advance(&inputs).tools[0].state.physical_force
     }
@@ -275,6 +276,33 @@ fn a_state_in_which_organs_meet_goes_on_as_it_would_have() {
         second.advance(&Inputs::default());
         assert_eq!(first.hash(), second.hash());
     }
+}
+
+/// What there is time for decides where the resolution changes, and that hangs on how many meetings there are.
+#[test]
+fn so_it_does_on_a_budget_while_the_resolution_changes() {
+    let lower = Block { size: Vec3::new(0.1, 0.1, 0.05), cells: &[4, 8, 12], held: true, ..SOFT };
+    let position = Vec3::new(0.02, 0.02, 0.05);
+    let upper = Block { size: Vec3::new(0.06, 0.06, 0.03), cells: &[3, 6, 9], position, held: false, ..lower };
+    let way = [Vec3::new(0.05, 0.045, 0.093), Vec3::new(0.05, 0.045, 0.08)];
+    let mut first = Pressed::new(&[lower, upper], 0.01, way);
+    first.budget = Budget::of(1_600_000);
+    let mut changes = 0;
+    for _ in 0..8 {
+        (0..60).for_each(|_| _ = first.advance());
+        let (body, settings) = (first.simulation.body().clone(), first.simulation.settings().clone());
+        let simulation = Simulation::new(body, settings, first.simulation.snapshot()).unwrap();
+        let mut second = Pressed { simulation, from: first.from, to: first.to, tick: first.tick, budget: first.budget };
+        for _ in 0..20 {
+            first.advance();
+            second.advance();
+            let adapted = first.simulation.outputs().adapted;
+            changes += adapted.splits + adapted.merges;
+            assert_eq!(first.simulation.hash(), second.simulation.hash());
+        }
+    }
+    println!("{changes} changes");
+    assert!(changes > 10);
 }
 
 #[test]

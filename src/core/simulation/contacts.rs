@@ -32,7 +32,7 @@ impl Simulation {
         }
         if self.meeting.is_some() {
             time = time.saturating_add(work::of_contact(&self.prices, self.meetings.len() as u32, Part::PatchPoint));
-            points += self.feet.len() as u32;
+            points += self.meetings.iter().filter(|m| m.held).count() as u32;
         }
         (time, points)
     }

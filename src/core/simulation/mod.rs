@@ -126,10 +126,11 @@ impl Simulation {
         };
         let (points, obstacle_points) = (with_room(tools, &start.points), with_room(obstacles, touched));
         let most_meetings = most_meetings(&body);
-        let (patches, triangles) = (body.patches(), body.surface().triangles.len());
+        let (patches, organs) = (body.patches(), body.organs());
         let is_of_body = |m: &Meeting| {
-            let known = m.patch < patches.count() && m.triangle.index() < triangles;
-            known && m.other.index() < body.organs().len() && m.other != patches.organ(m.patch)
+            let known = m.patch < patches.count() && m.other.index() < organs.len();
+            let of_other = || organs[m.other.index()].triangles.contains(&m.triangle.index());
+            known && of_other() && m.other != patches.organ(m.patch)
         };
         if start.meetings.len() > most_meetings || !start.meetings.iter().all(is_of_body) {
             return Err("the state has organs meet that the body has not".into());
