@@ -41,18 +41,13 @@ impl Workspace {
     /// For the surface of `body`, all of which may come near one of `tools` tools and obstacles at once, with at most `points`
     /// contact points each.
     pub fn new(body: &Body, mesh: &ActiveMesh, tools: usize, points: usize) -> Self {
-        let surface = body.surface();
-        let edge = |t: &[u32; 3], i: usize| {
-            (surface.vertices[t[i] as usize] - surface.vertices[t[(i + 1) % 3] as usize]).norm()
-        };
-        let longest = surface.triangles.iter().flat_map(|t| (0..3).map(move |i| edge(t, i))).fold(0.0, Real::max);
         Self {
             nearby: (0..tools).map(|_| Nearby::new(body, mesh)).collect(),
-            vertices: surface.vertices.clone(),
+            vertices: body.surface().vertices.clone(),
             memory: Vec::with_capacity(points),
             samples: Samples::new(),
             nodes: Surroundings::new(body),
-            longest_edge: longest,
+            longest_edge: body.surface().longest_edge(),
             changed: false,
         }
     }

@@ -90,24 +90,18 @@ pub struct Workspace {
     /// Display vertices [m], (n_vertices); those far from all meetings as of some earlier tick.
     vertices: Vec<Vec3>,
     before: Vec<Meeting>,
-    /// No display edge is longer [m].
+    /// No display edge is longer, however stretched [m].
     longest_edge: Real,
 }
 
 impl Workspace {
     /// For `body`; `None` where it is a single organ.
     pub fn new(body: &Body, mesh: &ActiveMesh) -> Option<Self> {
-        let surface = body.surface();
-        let edge = |t: usize, i: usize| {
-            let corners = surface.corners(t);
-            (corners[i] - corners[(i + 1) % 3]).norm()
-        };
-        let longest = (0..surface.triangles.len()).flat_map(|t| (0..3).map(move |i| edge(t, i))).fold(0.0, Real::max);
         (body.organs().len() > 1).then(|| Self {
             nearby: Nearby::new(body, mesh),
-            vertices: surface.vertices.clone(),
+            vertices: body.surface().vertices.clone(),
             before: Vec::with_capacity(MOST_MEETINGS),
-            longest_edge: MOST_STRETCH * longest,
+            longest_edge: MOST_STRETCH * body.surface().longest_edge(),
         })
     }
 

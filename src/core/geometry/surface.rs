@@ -24,6 +24,15 @@ impl Surface {
         self.triangles[t].map(|v| self.vertices[v as usize])
     }
 
+    /// Length of the longest edge [m].
+    pub fn longest_edge(&self) -> Real {
+        let edge = |t: usize, i: usize| {
+            let corners = self.corners(t);
+            (corners[i] - corners[(i + 1) % 3]).norm()
+        };
+        (0..self.triangles.len()).flat_map(|t| (0..3).map(move |i| edge(t, i))).fold(0.0, Real::max)
+    }
+
     /// Signed volume enclosed [m³]: positive when the triangles face outward.
     pub fn volume(&self) -> Real {
         self.volume_within(0..self.triangles.len())
