@@ -94,7 +94,7 @@ fn mistakes_are_named_with_file_line_and_remedy() {
     let e = run("liver", &["--set", "material.stiffness=3"]);
     assert!(e.contains("stiffness") && e.contains("youngs_modulus"), "{e}");
     let e = run("spleen", &[]);
-    assert!(e.contains("spleen") && e.contains("liver, organs, toy, cube, grasp, organ"), "{e}");
+    assert!(e.contains("spleen") && e.contains("liver, organs, toy, cube, grasp, squeeze, laparoscopy, organ"), "{e}");
     let e = run("cube", &["--trajectory", "nowhere.csv"]);
     assert!(e.contains("nowhere.csv"), "{e}");
     let bad = folder.path().join("bad.csv");

@@ -31,8 +31,16 @@ const BODIES: [(&str, &str, &[&str]); 6] = [
     ("organs", "organs", &ORGANS),
     ("grasp", "grasp", &["body.cells=[[3,3,3],[5,5,5]]"]),
 ];
-const TOY: [&str; 4] =
-    ["body.spacings=[0.02, 0.013]", "body.display_vertices=1500", "world.gravity=[0.0, 0.0, 0.0]", "world.settle=0"];
+const TOY: [&str; 8] = [
+    "body.spacings=[0.02, 0.013]",
+    "body.display_vertices=1500",
+    "world.gravity=[0.0, 0.0, 0.0]",
+    "world.settle=0",
+    "material.youngs_modulus=8000",
+    "material.density=1000",
+    "hold=[{min=[0.0, 0.0, 0.0], max=[1.0, 1.0, 0.5], relative=true}]",
+    "tool=[{name='ball', radius=0.008}]",
+];
 const ORGANS: [&str; 4] = [
     "body.spacings=[0.03, 0.019]",
     "body.display_vertices=1200",

@@ -138,6 +138,23 @@ impl Pose {
         Pose { orientation: normalized_quaternion(blend).unwrap_or(self.orientation), ..*self }
     }
 
+    /// The pose turned in place the shortest way so that its own +z points at the world's place `at` [m]; as it is where that is no direction.
+    pub fn pointed(&self, at: Vec3) -> Pose {
+        let Some(to) = (at - self.position).try_normalize(1e-9) else { return *self };
+        let (from, [x, y, z, w]) = (self.rotate(Vec3::z()), self.orientation);
+        let axis = from.cross(&to);
+        // The other way round any axis across does.
+        let half = normalized_quaternion([axis.x, axis.y, axis.z, 1.0 + from.dot(&to)]);
+        let [a, b, c, d] = half.unwrap_or_else(|| {
+            let x = self.rotate(Vec3::x());
+            [x.x, x.y, x.z, 0.0]
+        });
+        let (v, q) = (Vec3::new(a, b, c), Vec3::new(x, y, z));
+        let turned = v * w + q * d + v.cross(&q);
+        let product = [turned.x, turned.y, turned.z, w * d - v.dot(&q)];
+        Pose { orientation: normalized_quaternion(product).unwrap_or(self.orientation), ..*self }
+    }
+
     /// The pose turned by `angle` [rad] about the axis along the unit vector `axis` through `point` [m], both in its own frame.
     pub fn turned_about(&self, point: Vec3, axis: Vec3, angle: Real) -> Pose {
         let (v, c, [x, y, z, w]) = (axis * libm::sin(0.5 * angle), libm::cos(0.5 * angle), self.orientation);
@@ -201,6 +218,24 @@ mod tests {
         let (angle, way) = (2.0 * 0.05_f64.atan(), turned.rotate(Vec3::x()));
         assert!((way - Vec3::new(0.0, angle.cos(), angle.sin())).norm() < 1e-15, "{way}");
         assert_eq!(turned.position, Vec3::x());
+    }
+
+    #[test]
+    fn a_pose_that_is_pointed_turns_the_shortest_way_and_no_farther() {
+        let tilted = Pose { position: Vec3::new(0.1, 0.0, 0.0), ..Pose::default() }.turned(Vec3::new(0.3, -0.2, 0.9));
+        for pose in [Pose::default(), tilted] {
+            for at in [Vec3::new(0.2, -0.3, 0.4), Vec3::new(0.1, 0.0, 5.0), Vec3::new(0.0, 0.0, -1.0)] {
+                let pointed = pose.pointed(at);
+                let way = (at - pose.position).normalize();
+                assert!((pointed.rotate(Vec3::z()) - way).norm() < 1e-14, "{pointed:?}");
+                // What is across both directions stays.
+                let across = pose.rotate(Vec3::z()).cross(&way).try_normalize(1e-9).unwrap_or(pose.rotate(Vec3::x()));
+                let own = pose.unrotate(across);
+                assert!((pointed.rotate(own) - across).norm() < 1e-14, "{pointed:?}");
+                assert_eq!(pointed.position, pose.position);
+            }
+            assert_eq!(pose.pointed(pose.position), pose);
+        }
     }
 
     #[test]

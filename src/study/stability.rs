@@ -93,12 +93,13 @@ const MODULUS_FOR: Real = 135.3;
 
 /// Of a simulation of a cube under `tools` balls.
 pub fn settings(tools: usize) -> Settings {
-    let ball = Tool { name: "ball".into(), shape: Shape::ball(RADIUS), friction: 0.0 };
+    let ball = Tool { name: "ball".into(), shape: Shape::ball(RADIUS), friction: 0.0, pivot: None };
     Settings {
         gravity: Vec3::zeros(),
         tools: vec![ball; tools],
         obstacles: vec![],
         organ_friction: Default::default(),
+        support_motions: vec![],
         following: Following { speed: 1.0, engage_ticks: 100 },
         limits: ForceLimits { force: 20.0, torque: 1.0, slew: 1000.0 },
         adaptivity: Some(Adaptivity::default()),

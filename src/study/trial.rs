@@ -58,9 +58,10 @@ impl Trial {
     fn on(&self, body: &Arc<Body>, state: State) -> Result<Simulation> {
         let settings = Settings {
             gravity: self.gravity,
-            tools: vec![Tool { name: "ball".into(), shape: Shape::ball(self.radius), friction: 0.0 }],
+            tools: vec![Tool { name: "ball".into(), shape: Shape::ball(self.radius), friction: 0.0, pivot: None }],
             obstacles: vec![],
             organ_friction: Default::default(),
+            support_motions: vec![],
             following: Following { speed: 1.0, engage_ticks: 1 },
             limits: ForceLimits { force: 1e6, torque: 1e6, slew: 1e9 },
             adaptivity: self.adaptivity.clone(),

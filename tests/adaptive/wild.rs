@@ -35,6 +35,7 @@ fn wild_settings() -> Settings {
         name: name.into(),
         shape: ToolShape::capsule(radius, length),
         friction: 0.0,
+        pivot: None,
     };
     Settings {
         tools: vec![tool("ball", 0.01, 0.0), tool("rod", 0.005, 0.08), tool("tip", 0.001, 0.0)],
@@ -42,6 +43,7 @@ fn wild_settings() -> Settings {
         // Faster than any scene allows.
         obstacles: vec![],
         organ_friction: Default::default(),
+        support_motions: vec![],
         following: Following { speed: 1.5, engage_ticks: 20 },
         most_elements: 500,
         ..settings(Some(Adaptivity { split: 0.1, ..Adaptivity::default() }))

@@ -18,9 +18,13 @@ fn free_cube(shapes: &[ToolShape], friction: Real) -> Setup {
     };
     let settings = Settings {
         gravity: Vec3::zeros(),
-        tools: shapes.iter().map(|shape| Tool { name: "tool".into(), shape: shape.clone(), friction }).collect(),
+        tools: shapes
+            .iter()
+            .map(|shape| Tool { name: "tool".into(), shape: shape.clone(), friction, pivot: None })
+            .collect(),
         obstacles: vec![],
         organ_friction: Default::default(),
+        support_motions: vec![],
         following: Following { speed: 1.0, engage_ticks: 100 },
         limits: ForceLimits { force: 3.3, torque: 0.2, slew: 1000.0 },
         adaptivity: None,

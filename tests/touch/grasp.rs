@@ -3,6 +3,7 @@
 use super::*;
 use palpate_core::contact::jaws::{Hinge, Mechanism};
 use palpate_core::contact::tool::Part;
+use palpate_core::ids::Vertex;
 use palpate_core::model::constraint::PointMemory;
 use palpate_core::simulation::ToolOutput;
 
@@ -169,4 +170,43 @@ fn an_opening_that_is_no_number_or_out_of_range_is_no_harm() {
             assert!((0.0..=1.0).contains(&state.jaws.opening) && is_finite(&state.force), "{opening}");
         }
     }
+}
+
+/// Through an incision in the wall of the belly, with two more organs that touch what is grasped, and all of them breathe.
+#[test]
+fn a_grasper_lifts_the_gallbladder_out_of_its_bed_and_lets_it_go() {
+    let loaded = LoadedScene::load(Path::new("laparoscopy"), &[]).unwrap();
+    let body = Arc::new(loaded.build(&mut |_, _, _| ()).unwrap());
+    let start = loaded.scene.settled(&body, &mut |_, _, _| ());
+    let mut simulation = Simulation::new(body.clone(), loaded.scene.settings(), start).unwrap();
+    tick(&mut simulation, attach());
+    let own = body.organs()[0].vertices.clone();
+    let heights = |simulation: &Simulation| {
+        let places = own.clone().map(|v| simulation.mesh().vertex(Vertex::at(v)));
+        let (sum, top) = places.fold((0.0, Real::MIN), |(sum, top), p| (sum + p.z, p.z.max(top)));
+        (sum / own.len() as Real, top)
+    };
+    let (before, top) = heights(&simulation);
+    let pivot = Vec3::from(loaded.scene.tool[0].pivot.unwrap());
+    let mut felt = Vec::new();
+    let mut lifted = before;
+    for i in 0..4500 {
+        let t = Real::from(i) * TICK;
+        let height = top + 0.02 - 0.036 * ease(t, 0.0, 1.0) + 0.03 * ease(t, 1.7, 2.7);
+        let opening = 1.0 - ease(t, 1.0, 1.5) + ease(t, 3.2, 3.6);
+        let out = tick(&mut simulation, held_at(Vec3::new(0.0, 0.0, height), opening)).tools[0];
+        felt.push(out);
+        if (3000..3150).contains(&i) {
+            lifted = heights(&simulation).0;
+            // It hangs in the jaws and on its duct, which pull it down.
+            assert!((-0.8..-0.2).contains(&out.state.force[2]), "tick {i}: {:?} N", out.state.force);
+        }
+        let shaft = out.state.pose.rotate(Vec3::z());
+        let aside = shaft.cross(&(pivot - out.state.pose.position)).norm();
+        assert!(i < 400 || aside < 1e-3, "tick {i}: the shaft passes the incision {aside} m away");
+    }
+    let (after, _) = heights(&simulation);
+    println!("lifted by {} m of 0.03, then at {} m", lifted - before, after - before);
+    assert!(lifted - before > 0.012 && (after - before).abs() < 0.006);
+    assert_even(&felt);
 }

@@ -277,7 +277,7 @@ fn covered(spacings: &[Real], cells: u32, radius: Real) -> Setup {
     };
     let adapts = spacings.len() > 2;
     let settings = Settings {
-        tools: vec![Tool { name: "ball".into(), shape: ToolShape::ball(radius), friction: 0.0 }],
+        tools: vec![Tool { name: "ball".into(), shape: ToolShape::ball(radius), friction: 0.0, pivot: None }],
         adaptivity: adapts.then(Adaptivity::default),
         most_elements: 100_000,
         ..scene(&["tool.radius=0.01"]).settings

@@ -59,7 +59,7 @@ struct Arguments {
     /// Tool to take, by name; without it any free one.
     #[arg(long, default_value = "")]
     tool: String,
-    /// Surface point to touch, x,y,z [m]; without it the top of the body.
+    /// Surface point to touch, x,y,z [m]; without it the top, where the first organ is.
     #[arg(long, value_parser = vector, requires = "normal", allow_hyphen_values = true)]
     site: Option<Vec3>,
     /// Outward normal there, x,y,z.

@@ -62,7 +62,7 @@ pub struct Options {
     pub seconds: Option<f64>,
     /// Tool to take, by name; empty for any free one.
     pub tool: String,
-    /// Surface point [m] and outward normal to touch at; `None` takes the top of the body as it is at the start.
+    /// Surface point [m] and outward normal to touch at; `None` takes the top, where the first organ is at the start.
     pub site: Option<(Vec3, Vec3)>,
     /// Whether to measure the bare round trip meanwhile, 100 times a second.
     pub echo: bool,

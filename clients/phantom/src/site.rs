@@ -9,24 +9,29 @@ use crate::Vec3;
 /// must not slip between its triangles.
 const EDGE: f64 = 1e-6;
 
-/// The topmost point [m] of `surface` with its vertices at `positions` [m], in the column along z through the middle of
-/// their bounds, and the outward unit normal there (vertex normals, interpolated). Where that column misses the body, it goes through the upward facing
-/// vertex nearest to it instead.
+/// The topmost point [m] of `surface` with its vertices at `positions` [m], in the column along z through the middle of the bounds of its
+/// first organ, and the outward unit normal there (vertex normals, interpolated). Where that column misses the body, it goes through the
+/// upward facing vertex of the first organ nearest to it instead.
 ///
 /// Errors: the surface has no upward facing part.
 pub fn top_of_surface(surface: &Surface, positions: &[[f32; 3]]) -> Result<(Vec3, Vec3)> {
+    let first = match &surface.organs[..] {
+        [first, _, ..] => first.vertices as usize,
+        _ => positions.len(),
+    };
     let positions: Vec<Vec3> = positions.iter().map(|p| Vec3::from(p.map(f64::from))).collect();
     let normals = vertex_normals(&positions, &surface.triangles);
     let upward = |vertex: &usize| normals[*vertex].z > 0.5;
-    ensure!((0..positions.len()).any(|vertex| upward(&vertex)), "the surface has no upward facing part to touch");
+    ensure!((0..first).any(|vertex| upward(&vertex)), "the surface has no upward facing part to touch");
 
-    let (min, max) = positions.iter().fold((positions[0], positions[0]), |(min, max), p| (min.inf(p), max.sup(p)));
+    let (min, max) =
+        positions[..first].iter().fold((positions[0], positions[0]), |(min, max), p| (min.inf(p), max.sup(p)));
     let middle = 0.5 * (min + max);
     if let Some(hit) = topmost_hit(&positions, &normals, &surface.triangles, middle) {
         return Ok(hit);
     }
     let distance = |vertex: &usize| (positions[*vertex] - middle).xy().norm_squared();
-    let nearest = (0..positions.len()).filter(upward).min_by(|a, b| distance(a).total_cmp(&distance(b)));
+    let nearest = (0..first).filter(upward).min_by(|a, b| distance(a).total_cmp(&distance(b)));
     // An upward facing vertex lies on upward facing triangles, so its column hits at least itself.
     let column = nearest.map(|vertex| positions[vertex]).unwrap_or(middle);
     topmost_hit(&positions, &normals, &surface.triangles, column)
@@ -108,6 +113,19 @@ mod tests {
     fn the_top_of_two_bodies_is_that_of_the_upper_one() {
         let stacked = both(box_surface([0.0; 3], [2.0, 2.0, 1.0]), box_surface([0.0, 0.0, 2.0], [2.0, 2.0, 3.0]));
         assert!((top(&stacked).unwrap().0.z - 3.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn of_several_organs_the_first_is_touched_or_what_lies_on_it() {
+        let (first, other) = (box_surface([0.0; 3], [1.0; 3]), box_surface([-4.0, 0.0, 2.0], [2.0, 2.0, 3.0]));
+        let organs = [first.organs.clone(), other.organs.clone()].concat();
+        let mut surface = both(first, other);
+        surface.organs = organs;
+        // The middle of both is beside the first.
+        assert!((top(&surface).unwrap().0 - Vec3::new(0.5, 0.5, 3.0)).norm() < 1e-6);
+        let apart = |p: &[f32; 3]| if p[2] < 2.0 { *p } else { [p[0] - 3.0, p[1], p[2]] };
+        let positions: Vec<_> = surface.rest_positions.iter().map(apart).collect();
+        assert!((top_of_surface(&surface, &positions).unwrap().0 - Vec3::new(0.5, 0.5, 1.0)).norm() < 1e-6);
     }
 
     #[test]

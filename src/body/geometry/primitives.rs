@@ -1,4 +1,4 @@
-//! Shapes made by formula: a sphere, a liver, a kidney and a toy carved from implicit functions.
+//! Shapes made by formula: ellipsoids, organs of the belly and a toy, carved from implicit functions.
 //!
 //! Only `+ − × ÷ √` in f64 decide where a vertex lies, so a shape is the same on every x86-64 machine.
 
@@ -15,6 +15,14 @@ pub fn sphere_surface(radius: Real, spacing: Real) -> Surface {
     extract(|p| p.norm() - radius, Vec3::repeat(-radius), Vec3::repeat(radius), spacing)
 }
 
+/// An ellipsoid with these diameters [m] around the origin; `spacing` [m] between neighbouring vertices, kept between a hundredth and a
+/// sixth of the least diameter.
+pub fn ellipsoid_surface(diameters: Vec3, spacing: Real) -> Surface {
+    let (radii, least) = (diameters / 2.0, diameters.min());
+    let spacing = within(spacing, least / 100.0, least / 6.0);
+    extract(|p| ellipsoid(p, Vec3::zeros(), radii), -radii, radii, spacing)
+}
+
 /// A human-like liver: 0.20 m wide (x, its thin left lobe towards +x), 0.13 m deep (y, its front towards −y) and
 /// 0.11 m high, standing on z = 0 under a dome, hollow below where the gallbladder lies.
 ///
@@ -28,6 +36,22 @@ pub fn liver_surface(spacing: Real) -> Surface {
 /// `spacing` [m] between neighbouring vertices, kept between 1 mm and 5 mm. Closed, of one piece, without a handle.
 pub fn kidney_surface(spacing: Real) -> Surface {
     extract(kidney, Vec3::new(-0.06, -0.035, -0.005), Vec3::new(0.06, 0.04, 0.05), within(spacing, 1e-3, 5e-3))
+}
+
+/// A human-like gallbladder: a pear 0.075 m long (y, its fundus towards −y, its neck towards +y) and 0.024 m thick around the origin.
+///
+/// `spacing` [m] between neighbouring vertices, kept between 0.5 mm and 2.5 mm. Closed, of one piece, without a handle.
+pub fn gallbladder_surface(spacing: Real) -> Surface {
+    let (low, high) = (Vec3::new(-0.014, -0.037, -0.014), Vec3::new(0.014, 0.043, 0.014));
+    extract(gallbladder, low, high, within(spacing, 5e-4, 2.5e-3))
+}
+
+/// A human-like stomach, empty: bent, 0.10 m long (y), its fundus towards +y and wide, its pylorus towards −x and −y, around the origin.
+///
+/// `spacing` [m] between neighbouring vertices, kept between 1 mm and 5 mm. Closed, of one piece, without a handle.
+pub fn stomach_surface(spacing: Real) -> Surface {
+    let (low, high) = (Vec3::new(-0.06, -0.055, -0.03), Vec3::new(0.04, 0.06, 0.03));
+    extract(stomach, low, high, within(spacing, 1e-3, 5e-3))
 }
 
 /// A toy creature with limbs that swing: round body, head, two ears, arms, legs and a tail, 0.20 m tall along z,
@@ -63,6 +87,21 @@ fn kidney(p: Vec3) -> Real {
     smooth_difference(organ, hilum, 0.014)
 }
 
+/// Signed function of the gallbladder [m], negative inside.
+fn gallbladder(p: Vec3) -> Real {
+    let body = limb(p, Vec3::new(0.0, -0.022, 0.0), Vec3::new(0.0, 0.010, 0.0), 0.012, 0.010);
+    let neck = limb(p, Vec3::new(0.0, 0.010, 0.0), Vec3::new(0.0, 0.037, 0.003), 0.010, 0.0045);
+    smooth_union(body, neck, 0.004)
+}
+
+/// Signed function of the stomach [m], negative inside.
+fn stomach(p: Vec3) -> Real {
+    let (fundus, body) = (Vec3::new(0.010, 0.026, 0.0), Vec3::new(0.006, -0.014, 0.0));
+    let upper = limb(p, fundus, body, 0.024, 0.020);
+    let lower = limb(p, body, Vec3::new(-0.036, -0.032, -0.004), 0.020, 0.012);
+    smooth_union(upper, lower, 0.012)
+}
+
 /// Signed function of the toy [m], negative inside.
 fn toy(p: Vec3) -> Real {
     let join = |toy: Real, part: Real| smooth_union(toy, part, 0.012);
@@ -76,8 +115,9 @@ fn toy(p: Vec3) -> Real {
         let at = |x: Real, y: Real, z: Real| Vec3::new(side * x, y, z);
         let ear = limb(p, at(0.018, 0.0, 0.160), at(0.034, 0.004, 0.184), 0.012, 0.016);
         let arm = limb(p, at(0.034, -0.004, 0.100), at(0.084, -0.022, 0.113), 0.012, 0.016);
-        let leg = limb(p, at(0.024, 0.0, 0.048), at(0.034, 0.002, 0.017), 0.015, 0.016);
-        let foot = limb(p, at(0.034, 0.002, 0.017), at(0.038, -0.024, 0.017), 0.016, 0.017);
+        let leg = limb(p, at(0.024, 0.0, 0.048), at(0.034, 0.002, 0.018), 0.021, 0.018);
+        // Its middle is above the soles.
+        let foot = limb(p, at(0.036, 0.022, 0.017), at(0.038, -0.026, 0.017), 0.017, 0.017);
         toy = [ear, arm, smooth_union(leg, foot, 0.004)].into_iter().fold(toy, join);
     }
     toy
@@ -268,6 +308,34 @@ mod tests {
             let size = high - low;
             assert!((size - Vec3::new(0.11, 0.06, 0.045)).amax() < 0.006, "{spacing}: {size:?}");
             assert!(low.z.abs() < 1e-3, "{spacing}: stands on {}", low.z);
+        }
+    }
+
+    #[test]
+    fn the_gallbladder_and_the_stomach_are_closed_pieces_of_the_stated_size_at_every_spacing() {
+        for (i, spacing) in [0.001, 0.0015, 0.002, 0.0025].into_iter().enumerate() {
+            let surface = gallbladder_surface(spacing);
+            is_one_piece_without_handles("gallbladder", &surface);
+            has_no_fold("gallbladder", &surface, gallbladder);
+            let size = surface.bounds().size();
+            assert!((size - Vec3::new(0.024, 0.075, 0.024)).amax() < 0.002, "{spacing}: {size:?}");
+            let spacing = [0.002, 0.003, 0.004, 0.005][i];
+            let surface = stomach_surface(spacing);
+            is_one_piece_without_handles("stomach", &surface);
+            has_no_fold("stomach", &surface, stomach);
+            let size = surface.bounds().size();
+            assert!((size - Vec3::new(0.082, 0.094, 0.048)).amax() < 0.004, "{spacing}: {size:?}");
+        }
+    }
+
+    #[test]
+    fn an_ellipsoid_has_the_asked_diameters() {
+        for diameters in [Vec3::repeat(0.06), Vec3::new(0.2, 0.1, 0.05)] {
+            let surface = ellipsoid_surface(diameters, 0.003);
+            is_one_piece_without_handles("ellipsoid", &surface);
+            assert!((surface.bounds().size() - diameters).amax() < 0.001, "{:?}", surface.bounds());
+            let exact = std::f64::consts::PI / 6.0 * diameters.x * diameters.y * diameters.z;
+            assert!((surface.volume() / exact - 1.0).abs() < 0.02);
         }
     }
 

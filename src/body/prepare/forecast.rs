@@ -87,12 +87,13 @@ impl Touch {
     fn of(body: &Arc<Body>) -> Result<Self, String> {
         let Bounds { low, high } = body.surface().bounds();
         let radius = RADIUS.min(WIDEST * (high - low).max());
-        let ball = Tool { name: "ball".into(), shape: Shape::ball(radius), friction: 0.0 };
+        let ball = Tool { name: "ball".into(), shape: Shape::ball(radius), friction: 0.0, pivot: None };
         let settings = Settings {
             gravity: Vec3::zeros(),
             tools: vec![ball],
             obstacles: vec![],
             organ_friction: Default::default(),
+            support_motions: vec![],
             following: Following { speed: 1.0, engage_ticks: 1 },
             limits: ForceLimits { force: 1e3, torque: 1e2, slew: 1e9 },
             adaptivity: Some(Adaptivity::default()),

@@ -15,9 +15,10 @@ use std::sync::Arc;
 fn settings(gravity: Vec3, adaptivity: Option<Adaptivity>, radius: Real) -> Settings {
     Settings {
         gravity,
-        tools: vec![Tool { name: "ball".into(), shape: ToolShape::ball(radius), friction: 0.0 }],
+        tools: vec![Tool { name: "ball".into(), shape: ToolShape::ball(radius), friction: 0.0, pivot: None }],
         obstacles: vec![],
         organ_friction: Default::default(),
+        support_motions: vec![],
         following: Following { speed: 1.0, engage_ticks: 1 },
         limits: ForceLimits { force: 100.0, torque: 10.0, slew: 1e6 },
         adaptivity,

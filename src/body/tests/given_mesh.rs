@@ -95,6 +95,7 @@ fn at_rest(body: &Arc<Body>, gravity: Vec3) -> Simulation {
         tools: vec![],
         obstacles: vec![],
         organ_friction: Default::default(),
+        support_motions: vec![],
         following: Following { speed: 1.0, engage_ticks: 1 },
         limits: ForceLimits { force: 100.0, torque: 10.0, slew: 1e6 },
         adaptivity: None,

@@ -35,6 +35,7 @@ fn on(body: &Arc<Body>, obstacle: Obstacle, gravity: Vec3, level: usize) -> Simu
         tools: vec![],
         obstacles: vec![obstacle],
         organ_friction: Default::default(),
+        support_motions: vec![],
         following: Following { speed: 1.0, engage_ticks: 10 },
         limits: ForceLimits { force: 100.0, torque: 10.0, slew: 1e6 },
         adaptivity: None,
@@ -207,7 +208,7 @@ fn the_stiffness_told_of_a_body_on_a_floor_is_that_by_which_its_force_grows() {
         settle(&mut simulation, 500);
         simulation.snapshot()
     };
-    let tool = Tool { name: "ball".into(), shape: Shape::ball(0.02), friction: 0.0 };
+    let tool = Tool { name: "ball".into(), shape: Shape::ball(0.02), friction: 0.0, pivot: None };
     let settings = Settings { tools: vec![tool], ..on(&body, floor(0.5), on_slope(0.0), 1).settings().clone() };
     let with_tool = Snapshot { tools: vec![ToolState::default()], points: vec![vec![]], ..start };
     let mut simulation = Simulation::new(body.clone(), settings.clone(), with_tool).unwrap();

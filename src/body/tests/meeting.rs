@@ -62,6 +62,7 @@ fn simulation(blocks: &[Block], damping_ratio: Real, friction: Real, gravity: Ve
         tools: vec![],
         obstacles: vec![],
         organ_friction: Between::all(friction),
+        support_motions: vec![],
         following: Following { speed: 1.0, engage_ticks: 10 },
         limits: ForceLimits { force: 100.0, torque: 10.0, slew: 1e6 },
         adaptivity: None,
@@ -82,7 +83,7 @@ struct Pressed {
 impl Pressed {
     fn new(blocks: &[Block], radius: Real, [from, to]: [Vec3; 2]) -> Self {
         let without = simulation(blocks, 0.3, 0.3, Vec3::zeros());
-        let tools = vec![Tool { name: "ball".into(), shape: ToolShape::ball(radius), friction: 0.0 }];
+        let tools = vec![Tool { name: "ball".into(), shape: ToolShape::ball(radius), friction: 0.0, pivot: None }];
         let settings = Settings { tools, adaptivity: Some(Adaptivity::default()), ..without.settings().clone() };
         let body = without.body().clone();
         let mut simulation = Simulation::new(body.clone(), settings, Snapshot::at_rest(&body, 0, 1)).unwrap();

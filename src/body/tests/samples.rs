@@ -52,9 +52,10 @@ fn attach(simulation: &mut Simulation, coupling: Coupling) {
 fn settings(body: &Body, shape: Shape, friction: Real) -> Settings {
     Settings {
         gravity: Vec3::zeros(),
-        tools: vec![Tool { name: "tool".into(), shape, friction }],
+        tools: vec![Tool { name: "tool".into(), shape, friction, pivot: None }],
         obstacles: vec![],
         organ_friction: Default::default(),
+        support_motions: vec![],
         following: Following { speed: 1.0, engage_ticks: 1 },
         limits: ForceLimits { force: 1e6, torque: 1e6, slew: 1e9 },
         adaptivity: None,

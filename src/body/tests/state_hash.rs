@@ -40,9 +40,10 @@ fn floor() -> Obstacle {
 fn settings(body: &Body) -> Settings {
     Settings {
         gravity: Vec3::zeros(),
-        tools: vec![Tool { name: "ball".into(), shape: ToolShape::ball(0.01), friction: 0.5 }],
+        tools: vec![Tool { name: "ball".into(), shape: ToolShape::ball(0.01), friction: 0.5, pivot: None }],
         obstacles: vec![floor()],
         organ_friction: Default::default(),
+        support_motions: vec![],
         following: Following { speed: 1.0, engage_ticks: 10 },
         limits: ForceLimits { force: 100.0, torque: 10.0, slew: 1e6 },
         adaptivity: Some(Adaptivity::default()),
@@ -83,6 +84,7 @@ fn changes(snapshot: &Snapshot) -> BTreeMap<&'static str, Snapshot> {
     let Snapshot {
         tick: _,
         frozen: _,
+        moved_for: _,
         prices: _,
         entangled: _,
         parameters: _,
@@ -118,6 +120,7 @@ fn changes(snapshot: &Snapshot) -> BTreeMap<&'static str, Snapshot> {
     };
     change("tick", &|s| s.tick += 1);
     change("frozen", &|s| s.frozen += 1);
+    change("time of motions", &|s| s.moved_for += 1);
     change("prices", &|s| s.prices.0[3] += 1);
     change("entangled", &|s| s.entangled += 1);
     change("a parameter less", &|s| _ = s.parameters.pop());

@@ -7,19 +7,20 @@
 use super::closing::Closing;
 use super::detection::MOST_STRETCH;
 use super::friction::SLIPS;
-use super::nearby::Nearby;
+use super::outside::boxes;
 use super::rigid::Found;
 use super::tool::MOST_POINTS;
-use super::touchable::{MARGIN, Touchable, area_vector, weights_in_triangle};
+use super::touchable::{FASTEST_SURFACE, MARGIN, Touchable, area_vector, weights_in_triangle};
 use crate::ids::{OrganId, ToolId, Triangle, Vertex};
 use crate::math::{Bounds, Real, Vec3, from_parry, to_parry};
-use crate::model::active_mesh::{MOST_ASIDE, skin};
+use crate::model::active_mesh::skin;
 use crate::model::body::patches::SAME_SIDE;
 use crate::model::constraint::{Constraint, Foot, Held, Pushed};
 use crate::model::meeting::{MOST_MEETINGS, Meeting};
 use crate::model::organ::MOST_ORGANS;
 use crate::model::step_class::{TICK, step_of};
 use crate::model::{ActiveMesh, Body, Friction};
+use crate::visited::Visited;
 use parry3d_f64::query::PointQuery;
 use parry3d_f64::shape::Triangle as Flat;
 use std::ops::Range;
@@ -35,8 +36,6 @@ const LOOKS: u64 = 8;
 const FACING: Real = 0.1;
 /// Steps from triangle to triangle that a place takes within a tick at most.
 const MOST_STEPS: usize = 4;
-/// Slack of bounds around organs [m]: for what fades on the surface.
-const ASIDE: Real = 1e-3;
 /// A way this much off a triangle's normal is along it, but for rounding.
 const STRAIGHT: Real = 1e-6;
 
@@ -86,33 +85,67 @@ pub struct Met<'a> {
 /// Memory that looking for meetings needs and no one keeps.
 #[derive(Debug)]
 pub struct Workspace {
-    nearby: Nearby,
-    /// Display vertices [m], (n_vertices); those far from all meetings as of some earlier tick.
+    /// Display vertices [m], (n_vertices); only those that are placed count.
     vertices: Vec<Vec3>,
+    placed: Visited,
+    /// Of each patch the vertex in its middle [m].
+    middles: Vec<Vec3>,
+    /// Patches that may be near the place that is looked from, and the squared distances of their middles [m²].
+    candidates: Vec<(u32, Real)>,
     before: Vec<Meeting>,
-    /// No display edge is longer, however stretched [m].
-    longest_edge: Real,
 }
 
 impl Workspace {
     /// For `body`; `None` where it is a single organ.
-    pub fn new(body: &Body, mesh: &ActiveMesh) -> Option<Self> {
+    pub fn new(body: &Body) -> Option<Self> {
         (body.organs().len() > 1).then(|| Self {
-            nearby: Nearby::new(body, mesh),
             vertices: body.surface().vertices.clone(),
+            placed: Visited::new(body.surface().vertices.len()),
+            middles: Vec::with_capacity(body.patches().count() as usize),
+            candidates: Vec::with_capacity(body.patches().count() as usize),
             before: Vec::with_capacity(MOST_MEETINGS),
-            longest_edge: MOST_STRETCH * body.surface().longest_edge(),
         })
     }
 
-    /// What is where may have changed at once.
-    pub(crate) fn forget(&mut self) {
-        self.nearby.forget();
+    /// Another tick begins.
+    fn begin(&mut self, body: &Body, mesh: &ActiveMesh) {
+        self.placed.clear();
+        self.middles.clear();
+        let patches = 0..body.patches().count();
+        self.middles.extend(patches.map(|i| mesh.vertex(body.patches().middle(i))));
     }
 
-    /// The resolution is another in this tick than in the last one.
-    pub(crate) fn follow_change(&mut self, body: &Body, mesh: &ActiveMesh) {
-        self.nearby.follow_change(body, mesh);
+    /// Where display vertex `v` is [m].
+    fn at(&mut self, mesh: &ActiveMesh, v: Vertex) -> Vec3 {
+        if self.placed.visit(v.index()) {
+            self.vertices[v.index()] = mesh.vertex(v);
+        }
+        self.vertices[v.index()]
+    }
+
+    /// Readies a look from `place` [m] at the `patches`.
+    fn measure(&mut self, body: &Body, place: Vec3, patches: Range<u32>) {
+        self.candidates.clear();
+        for i in patches {
+            let away = (self.middles[i as usize] - place).norm_squared();
+            let far = NEAR + MOST_STRETCH * body.patches().extent(i)[0];
+            if away <= far * far {
+                self.candidates.push((i, away));
+            }
+        }
+    }
+
+    /// Places those of all triangles that share a corner with one.
+    fn place_around(&mut self, body: &Body, mesh: &ActiveMesh, t: Triangle) {
+        let around = body.triangle(t).into_iter().flat_map(|v| body.triangles_around(v));
+        for v in around.flat_map(|t| body.triangle(*t)) {
+            self.at(mesh, v);
+        }
+    }
+
+    /// The displayed surface, which takes less where it has been placed.
+    fn shown<'a>(&'a self, body: &'a Body, mesh: &'a ActiveMesh) -> Touchable<'a> {
+        Touchable { body, mesh, vertices: &self.vertices, near: &self.placed }
     }
 }
 
@@ -127,35 +160,46 @@ pub fn meet(organs: &Organs, tick: u64, room: u32, memory: &mut Vec<Meeting>, ou
     if window.low.x > window.high.x {
         return;
     }
-    work.nearby.place(body, mesh, window.grown(work.longest_edge), &mut work.vertices);
-    let on = &Touchable { body, mesh, vertices: &work.vertices, near: work.nearby.placed() };
-    for m in &work.before {
-        let seen = Patch::of(on, m.patch).and_then(|patch| patch.follow(on, m.triangle));
+    work.begin(body, mesh);
+    let patches = body.patches();
+    for k in 0..work.before.len() {
+        let m = work.before[k];
+        if !(tick + u64::from(m.patch)).is_multiple_of(rest(m.gap)) {
+            memory.push(m);
+            continue;
+        }
+        let seen = Patch::of(organs, m.patch, work).and_then(|patch| patch.follow(organs, m.triangle, work));
         if let Some(seen) = seen.filter(|seen| seen.gap < NEAR) {
             let Seen { triangle, weights, gap, normal, share, .. } = seen;
-            memory.push(Meeting { triangle, weights, gap, normal, share, ..*m });
+            memory.push(Meeting { triangle, weights, gap, normal, share, ..m });
         }
     }
     let mut left = room;
-    let looked_at = (0..body.patches().count()).filter(|i| (u64::from(*i) + tick).is_multiple_of(LOOKS));
-    for i in looked_at {
-        let own = body.patches().organ(i);
+    for i in (0..patches.count()).filter(|i| (u64::from(*i) + tick).is_multiple_of(LOOKS)) {
+        let own = patches.organ(i);
         if left == 0 || memory.len() == MOST_MEETINGS {
             break;
         }
-        let Some(patch) = Patch::of(on, i).filter(|patch| window.contains(&patch.place)) else { continue };
+        let far = MOST_STRETCH * patches.extent(i)[0];
+        if !window.grown(far).contains(&work.middles[i as usize]) {
+            continue;
+        }
+        let Some(patch) = Patch::of(organs, i, work).filter(|patch| window.contains(&patch.place)) else {
+            continue;
+        };
         for other in (0..body.organs().len()).map(OrganId::at).filter(|other| *other != own) {
             let place = memory.binary_search_by_key(&(i, other), |m| (m.patch, m.other));
             let Err(place) = place else { continue };
             if left == 0 || memory.len() == MOST_MEETINGS || !boxes[other.index()].grown(NEAR).contains(&patch.place) {
                 continue;
             }
-            if let Some(seen) = patch.look(on, body.patches().of_organ(other), work.longest_edge) {
+            if let Some(seen) = patch.look(organs, patches.of_organ(other), work) {
                 memory.insert(place, seen.met_anew(i, other));
                 left -= 1;
             }
         }
     }
+    let on = &work.shown(body, mesh);
     for m in memory.iter_mut() {
         m.held = m.gap < MARGIN;
         if m.held {
@@ -168,20 +212,10 @@ pub fn meet(organs: &Organs, tick: u64, room: u32, memory: &mut Vec<Meeting>, ou
     }
 }
 
-/// Around each organ [m].
-fn boxes(body: &Body, mesh: &ActiveMesh) -> [Bounds; MOST_ORGANS] {
-    let mut boxes = [Bounds::NOTHING; MOST_ORGANS];
-    for &slot in mesh.active().iter().chain(mesh.interface()) {
-        let around = &mut boxes[body.organ_of(mesh.node(slot)).index()];
-        let x = mesh.position(slot);
-        (around.low, around.high) = (around.low.inf(&x), around.high.sup(&x));
-    }
-    for (around, organ) in boxes.iter_mut().zip(body.organs()) {
-        // Elements are at most about so much larger than their level's spacing, and no vertex hangs farther outside of one.
-        let spacing = organ.levels.iter().map(|level| level.spacing).fold(0.0, Real::max);
-        *around = around.grown(3.0 * MOST_ASIDE * spacing + ASIDE);
-    }
-    boxes
+/// Ticks, a power of two, within which what is this far from another organ [m] does not come to be a constraint.
+fn rest(gap: Real) -> u64 {
+    let ticks = ((gap - MARGIN) / (FASTEST_SURFACE * TICK)).max(1.0) as u64;
+    1 << ticks.min(LOOKS).ilog2()
 }
 
 /// Around all places where the boxes of two of so many organs are near each other [m].
@@ -215,9 +249,14 @@ struct Face {
 }
 
 impl Face {
-    fn of(on: &Touchable, triangle: Triangle) -> Self {
-        let corners = on.body.triangle(triangle).map(|v| on.vertex(v));
+    fn new(triangle: Triangle, corners: [Vec3; 3]) -> Self {
         Self { triangle, corners, area: (corners[1] - corners[0]).cross(&(corners[2] - corners[0])) }
+    }
+
+    /// Its place that is nearest to `p` [m].
+    fn nearest(&self, p: Vec3) -> Vec3 {
+        let [a, b, c] = self.corners.map(to_parry);
+        from_parry(Flat::new(a, b, c).project_local_point(to_parry(p), false).point)
     }
 }
 
@@ -255,80 +294,99 @@ impl Seen {
 
 impl Patch {
     /// `None` where it has no normal.
-    fn of(on: &Touchable, i: u32) -> Option<Self> {
-        let all = on.body.patches().of(i);
-        let around = on.body.triangles_around(all.first()?.0);
-        let normal: Vec3 = around.iter().map(|t| area_vector(on, *t)).sum();
-        let place = all.iter().map(|(v, w)| on.vertex(*v) * *w).sum();
-        Some(Self { place, normal: normal.try_normalize(0.0)?, radius: on.body.patches().radius(i) })
+    fn of(organs: &Organs, i: u32, work: &mut Workspace) -> Option<Self> {
+        let Organs { body, mesh, .. } = *organs;
+        let (all, middle) = (body.patches().of(i), body.patches().middle(i));
+        let mut normal = Vec3::zeros();
+        for t in body.triangles_around(middle) {
+            let [a, b, c] = body.triangle(*t).map(|v| work.at(mesh, v));
+            normal += (b - a).cross(&(c - a));
+        }
+        let place = all.iter().map(|(v, w)| work.at(mesh, *v) * *w).sum();
+        Some(Self { place, normal: normal.try_normalize(0.0)?, radius: body.patches().radius(i) })
     }
 
     /// What is next to it beside what was next to it a tick ago.
-    fn follow(&self, on: &Touchable, was: Triangle) -> Option<Seen> {
+    fn follow(&self, organs: &Organs, was: Triangle, work: &mut Workspace) -> Option<Seen> {
+        let Organs { body, mesh, .. } = *organs;
         let mut best: Option<Seen> = None;
         let mut at = was;
         for _ in 0..MOST_STEPS {
-            for t in on.body.triangle(at).iter().flat_map(|v| on.body.triangles_around(*v)) {
-                let face = Face::of(on, *t);
-                if face.area.dot(&self.normal) < 0.0 {
-                    self.consider(&face, &mut best);
-                }
+            work.place_around(body, mesh, at);
+            let on = work.shown(body, mesh);
+            let face = |t: Triangle| Face::new(t, body.triangle(t).map(|v| on.vertex(v)));
+            self.consider(&face(at), &mut best);
+            for t in body.triangle(at).iter().flat_map(|v| body.triangles_around(*v)) {
+                self.consider(&face(*t), &mut best);
             }
             match best.as_ref().map(|seen| seen.triangle) {
                 Some(next) if next != at => at = next,
                 _ => break,
             }
         }
-        best.and_then(|seen| self.met(on, seen))
+        best.and_then(|seen| self.met(organs, seen, work))
     }
 
     /// What is next to it on the `patches` of another organ, if it is near.
-    fn look(&self, on: &Touchable, patches: Range<u32>, longest_edge: Real) -> Option<Seen> {
+    fn look(&self, organs: &Organs, patches: Range<u32>, work: &mut Workspace) -> Option<Seen> {
+        let Organs { body, mesh, .. } = *organs;
         let mut best: Option<Seen> = None;
-        // The nearest of all, whichever way it faces: its distance [m²], and whether the patch is in front of it.
-        let mut nearest = (Real::INFINITY, true);
-        let near = NEAR + longest_edge;
-        for i in patches {
-            let (triangles, reach) = on.body.patches().triangles(i);
-            let middle = on.body.patches().of(i).first().map(|(v, _)| on.vertex(*v));
-            let far = NEAR + MOST_STRETCH * reach;
-            if middle.is_none_or(|middle| (middle - self.place).norm_squared() > far * far) {
-                continue;
-            }
-            for t in triangles {
-                let face = Face::of(on, *t);
-                if (face.corners[0] - self.place).norm_squared() < near * near {
-                    let away = self.place - self.consider(&face, &mut best);
-                    if away.norm_squared() < nearest.0 {
-                        nearest = (away.norm_squared(), face.area.dot(&away) > 0.0);
-                    }
-                }
-            }
+        work.measure(body, self.place, patches.clone());
+        // From the nearest middle on: what is found there leaves most of the rest too far.
+        let first =
+            (0..work.candidates.len()).min_by(|i, j| work.candidates[*i].1.total_cmp(&work.candidates[*j].1))?;
+        work.candidates.swap(0, first);
+        for k in 0..work.candidates.len() {
+            let far = best.as_ref().map_or(NEAR, |seen| seen.squared.sqrt().min(NEAR));
+            near(organs, (k, self.place, far), work, |face| self.consider(&face, &mut best));
         }
+        let seen = best?;
+        work.place_around(body, mesh, seen.triangle);
+        let seen = self.met(organs, seen, work).filter(|seen| seen.gap.abs() < NEAR)?;
         // Behind what faces it, but outside: on the far side of a thin organ.
-        let is_outside = |seen: &Seen| nearest.1 && nearest.0 < seen.squared * (1.0 - STRAIGHT);
-        let seen = best.and_then(|seen| self.met(on, seen)).filter(|seen| seen.gap.abs() < NEAR);
-        seen.filter(|seen| seen.gap >= 0.0 || !is_outside(seen))
+        (seen.gap >= 0.0 || !self.is_outside(organs, &seen, work)).then_some(seen)
     }
 
-    /// The place of the `face` that is nearest [m]; takes it for the `best` where it faces the patch and is nearer.
-    fn consider(&self, face: &Face, best: &mut Option<Seen>) -> Vec3 {
-        let Face { triangle, corners, area } = face;
-        let [a, b, c] = corners.map(to_parry);
-        let nearest = from_parry(Flat::new(a, b, c).project_local_point(to_parry(self.place), false).point);
+    /// Whether the patch is in front of the triangle of the candidates that is nearest of all, whichever way it faces, where that is nearer
+    /// than what was `seen`.
+    fn is_outside(&self, organs: &Organs, seen: &Seen, work: &mut Workspace) -> bool {
+        let mut nearest = (seen.squared * (1.0 - STRAIGHT), false);
+        for k in 0..work.candidates.len() {
+            near(organs, (k, self.place, seen.squared.sqrt()), work, |face| {
+                let away = self.place - face.nearest(self.place);
+                if away.norm_squared() < nearest.0 {
+                    nearest = (away.norm_squared(), face.area.dot(&away) > 0.0);
+                }
+            });
+        }
+        nearest.1
+    }
+
+    /// Takes the place of the `face` that is nearest for the `best` where it faces the patch and is nearer.
+    fn consider(&self, face: &Face, best: &mut Option<Seen>) {
+        let facing = -face.area.dot(&self.normal);
+        if facing <= 0.0 || facing * facing <= FACING * FACING * face.area.norm_squared() {
+            return;
+        }
+        // None of its places is nearer than its plane, but for rounding.
+        let height = face.area.dot(&(self.place - face.corners[0]));
+        let plane = height * height * (1.0 + STRAIGHT);
+        if best.as_ref().is_some_and(|seen| plane >= seen.squared * face.area.norm_squared()) {
+            return;
+        }
+        let nearest = face.nearest(self.place);
         let squared = (self.place - nearest).norm_squared();
-        if area.dot(&self.normal) < -FACING * area.norm()
-            && best.as_ref().is_none_or(|seen| squared < seen.squared)
-            && let Some(weights) = weights_in_triangle(corners, nearest)
+        if best.as_ref().is_none_or(|seen| squared < seen.squared)
+            && let Some(weights) = weights_in_triangle(&face.corners, nearest)
         {
             let normal = Vec3::zeros();
-            *best = Some(Seen { squared, triangle: *triangle, weights, gap: 0.0, normal, share: 1.0 });
+            *best = Some(Seen { squared, triangle: face.triangle, weights, gap: 0.0, normal, share: 1.0 });
         }
-        nearest
     }
 
     /// How the patch is to the place that was `seen` to be nearest; `None` where it is beyond the edge of what faces it.
-    fn met(&self, on: &Touchable, seen: Seen) -> Option<Seen> {
+    fn met(&self, organs: &Organs, seen: Seen, work: &Workspace) -> Option<Seen> {
+        let on = &work.shown(organs.body, organs.mesh);
         let normal = smooth_normal(on, seen.triangle, seen.weights)?;
         let away = self.place - on.displayed(seen.triangle, seen.weights);
         let flat = area_vector(on, seen.triangle).try_normalize(0.0)?;
@@ -343,6 +401,23 @@ impl Patch {
         // A patch whose middle is beyond an edge, but behind it, lies on it with less and less until all of it has slid off.
         let share = 1.0 - aside / self.radius;
         (share > 0.0).then_some(Seen { gap: height, normal, share, ..seen })
+    }
+}
+
+/// Calls `with` each triangle of candidate `k` of which some place may be no farther than `far` [m] from `place` [m].
+fn near(organs: &Organs, (k, place, far): (usize, Vec3, Real), work: &mut Workspace, mut with: impl FnMut(Face)) {
+    let Organs { body, mesh, .. } = *organs;
+    let (i, away) = work.candidates[k];
+    let [reach, edge] = body.patches().extent(i).map(|rest| MOST_STRETCH * rest);
+    if away > (far + reach).powi(2) {
+        return;
+    }
+    let most = (far + edge).powi(2);
+    for t in body.patches().triangles(i) {
+        let corners = body.triangle(*t);
+        if (work.at(mesh, corners[0]) - place).norm_squared() <= most {
+            with(Face::new(*t, corners.map(|v| work.at(mesh, v))));
+        }
     }
 }
 

@@ -21,7 +21,7 @@ pub struct Obstacle {
     pub shape: Form,
     /// Coulomb's coefficient of friction μ on the body.
     pub friction: Real,
-    /// Where it is at tick 0.
+    /// Where it begins.
     pub pose: Pose,
     /// How it moves from there; `None` for an obstacle that stays.
     pub motion: Option<Periodic>,
@@ -37,7 +37,8 @@ pub enum Form {
 }
 
 impl Obstacle {
-    /// Where it is, as a tool that nobody holds and nothing pushes away, in tick `tick`; `points` are those of the last tick.
+    /// Where it is, as a tool that nobody holds and nothing pushes away, after so many ticks of its motion; `points` are those of the last
+    /// tick.
     pub fn state_at(&self, tick: u64, points: &[PointMemory]) -> ToolState {
         let at = |tick: u64| {
             let moved = self.motion.map_or(Vec3::zeros(), |motion| motion.at(tick));
@@ -63,7 +64,7 @@ impl Obstacle {
     }
 }
 
-/// How deep `obstacle`, where it is at tick 0, is in `body` at rest at most [m], and where [m]; below zero: how far away.
+/// How deep `obstacle`, where it begins, is in `body` at rest at most [m], and where [m]; below zero: how far away.
 pub fn deepest_overlap(body: &Body, obstacle: &Obstacle) -> (Real, Vec3) {
     let (pose, vertices) = (obstacle.pose, &body.surface().vertices);
     let shape = match &obstacle.shape {

@@ -5,14 +5,45 @@ use super::posed::{Posed, posed};
 use super::shape::Shape;
 use super::touchable::weights_in_triangle;
 use crate::ids::Vertex;
-use crate::math::{Real, Vec3};
-use crate::model::Body;
+use crate::math::{Bounds, Real, Vec3};
+use crate::model::active_mesh::MOST_ASIDE;
+use crate::model::organ::MOST_ORGANS;
+use crate::model::{ActiveMesh, Body};
+
+/// Slack of bounds around organs [m]: for what fades on the surface.
+const ASIDE: Real = 1e-3;
+
+/// Around each organ as it is displayed [m].
+pub fn boxes(body: &Body, mesh: &ActiveMesh) -> [Bounds; MOST_ORGANS] {
+    let mut boxes = [Bounds::NOTHING; MOST_ORGANS];
+    for &slot in mesh.active().iter().chain(mesh.interface()) {
+        let around = &mut boxes[body.organ_of(mesh.node(slot)).index()];
+        let x = mesh.position(slot);
+        (around.low, around.high) = (around.low.inf(&x), around.high.sup(&x));
+    }
+    // Weights below zero, all together: no vertex hangs farther outside of its element, by its size, but those that are extrapolated.
+    let outside = (3.0 * MOST_ASIDE).min(0.5 * (mesh.lever() - 1.0));
+    for (around, organ) in boxes.iter_mut().zip(body.organs()) {
+        // Elements are at most about so much larger than their level's spacing.
+        let spacing = organ.levels.iter().map(|level| level.spacing).fold(0.0, Real::max);
+        *around = around.grown(outside * spacing + ASIDE);
+    }
+    boxes
+}
 
 /// True when the tool neither touches nor lies inside the `body`, its display vertices where `vertices` are [m]: where it
 /// may engage.
 pub fn is_outside(body: &Body, vertices: &[Vec3], shape: &Shape, stance: &Stance) -> bool {
     let (all, parts) = posed(stance, shape);
     all[..parts].iter().all(|at| is_part_outside(body, vertices, at))
+}
+
+/// True when the tool is outside all of `boxes`, which are around the body: a quick answer, and false where it takes a look.
+pub fn is_apart(boxes: &[Bounds], shape: &Shape, stance: &Stance) -> bool {
+    let (all, parts) = posed(stance, shape);
+    let windows = all[..parts].iter().map(|at| at.window(at.part.radius()));
+    let overlap = |a: &Bounds, b: &Bounds| (0..3).all(|c| a.low[c] <= b.high[c] && b.low[c] <= a.high[c]);
+    !windows.into_iter().any(|window| boxes.iter().any(|around| overlap(&window, around)))
 }
 
 fn is_part_outside(body: &Body, vertices: &[Vec3], at: &Posed) -> bool {

@@ -18,6 +18,8 @@ pub struct Tool {
     pub shape: Shape,
     /// Coulomb's coefficient of friction μ on the body.
     pub friction: Real,
+    /// Where its shaft passes through a wall [m]: wherever a client puts it, its own +z points there.
+    pub pivot: Option<Vec3>,
 }
 
 /// Where a tool stands in its life.
@@ -89,6 +91,16 @@ pub struct Watchdog {
     pub detach: u32,
 }
 
+impl ToolEvent {
+    /// The same with a pose whose own +z points at `pivot` [m].
+    pub fn through(self, pivot: Vec3) -> Self {
+        match self {
+            Self::Pose(sample) => Self::Pose(PoseSample { pose: sample.pose.pointed(pivot), ..sample }),
+            other => other,
+        }
+    }
+}
+
 impl Watchdog {
     /// 20, 70 and 100 ms, or 3, 6 and 9 client periods where those are longer.
     pub fn for_period(period_ticks: u32) -> Self {
@@ -120,6 +132,8 @@ pub struct ToolState {
     pub remaining_ticks: u32,
     /// Ticks since it arrived.
     pub age_ticks: u32,
+    /// Ticks for which it has [waited](Phase::Waiting), as far as it is waiting.
+    pub waited: u32,
     /// Its sequence number; 0 before the first.
     pub sequence: u32,
     /// Its time stamp [ns].
@@ -219,6 +233,11 @@ impl ToolState {
         (self.physical_force, self.physical_torque, self.jaws.physical_torque) = Default::default();
     }
 
+    /// It has to be outside the body before it touches.
+    pub fn wait(&mut self) {
+        (self.phase, self.ramp, self.waited) = (Phase::Waiting, 0.0, 0);
+    }
+
     fn take(&mut self, sample: &PoseSample) {
         self.age_ticks = 0;
         self.sequence = sample.sequence;
@@ -230,7 +249,7 @@ impl ToolState {
         match self.phase {
             // A tool that touches nothing may be anywhere at once.
             Phase::Detached => {
-                self.phase = Phase::Waiting;
+                self.wait();
                 (self.pose, self.device) = (sample.pose, sample.pose);
                 self.remaining_ticks = 0;
             }
@@ -238,7 +257,7 @@ impl ToolState {
             Phase::Holding if self.ramp > 0.0 => self.phase = Phase::Engaged,
             Phase::Holding => {
                 self.let_go();
-                self.phase = Phase::Waiting;
+                self.wait();
             }
             Phase::Waiting | Phase::Engaged => {}
         }
@@ -373,6 +392,22 @@ mod tests {
         tool.follow(Some(&at(0.0, 1)), &Mechanism::default(), 1e-3, &BOUNDS);
         tool.phase = Phase::Engaged;
         tool
+    }
+
+    #[test]
+    fn a_tool_through_a_pivot_points_there_wherever_its_client_puts_it() {
+        let pivot = Vec3::new(0.0, 0.1, 0.2);
+        let mut tool = engaged(1);
+        for i in 2..300 {
+            let event = at(5e-4 * Real::from(i), i).through(pivot);
+            tool.follow(Some(&event), &Mechanism::default(), 1e-3, &BOUNDS);
+            tool.phase = Phase::Engaged;
+        }
+        let shaft = tool.pose.rotate(Vec3::z());
+        assert!(
+            (tool.pose.position.x - 0.1495).abs() < 1e-12 && shaft.cross(&(pivot - tool.pose.position)).norm() < 1e-12
+        );
+        assert_eq!(ToolEvent::Detach.through(pivot), ToolEvent::Detach);
     }
 
     #[test]

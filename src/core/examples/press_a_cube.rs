@@ -20,9 +20,10 @@ pub fn press_a_cube() -> Result<Vec3, Box<dyn Error>> {
 
     let settings = Settings {
         gravity: Vec3::zeros(),
-        tools: vec![Tool { name: "ball".into(), shape: Shape::ball(0.02), friction: 0.0 }],
+        tools: vec![Tool { name: "ball".into(), shape: Shape::ball(0.02), friction: 0.0, pivot: None }],
         obstacles: vec![],
         organ_friction: Default::default(),
+        support_motions: vec![],
         following: Following { speed: 1.0, engage_ticks: 1 },
         limits: ForceLimits { force: 100.0, torque: 10.0, slew: 1e6 },
         adaptivity: None,

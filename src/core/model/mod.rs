@@ -30,5 +30,5 @@ pub use body::Body;
 pub use constraint::{Constraint, Friction, Row};
 pub use material::Material;
 pub use organ::Organ;
-pub use periodic::Periodic;
+pub use periodic::{Periodic, SupportMotion};
 pub use state::State;

@@ -1,6 +1,8 @@
 //! Prescribed periodic motion, as breathing or a heartbeat makes it.
 
-use crate::math::{Real, Vec3};
+use super::body::Body;
+use crate::ids::OrganId;
+use crate::math::{Bounds, Pose, Real, Vec3};
 
 /// A displacement that comes and goes once a period: it rises, stays, falls and is zero for what is left of it. Rise and fall
 /// are those of least jerk, `u³ (10 − 15 u + 6 u²)` [Flash & Hogan 1985]: velocity and acceleration have no steps.
@@ -31,6 +33,37 @@ impl Periodic {
             0.0
         };
         self.displacement * part
+    }
+}
+
+/// Supports that move together, each as far as the others.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SupportMotion {
+    /// Of this organ, ...
+    pub organ: OrganId,
+    /// ... whose own frame this is, ...
+    pub frame: Pose,
+    /// ... the supports of surface points that are in this region of the frame at rest [m].
+    pub region: Bounds,
+    /// Corners of the region are fractions of the organ's box in its frame instead of metres.
+    pub relative: bool,
+    /// How they move, in the frame of the world.
+    pub motion: Periodic,
+}
+
+impl SupportMotion {
+    /// Numbers of its supports among [`Body::supports`].
+    pub fn supports(&self, body: &Body) -> Vec<u32> {
+        let Some(organ) = body.organs().get(self.organ.index()) else { return Vec::new() };
+        let place = |v: usize| self.frame.to_own(body.surface().vertices[v]);
+        let own = Bounds::of(organ.vertices.clone().map(place));
+        let corner = |at: Vec3| if self.relative { own.low + own.size().component_mul(&at) } else { at };
+        // A hair of tolerance, so that a face of the region that coincides with one of the body has it.
+        let slack = 1e-9 + 1e-6 * own.size().norm();
+        let region = Bounds::new(corner(self.region.low), corner(self.region.high)).grown(slack);
+        let all = (0..).zip(body.supports());
+        let own = all.filter(|(_, support)| organ.vertices.contains(&support.vertex.index()));
+        own.filter(|(_, support)| region.contains(&place(support.vertex.index()))).map(|(h, _)| h).collect()
     }
 }
 

@@ -5,12 +5,16 @@ use super::room::{self, Room, part_of};
 use crate::contact::ground::{self, Ground};
 use crate::contact::meeting::{self, Met, Organs};
 use crate::contact::obstacle::Form;
-use crate::contact::outside::is_outside;
+use crate::contact::outside::{boxes, is_apart, is_outside};
 use crate::contact::rigid::{Found, Rigid};
-use crate::contact::tool::Phase;
+use crate::contact::tool::{Phase, ToolState};
 use crate::ids::ToolId;
 use crate::model::step_class;
 use crate::stepping::work::{self, Budget, Laps, Part};
+
+/// Ticks after which a tool that was not outside, and is within the bounds of the body, is looked at again: each look takes all of the
+/// display surface. With many, a hand that comes out of the body and goes back in at once may wait on.
+const WAITING_TICKS: u32 = 8;
 
 impl Simulation {
     /// Time that finding contacts takes [ns] with as many points as in the last tick, but at least `least` in all, and how
@@ -49,7 +53,7 @@ impl Simulation {
         self.find_tool_contacts(&mut room, laps);
         for (i, (of, points)) in self.settings.obstacles.iter().zip(&mut self.obstacle_points).enumerate() {
             laps.lap(Part::Fixed, 0);
-            let (id, state) = (ToolId::at(self.tools.len() + i), &of.state_at(self.tick, points));
+            let (id, state) = (ToolId::at(self.tools.len() + i), &of.state_at(self.moved_for, points));
             let out = Found { constraints: &mut self.constraints, points_of_action: &mut self.points_of_action };
             match &of.shape {
                 Form::Ground => {
@@ -85,12 +89,23 @@ impl Simulation {
             self.points.iter_mut().for_each(Vec::clear);
             return;
         }
-        if self.tools.iter().any(|t| t.phase == Phase::Waiting) {
+        let is_waiting = |t: &ToolState| t.phase == Phase::Waiting;
+        let looks = |t: &ToolState| is_waiting(t) && t.waited.is_multiple_of(WAITING_TICKS);
+        let boxes = self.tools.iter().any(is_waiting).then(|| boxes(&self.body, &self.mesh));
+        let boxes = boxes.as_ref().map_or(&[][..], |boxes| &boxes[..self.body.organs().len()]);
+        if self.tools.iter().any(looks) {
             self.mesh.skin(&mut self.vertices);
         }
         for (i, (tool, points)) in self.tools.iter_mut().zip(&mut self.points).enumerate() {
             let of = &self.settings.tools[i];
-            if tool.phase == Phase::Waiting && is_outside(&self.body, &self.vertices, &of.shape, &tool.stance()) {
+            let is_free = |tool: &ToolState| {
+                let stance = &tool.stance();
+                is_apart(boxes, &of.shape, stance)
+                    || looks(tool) && is_outside(&self.body, &self.vertices, &of.shape, stance)
+            };
+            if is_waiting(tool) && !is_free(tool) {
+                tool.waited = tool.waited.saturating_add(1);
+            } else if is_waiting(tool) {
                 tool.phase = Phase::Engaged;
                 tool.stand();
                 // It may have touched elsewhere a tick ago, before its client let go of it and took it up again.

@@ -7,6 +7,7 @@ use crate::contact::obstacle::Obstacle;
 use crate::contact::safety::ForceLimits;
 use crate::contact::tool::{Following, MOST_TOOLS, Tool, ToolEvent};
 use crate::math::Vec3;
+use crate::model::SupportMotion;
 use crate::stepping::work::{Budget, Prices};
 
 /// What a simulation is told once.
@@ -20,6 +21,8 @@ pub struct Settings {
     pub obstacles: Vec<Obstacle>,
     /// What of friction is between organs.
     pub organ_friction: Between,
+    /// Supports that do not stay where they are; one that is in several of these follows the last.
+    pub support_motions: Vec<SupportMotion>,
     /// How tools follow their poses.
     pub following: Following,
     /// Bounds on rendered forces.

@@ -61,6 +61,8 @@ pub struct Simulation {
     path: Simd,
     tick: u64,
     frozen: u32,
+    /// As [`Snapshot::moved_for`].
+    moved_for: u64,
     prices: Prices,
     entangled: u32,
     mesh: ActiveMesh,
@@ -144,6 +146,7 @@ impl Simulation {
             path: Simd::best(),
             tick: start.tick,
             frozen: start.frozen,
+            moved_for: start.moved_for,
             prices: start.prices,
             entangled: start.entangled,
             tools: start.tools,
@@ -159,7 +162,7 @@ impl Simulation {
             adaptation: adaptation::Workspace::new(&body, &settings.adaptivity.clone().unwrap_or_default()),
             stepping: step::Workspace::new(&mesh, most_constraints),
             detection: detection::Workspace::new(&body, &mesh, tools + obstacles, most_points),
-            meeting: meeting::Workspace::new(&body, &mesh),
+            meeting: meeting::Workspace::new(&body),
             outputs: Outputs {
                 tick: start.tick,
                 tools: vec![ToolOutput::default(); tools],
@@ -181,6 +184,16 @@ impl Simulation {
             body,
             settings,
         };
+        if !simulation.settings.support_motions.is_empty() {
+            let moving: Vec<_> =
+                simulation.settings.support_motions.iter().map(|of| of.supports(&simulation.body)).collect();
+            if let Some(still) = moving.iter().position(Vec::is_empty) {
+                return Err(format!("motion {} of supports: there are none in its region", still + 1));
+            }
+            simulation.mesh.join_supports(&simulation.body, &moving);
+            simulation.move_supports();
+            simulation.mesh.follow_offsets(&simulation.body);
+        }
         if !start.parameters.is_empty() {
             simulation.assume_all(&start.parameters, &start.stiffening);
             simulation.mesh.restore(&simulation.body, &simulation.start);
@@ -243,15 +256,9 @@ impl Simulation {
 
     /// Changes the body between ticks: for tests, studies and for settling a body before it is served.
     pub fn mesh_mut(&mut self) -> &mut ActiveMesh {
-        self.forget_places();
+        self.detection.forget();
         self.detection.follow_change(&self.body, &self.mesh);
         &mut self.mesh
-    }
-
-    /// What is where may have changed at once.
-    fn forget_places(&mut self) {
-        self.detection.forget();
-        self.meeting.iter_mut().for_each(meeting::Workspace::forget);
     }
 
     /// Where organs meet, or are about to.
@@ -288,6 +295,7 @@ impl Simulation {
 
     fn begin(&mut self, inputs: &Inputs) {
         self.tick += 1 + u64::from(inputs.lapsed);
+        self.moved_for += 1;
         self.outputs.tick = self.tick;
         self.outputs.restored = false;
         self.prices = inputs.prices.unwrap_or(self.prices);
@@ -298,12 +306,25 @@ impl Simulation {
             self.set(parameter);
         }
         self.stiffen();
+        if !self.settings.support_motions.is_empty() {
+            self.move_supports();
+            self.mesh.follow_offsets(&self.body);
+        }
+    }
+
+    /// Supports are where their motion has them by now.
+    fn move_supports(&mut self) {
+        for (number, of) in self.settings.support_motions.iter().enumerate() {
+            self.mesh.move_supports(number, of.motion.at(self.moved_for));
+        }
     }
 
     fn back_to_start(&mut self) {
+        self.moved_for = 0;
+        self.move_supports();
         self.mesh.restore(&self.body, &self.start);
         self.mesh.reclass_stiffened(&self.body);
-        self.forget_places();
+        self.detection.forget();
         (self.entangled, self.frozen) = (0, 0);
         self.points.iter_mut().chain(&mut self.obstacle_points).for_each(Vec::clear);
         self.meetings.clear();
@@ -312,8 +333,7 @@ impl Simulation {
         // The shape jumps back under the tools: they have to come from outside again.
         for tool in &mut self.tools {
             if tool.touches() {
-                tool.phase = Phase::Waiting;
-                tool.ramp = 0.0;
+                tool.wait();
             }
         }
     }
@@ -321,6 +341,7 @@ impl Simulation {
     fn move_tools(&mut self, inputs: &Inputs) {
         for ((tool, of), event) in self.tools.iter_mut().zip(&self.settings.tools).zip(&inputs.tools) {
             tool.lapse(inputs.lapsed, &self.settings.following);
+            let event = event.map(|event| of.pivot.map_or(event, |pivot| event.through(pivot)));
             tool.follow(event.as_ref(), &Mechanism::of(&of.shape), TICK, &self.settings.following);
         }
     }
@@ -372,7 +393,6 @@ impl Simulation {
             let adapted = &self.outputs.adapted;
             if adapted.splits + adapted.merges > 0 {
                 self.detection.follow_change(&self.body, &self.mesh);
-                self.meeting.iter_mut().for_each(|work| work.follow_change(&self.body, &self.mesh));
                 self.begin_transitions();
                 laps.lap(Part::Change, 0);
             }
@@ -482,7 +502,7 @@ impl Simulation {
         for (i, (of, points)) in self.settings.obstacles.iter().zip(&mut self.obstacle_points).enumerate() {
             let own;
             (own, constraints) = constraints.split_at(points.len().min(constraints.len()));
-            let (id, state) = (ToolId::at(self.tools.len() + i), of.state_at(self.tick, points));
+            let (id, state) = (ToolId::at(self.tools.len() + i), of.state_at(self.moved_for, points));
             if !stood_still {
                 let middle = state.middle().pose;
                 (self.outputs.obstacles[i], _) =

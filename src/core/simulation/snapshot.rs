@@ -18,6 +18,9 @@ pub struct Snapshot {
     pub tick: u64,
     /// Ticks in a row until now in which the body stood still.
     pub frozen: u32,
+    /// Ticks for which supports and obstacles have followed their [motion](crate::model::Periodic) since it began: those that were
+    /// simulated since the start, or the last return to it.
+    pub moved_for: u64,
     /// What work costs.
     pub prices: Prices,
     /// Frames in a row that the body, which nothing touches, has been entangled in itself.
@@ -50,6 +53,7 @@ impl Snapshot {
         Self {
             tick: 0,
             frozen: 0,
+            moved_for: 0,
             prices: Prices::COMMON,
             entangled: 0,
             parameters: Vec::new(),
@@ -101,6 +105,7 @@ impl Simulation {
     fn save_rest_into(&self, snapshot: &mut Snapshot) {
         snapshot.tick = self.tick;
         snapshot.frozen = self.frozen;
+        snapshot.moved_for = self.moved_for;
         snapshot.prices = self.prices;
         snapshot.entangled = self.entangled;
         snapshot.parameters.clear();
@@ -120,6 +125,7 @@ impl Simulation {
         let mut hash = xxhash_rust::xxh3::Xxh3::new();
         hash.update(&self.tick.to_le_bytes());
         hash.update(&self.frozen.to_le_bytes());
+        hash.update(&self.moved_for.to_le_bytes());
         hash.update(bytemuck::cast_slice(&self.prices.0));
         hash.update(&self.entangled.to_le_bytes());
         self.parameters.iter().for_each(|parameter| hash_saved(parameter, &mut hash));
@@ -140,9 +146,11 @@ impl Simulation {
     pub fn load(&mut self, snapshot: &Snapshot) {
         (self.tick, self.frozen, self.entangled) = (snapshot.tick, snapshot.frozen, snapshot.entangled);
         self.prices = snapshot.prices;
+        self.moved_for = snapshot.moved_for;
+        self.move_supports();
         self.assume_all(&snapshot.parameters, &snapshot.stiffening);
         self.mesh.restore(&self.body, &snapshot.body);
-        self.forget_places();
+        self.detection.forget();
         self.tools.copy_from_slice(&snapshot.tools);
         copy_points(&mut self.points, &snapshot.points);
         self.obstacle_points.iter_mut().for_each(Vec::clear);

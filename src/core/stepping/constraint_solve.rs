@@ -6,12 +6,12 @@
 //! and on the other points' dents. The gap is closed as a whole: scaling it (Baumgarte) would make the force too small,
 //! because G turns gap into force. Where there is friction, the tangential multiplier follows the same way, and is then cut
 //! to the disc of radius μ λ [Coulomb]. A tool that hangs on springs gives way to the sum of its points' forces and turns
-//! with the sum of their moments: compliances that all of them share. What an impulse at one point does to the velocity of another of
-//! the same tool is known for the whole tick ([`prepare`]), so that the sweeps leave the nodes alone.
+//! with the sum of their moments: compliances that all of them share. What an impulse at one point does to the velocity of another is
+//! known for the whole tick ([`prepare`]), so that the sweeps leave the nodes alone: these get what all sweeps have added up to.
 
 use crate::math::{Real, Vec3};
 use crate::model::active_mesh::Motion;
-use crate::model::constraint::{Coupling, Foot, MOST_POINTS, MOST_PUSHERS, Pushed};
+use crate::model::constraint::{Coupling, Foot, MOST_PUSHERS, MOST_ROW_NODES, Pushed};
 use crate::model::element_kernel::Padded;
 use crate::model::sweeps::sweep;
 use crate::model::{ActiveMesh, Constraint};
@@ -44,17 +44,62 @@ struct Point {
     multiplier: Real,
     /// Along the surface [N].
     tangential: Vec3,
-    /// What the nodes have not been given yet [N·s].
+    /// Of all sweeps, and what they start from [N·s].
     impulse: Vec3,
 }
 
 /// Constraints whose compliances are known from one to another: those of a tool, or one patch on the ground.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 struct Group {
-    first: usize,
-    end: usize,
-    /// Whether others hang on the same nodes.
-    shared: bool,
+    own: Range<usize>,
+    /// Constraints among which are all that hang on nodes of these.
+    reach: Range<usize>,
+}
+
+/// What an impulse at one constraint adds to the velocity of another, `W_ij = Σ_k b_ik b_jk / m_k` [1/kg], with `b` as at the start of the
+/// tick.
+#[derive(Debug)]
+struct Mobility {
+    /// Row by row; of row `i` what its group reaches.
+    all: Vec<Real>,
+    constraints: usize,
+}
+
+impl Mobility {
+    #[inline(always)]
+    fn between(&mut self, i: usize, j: usize) -> &mut Real {
+        &mut self.all[i * self.constraints + j]
+    }
+
+    #[inline(always)]
+    fn of(&self, i: usize, reach: &Range<usize>) -> &[Real] {
+        &self.all[i * self.constraints..][reach.clone()]
+    }
+
+    /// The `group` reaches those, too.
+    #[inline(always)]
+    fn widen(&mut self, group: &mut Group, to: &Range<usize>) {
+        let Range { start, end } = group.reach.clone();
+        if start <= to.start && to.end <= end {
+            return;
+        }
+        for i in group.own.clone() {
+            let row = &mut self.all[i * self.constraints..][..self.constraints];
+            row[to.start.min(start)..start].fill(0.0);
+            row[end..to.end.max(end)].fill(0.0);
+        }
+        group.reach = to.start.min(start)..to.end.max(end);
+    }
+}
+
+/// A node's part in a constraint.
+#[derive(Clone, Copy, Debug)]
+struct Part {
+    constraint: usize,
+    group: usize,
+    weight: Real,
+    /// Number of another part of the same node.
+    next: Option<u32>,
 }
 
 /// What the solve needs beside the constraints; reused from tick to tick.
@@ -62,13 +107,13 @@ struct Group {
 pub struct Workspace {
     points: Vec<Point>,
     groups: Vec<Group>,
-    /// By constraint and by those of the same group: what an impulse at one adds to the velocity of the other,
-    /// `Σ_k b_ik b_jk / m_k` [1/kg].
-    mobility: Vec<[Real; MOST_POINTS]>,
+    mobility: Mobility,
     /// `b/m` of the nodes of one row [1/kg], by slot; else zero.
     weights: Vec<Real>,
-    /// Number of the group that hangs on a node, by slot.
-    holders: Vec<Option<u32>>,
+    /// Of all nodes in constraints, ...
+    parts: Vec<Part>,
+    /// ... and by slot the number of the last one.
+    last_part: Vec<Option<u32>>,
     /// `Σ b_i v_i` [m/s], by constraint.
     velocities: Vectors,
     /// `Σ_j G_j λ_j` [m].
@@ -98,7 +143,7 @@ impl Vectors {
 
     /// Adds `change` times `of` each to its `own`.
     #[inline(always)]
-    fn add_times(&mut self, own: &Range<usize>, of: &[Real; MOST_POINTS], change: Vec3) {
+    fn add_times(&mut self, own: &Range<usize>, of: &[Real], change: Vec3) {
         self.0.iter_mut().zip(change.iter()).for_each(|(all, x)| add_times(&mut all[own.clone()], of, *x));
     }
 }
@@ -109,9 +154,10 @@ impl Workspace {
         Self {
             points: vec![Point::default(); constraints],
             groups: Vec::with_capacity(constraints),
-            mobility: vec![[0.0; MOST_POINTS]; constraints],
+            mobility: Mobility { all: vec![0.0; constraints * constraints], constraints: 0 },
             weights: vec![0.0; slots],
-            holders: vec![None; slots],
+            parts: Vec::with_capacity(constraints * MOST_ROW_NODES),
+            last_part: vec![None; slots],
             velocities: Vectors::new(constraints),
             dents: vec![0.0; constraints],
             shears: Vectors::new(constraints),
@@ -132,48 +178,72 @@ pub fn solve(mesh: &mut ActiveMesh, constraints: &mut [Constraint], work: &mut W
 
 /// Before a solve: where organs have slid along each other, the place that one meets of the other is another. `feet` are those of the
 /// last constraints.
-pub fn follow(mesh: &ActiveMesh, constraints: &mut [Constraint], feet: &[Foot], work: &mut Workspace) {
-    let motion = &mesh.motion;
+pub fn follow(mesh: &ActiveMesh, constraints: &mut [Constraint], feet: &[Foot]) {
     let first = constraints.len() - feet.len();
-    for (i, (c, foot)) in (first..).zip(constraints[first..].iter_mut().zip(feet)) {
-        let apart = foot.follow(&mut c.row, &motion.position);
+    for (c, foot) in constraints[first..].iter_mut().zip(feet) {
+        let apart = foot.follow(&mut c.row, &mesh.motion.position);
         c.offset -= c.normal.dot(&apart);
         c.friction.anchor -= apart;
-        work.mobility[i][0] = c.row.entries().iter().map(|(n, b)| b * b * motion.inverse_mass[n.index()]).sum();
     }
 }
 
 sweep! {
     /// As [`prepare`].
     fn prepare_in(inverse_mass: &[Real], constraints: &[Constraint], work: &mut Workspace) {
-        let Workspace { groups, mobility, weights, holders, .. } = work;
+        let Workspace { groups, mobility, weights, parts, last_part, .. } = work;
+        mobility.constraints = constraints.len();
         groups.clear();
         for (i, c) in constraints.iter().enumerate() {
-            match groups.last_mut().filter(|group| group.first == c.first as usize) {
-                Some(group) => group.end = i + 1,
-                None => groups.push(Group { first: i, end: i + 1, shared: false }),
-            }
-            let own = groups.len() - 1;
-            for &(n, _) in c.row.entries() {
-                let before = holders[n.index()].replace(own as u32);
-                if let Some(other) = before.filter(|other| *other != own as u32) {
-                    (groups[own].shared, groups[other as usize].shared) = (true, true);
-                }
+            match groups.last_mut().filter(|group| group.own.start == c.first as usize) {
+                Some(group) => (group.own.end, group.reach.end) = (i + 1, i + 1),
+                None => groups.push(Group { own: i..i + 1, reach: i..i + 1 }),
             }
         }
-        let held = constraints.iter().flat_map(|c| c.row.entries());
-        held.for_each(|&(n, _)| holders[n.index()] = None);
-        for &Group { first, end, .. } in groups.iter() {
-            for i in first..end {
+        for g in 0..groups.len() {
+            let own = groups[g].own.clone();
+            for i in own.clone() {
                 let row = &constraints[i].row;
                 row.entries().iter().for_each(|&(n, b)| weights[n.index()] = b * inverse_mass[n.index()]);
-                for j in i..end {
-                    let mobile = constraints[j].row.sum(weights);
-                    (mobility[i][j - first], mobility[j][i - first]) = (mobile, mobile);
+                for (j, other) in (i..own.end).zip(&constraints[i..own.end]) {
+                    let mobile = other.row.sum(weights);
+                    (*mobility.between(i, j), *mobility.between(j, i)) = (mobile, mobile);
                 }
                 row.entries().iter().for_each(|&(n, _)| weights[n.index()] = 0.0);
             }
+            for i in own.clone() {
+                for &(n, b) in constraints[i].row.entries() {
+                    let mut next = last_part[n.index()];
+                    while let Some(part) = next.map(|k| parts[k as usize]) {
+                        let other = part.group;
+                        if !(groups[g].reach.contains(&part.constraint) && groups[other].reach.contains(&i)) {
+                            let of_other = groups[other].own.clone();
+                            mobility.widen(&mut groups[g], &of_other);
+                            mobility.widen(&mut groups[other], &own);
+                        }
+                        *mobility.between(i, part.constraint) += b * part.weight * inverse_mass[n.index()];
+                        next = part.next;
+                    }
+                }
+            }
+            // The last one's are looked for by none.
+            for i in own.filter(|_| g + 1 < groups.len()) {
+                for &(n, weight) in constraints[i].row.entries() {
+                    let last = &mut last_part[n.index()];
+                    parts.push(Part { constraint: i, group: g, weight, next: *last });
+                    *last = Some(parts.len() as u32 - 1);
+                }
+            }
         }
+        for Group { own, reach } in groups.iter() {
+            for i in own.clone() {
+                for j in reach.start..own.start {
+                    *mobility.between(j, i) = *mobility.between(i, j);
+                }
+            }
+        }
+        parts.clear();
+        let held = constraints.iter().flat_map(|c| c.row.entries());
+        held.for_each(|&(n, _)| last_part[n.index()] = None);
     }
 }
 
@@ -193,7 +263,7 @@ sweep! {
             let horizon = c.horizon.max(step);
             let due = end + (horizon - step);
             let own = i - c.first as usize;
-            let (compliance, inverse_mass) = (c.compliance[own], mobility[i][own]);
+            let (compliance, inverse_mass) = (c.compliance[own], *mobility.between(i, i));
             let (Coupling { compliance: moved, angular_compliance }, grip) = (c.held.coupling, c.held.grip.compliance);
             let opened = c.lever.dot(&c.normal);
             let turned = angular_compliance * c.arm.cross(&c.normal).norm_squared() + grip * opened * opened;
@@ -218,28 +288,23 @@ sweep! {
                 impulse: force * step,
             };
         }
-        for group in groups.iter() {
-            let own = group.first..group.end;
-            for c in &constraints[own.clone()] {
+        for (i, c) in constraints.iter().enumerate() {
+            velocities.set(i, c.row.interpolate(velocity));
+        }
+        for Group { own, reach } in groups.iter() {
+            for (i, c) in own.clone().zip(&constraints[own.clone()]) {
                 add_times(&mut dents[own.clone()], &c.compliance, c.multiplier);
-                shears.add_times(&own, &c.compliance, c.friction.multiplier * c.friction.compliance);
+                shears.add_times(own, &c.compliance, c.friction.multiplier * c.friction.compliance);
+                velocities.add_times(reach, mobility.of(i, reach), points[i].impulse);
             }
         }
-        push(velocity, inverse_mass, constraints, points);
         for sweep in 0..SWEEPS {
             // To and fro: what one end is told by the other must not take a sweep for the way back.
             let forth = sweep % 2 == 0;
             for k in 0..groups.len() {
-                let Group { first, end, shared } = groups[if forth { k } else { groups.len() - 1 - k }];
-                let own = first..end;
+                let Group { own, reach } = &groups[if forth { k } else { groups.len() - 1 - k }];
                 let Constraint { tool, held, allowed_for, .. } = &constraints[own.start];
                 let pushed = &mut pushed[tool.index()];
-                // What one group does to another goes through the nodes; between its own points, it is known beforehand.
-                if sweep == 0 || shared {
-                    for i in own.clone() {
-                        velocities.set(i, constraints[i].row.interpolate(velocity));
-                    }
-                }
                 for k in own.clone() {
                     let i = if forth { k } else { own.start + own.end - 1 - k };
                     let p = &mut points[i];
@@ -266,17 +331,15 @@ sweep! {
                         let change = tangential - p.tangential;
                         p.tangential = tangential;
                         pushed.add(&p.arm, &p.lever, &change);
-                        shears.add_times(&own, compliance, change * p.friction[1]);
+                        shears.add_times(own, compliance, change * p.friction[1]);
                         force += change;
                     }
                     p.impulse += force * step;
-                    velocities.add_times(&own, &mobility[i], force * step);
-                }
-                if sweep == SWEEPS - 1 || shared {
-                    push(velocity, inverse_mass, &constraints[own.clone()], &mut points[own]);
+                    velocities.add_times(reach, mobility.of(i, reach), force * step);
                 }
             }
         }
+        push(velocity, inverse_mass, constraints, points);
         for (c, p) in constraints.iter_mut().zip(points.iter()) {
             (c.multiplier, c.friction.multiplier) = (p.multiplier, p.tangential);
         }
@@ -285,7 +348,7 @@ sweep! {
 
 /// Adds `change` times `of` each to the `sums`.
 #[inline(always)]
-fn add_times(sums: &mut [Real], of: &[Real; MOST_POINTS], change: Real) {
+fn add_times(sums: &mut [Real], of: &[Real], change: Real) {
     for (sum, g) in sums.iter_mut().zip(of) {
         *sum += g * change;
     }
@@ -293,13 +356,12 @@ fn add_times(sums: &mut [Real], of: &[Real; MOST_POINTS], change: Real) {
 
 /// Gives the nodes the impulses of the `points` through their rows.
 #[inline(always)]
-fn push(velocity: &mut [Padded], inverse_mass: &[Real], constraints: &[Constraint], points: &mut [Point]) {
+fn push(velocity: &mut [Padded], inverse_mass: &[Real], constraints: &[Constraint], points: &[Point]) {
     for (c, p) in constraints.iter().zip(points) {
-        let impulse = std::mem::take(&mut p.impulse);
-        if impulse == Vec3::zeros() {
+        if p.impulse == Vec3::zeros() {
             continue;
         }
-        let impulse = [impulse.x, impulse.y, impulse.z, 0.0];
+        let impulse = [p.impulse.x, p.impulse.y, p.impulse.z, 0.0];
         for &(n, b) in c.row.entries() {
             let (part, v) = (b * inverse_mass[n.index()], &mut velocity[n.index()]);
             for k in 0..4 {
@@ -314,7 +376,7 @@ mod tests {
     use super::*;
     use crate::ids::{Slot, ToolId};
     use crate::model::Row;
-    use crate::model::constraint::{Coupling, Friction, Grip, Held, MOST_ROW_NODES};
+    use crate::model::constraint::{Coupling, Friction, Grip, Held};
     use crate::model::sweeps::Registers;
 
     fn number(i: usize, k: usize) -> Real {
@@ -378,7 +440,7 @@ mod tests {
             (0..12).map(|i| constraint(u32::from(i > 6), if i > 6 { 7 } else { 0 }, i)).collect();
         let mut work = Workspace::new(12, 80);
         prepare_in(registers, &motion.inverse_mass, &constraints, &mut work);
-        assert!(work.groups.len() == 2 && work.groups.iter().all(|group| group.shared));
+        assert!(work.groups.len() == 2 && work.groups.iter().all(|group| group.reach == (0..12)));
         for _ in 0..100 {
             let before = motion.velocity.clone();
             solve_in(registers, &mut motion, &mut constraints, &mut work, 1e-3, 1e-3);
@@ -394,7 +456,6 @@ mod tests {
         assert_eq!(solved(Registers::Any), solved(Registers::best()));
     }
 
-    /// Impulses go through the nodes or by what is known of them beforehand: together they leave what the rows say.
     #[test]
     fn points_that_push_lie_where_they_are_to_and_the_nodes_have_what_they_pushed() {
         let (velocity, multipliers) = solved(Registers::best());

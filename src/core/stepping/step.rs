@@ -119,6 +119,7 @@ pub fn tick(
     if !constraints.is_empty() {
         deepest = deepest.max(contact);
         collect_contact_nodes(constraints, work);
+        constraint_solve::follow(mesh, constraints, feet);
         constraint_solve::prepare(mesh, constraints, &mut work.solve);
     }
     if !body.supports().is_empty() {
@@ -141,7 +142,7 @@ pub fn tick(
         if touched {
             let step = step_class::step_of(class);
             drift(&work.contact_nodes, &mut work.time, mesh, gravity, now);
-            constraint_solve::follow(mesh, constraints, feet, &mut work.solve);
+            constraint_solve::follow(mesh, constraints, feet);
             constraint_solve::solve(mesh, constraints, &mut work.solve, step, now + step);
             for c in constraints.iter_mut() {
                 c.mean_multiplier += c.multiplier;

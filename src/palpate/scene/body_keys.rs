@@ -1,13 +1,15 @@
 //! The keys of one body of a scene: its shape and levels, its material, and where it is held.
 
 use super::elastic_keys::{ElasticKeys, LARGEST_POISSON_RATIO, STIFFNESS, fill};
+use super::motion_keys::MotionKeys;
 use garde::Validate;
 use palpate_body::geometry::mesh_io::LengthUnit;
 use palpate_body::prepare::inclusions::Place;
 use palpate_body::prepare::region::Reach;
 use palpate_body::prepare::{Elements, Region};
-use palpate_core::math::{Bounds, Real, Vec3};
-use palpate_core::model::Material;
+use palpate_core::ids::OrganId;
+use palpate_core::math::{Bounds, Pose, Real, Vec3};
+use palpate_core::model::{Material, SupportMotion};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
@@ -19,10 +21,16 @@ pub enum Source {
     Liver,
     /// The bundled kidney, about 0.11 m long.
     Kidney,
+    /// The bundled gallbladder, 0.075 m long.
+    Gallbladder,
+    /// The bundled stomach, about 0.09 m long.
+    Stomach,
     /// The bundled toy with limbs that swing.
     Toy,
     /// A box from the origin to `size`, of structured conforming meshes.
     Box,
+    /// An ellipsoid around the origin with the diameters `size`.
+    Ellipsoid,
     /// A closed surface from `file`.
     Surface,
     /// Tetrahedral meshes from `files`, one per level.
@@ -273,6 +281,10 @@ pub struct HoldKeys {
     /// Do not move the region's nodes at all (boxes and given meshes only).
     #[serde(default)]
     pub exact: bool,
+    /// How its springs' other ends move; left out: not at all.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[garde(dive)]
+    pub motion: Option<MotionKeys>,
 }
 
 impl HoldKeys {
@@ -283,6 +295,24 @@ impl HoldKeys {
             if self.relative { body.low + body.size().component_mul(&corner) } else { corner }
         };
         Region { bounds: Bounds::new(place(self.min), place(self.max)), stiffness: self.stiffness, exact: self.exact }
+    }
+
+    /// How what it holds of `organ`, whose own frame is `frame`, is moved.
+    pub(super) fn support_motion(&self, organ: OrganId, frame: Pose) -> Option<SupportMotion> {
+        let region = Bounds::new(Vec3::from(self.min), Vec3::from(self.max));
+        let motion = self.motion.as_ref()?.periodic();
+        Some(SupportMotion { organ, frame, region, relative: self.relative, motion })
+    }
+}
+
+/// What is wrong with motions of `holds` at `path`.
+pub(super) fn hold_faults(holds: &[HoldKeys], path: &str, out: &mut Vec<(String, String)>) {
+    for (i, hold) in holds.iter().enumerate() {
+        let Some(motion) = &hold.motion else { continue };
+        if hold.exact {
+            out.push((format!("{path}[{i}].motion"), "what does not move at all cannot: exact = false".into()));
+        }
+        motion.faults(&format!("{path}[{i}].motion"), out);
     }
 }
 

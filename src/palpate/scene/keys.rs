@@ -14,12 +14,12 @@ use palpate_core::contact::obstacle::{MOST_OBSTACLES, Obstacle};
 use palpate_core::contact::safety::ForceLimits;
 use palpate_core::contact::tool::{Following, MOST_TOOLS};
 use palpate_core::geometry::locate::{Host, Locator};
-use palpate_core::ids::Element;
+use palpate_core::ids::{Element, OrganId};
 use palpate_core::math::{Bounds, Pose, Real, Vec3};
 use palpate_core::model::element_pool::CLASSES;
 use palpate_core::model::organ::MOST_ORGANS;
 use palpate_core::model::step_class::step_of;
-use palpate_core::model::{Body, Material};
+use palpate_core::model::{Body, Material, SupportMotion};
 use palpate_core::simulation::{Inputs, Settings, Simulation, Snapshot, TICK};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
@@ -246,6 +246,7 @@ impl Scene {
             tools: self.tool.iter().map(ToolKeys::tool).collect(),
             obstacles: self.obstacle.iter().map(ObstacleKeys::obstacle).collect(),
             organ_friction: contact_keys::friction(&self.contact, &self.organ_names()),
+            support_motions: self.support_motions(),
             following: Following {
                 speed: self.safety.tool_speed,
                 engage_ticks: (self.safety.engage_time / TICK).ceil() as u32,
@@ -265,11 +266,22 @@ impl Scene {
         }
     }
 
-    /// [`Scene::settings`] with obstacles that stay where they begin: what a start settles under, and is judged by.
+    /// How its holds move.
+    fn support_motions(&self) -> Vec<SupportMotion> {
+        let first = self.hold.iter().map(|hold| (hold, Pose::default(), 0));
+        let further = self
+            .organ
+            .iter()
+            .zip(1..)
+            .flat_map(|(organ, i)| organ.hold.iter().map(move |hold| (hold, organ.pose(), i)));
+        first.chain(further).filter_map(|(hold, frame, i)| hold.support_motion(OrganId::at(i), frame)).collect()
+    }
+
+    /// [`Scene::settings`] with supports and obstacles that stay where they begin: what a start settles under, and is judged by.
     pub(super) fn still_settings(&self) -> Settings {
         let Settings { obstacles, .. } = self.settings();
         let still = obstacles.into_iter().map(|obstacle| Obstacle { motion: None, ..obstacle });
-        Settings { obstacles: still.collect(), ..self.settings() }
+        Settings { obstacles: still.collect(), support_motions: Vec::new(), ..self.settings() }
     }
 
     /// What of `body` this scene cannot use, in words.
@@ -345,7 +357,7 @@ impl Scene {
         }
         progress("settling under gravity", ticks, ticks);
         simulation.mesh_mut().change_motion(|_, _, v| *v = Vec3::zeros());
-        Snapshot { tick: 0, ..simulation.snapshot() }
+        Snapshot { tick: 0, moved_for: 0, ..simulation.snapshot() }
     }
 
     /// The scene with every default written out.

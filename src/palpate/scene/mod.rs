@@ -7,20 +7,22 @@ pub mod body_keys;
 pub mod contact_keys;
 mod elastic_keys;
 pub mod keys;
+pub mod motion_keys;
 pub mod obstacle_keys;
 pub mod organ_keys;
 pub mod parameters;
 pub mod prepared;
+mod shapes;
 pub mod tool_keys;
 pub mod unsettled;
 
 pub use keys::Scene;
 
-use body_keys::Source;
+use body_keys::{Source, hold_faults};
 use garde::Validate;
 use palpate_body::geometry::mesh_io::{self, Solid};
 use palpate_body::geometry::textured::TexturedMesh;
-use palpate_body::geometry::{LabelledMesh, MeshError, primitives};
+use palpate_body::geometry::{LabelledMesh, MeshError};
 use palpate_body::prepare::bodies::one_body;
 use palpate_body::prepare::body_file::{self, BodyFileError};
 use palpate_body::prepare::input::{Fineness, Input};
@@ -29,22 +31,24 @@ use palpate_body::prepare::shape_fault::ShapeFault;
 use palpate_body::prepare::{self, PrepareError, Recipe};
 use palpate_core::adaptation::step_of_level;
 use palpate_core::contact::tool::Part;
-use palpate_core::geometry::Surface;
 use palpate_core::geometry::primitives::box_mesh;
 use palpate_core::math::{Pose, Real, Vec3};
 use palpate_core::model::Body;
 use palpate_core::model::element_pool::CLASSES;
 use palpate_core::model::step_class::step_of;
+use shapes::by_formula;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// Scenes that come with the program: name and text.
-pub const BUNDLED: [(&str, &str); 6] = [
+pub const BUNDLED: [(&str, &str); 8] = [
     ("liver", include_str!("../../../config/scenes/liver.toml")),
     ("organs", include_str!("../../../config/scenes/organs.toml")),
     ("toy", include_str!("../../../config/scenes/toy.toml")),
     ("cube", include_str!("../../../config/scenes/cube.toml")),
     ("grasp", include_str!("../../../config/scenes/grasp.toml")),
+    ("squeeze", include_str!("../../../config/scenes/squeeze.toml")),
+    ("laparoscopy", include_str!("../../../config/scenes/laparoscopy.toml")),
     ("organ", include_str!("../../../config/scenes/organ.toml")),
 ];
 
@@ -357,17 +361,11 @@ impl LoadedScene {
         let at = |file: &PathBuf| self.folder.join(file);
         let failed =
             |path: PathBuf, source| SceneError::Mesh { origin: self.origin.clone(), path, source: Box::new(source) };
-        // A surface net at this spacing has about as many vertices as asked for (area over spacing squared).
-        let spacing = |area: Real| (area / keys.display_vertices as Real).sqrt();
-        let closed = |mut surface: Surface| {
+        if let Some(mut surface) = by_formula(keys) {
             surface.vertices.iter_mut().for_each(|v| *v *= keys.scale);
-            prepare::Shape::covered(surface, keys.spacings.clone(), None, keys.display_vertices)
-        };
+            return Ok(Some(prepare::Shape::covered(surface, keys.spacings.clone(), None, keys.display_vertices)));
+        }
         Ok(Some(match keys.source {
-            Source::Prepared => return Ok(None),
-            Source::Liver => closed(primitives::liver_surface(spacing(LIVER_AREA))),
-            Source::Kidney => closed(primitives::kidney_surface(spacing(KIDNEY_AREA))),
-            Source::Toy => closed(primitives::toy_surface(spacing(TOY_AREA))),
             Source::Box => {
                 let size = Vec3::from(keys.size) * keys.scale;
                 let meshes = keys.cells.iter().map(|c| box_mesh(size, *c).into()).collect();
@@ -400,14 +398,11 @@ impl LoadedScene {
                 let meshes = keys.files.iter().map(&mut read).collect::<Result<Vec<LabelledMesh>, SceneError>>()?;
                 prepare::Shape::Meshes { meshes, display_vertices: keys.display_vertices }
             }
+            // Made already.
+            _ => return Ok(None),
         }))
     }
 }
-
-/// Areas of the bundled shapes [m²]: they turn a vertex count into a spacing.
-const LIVER_AREA: Real = 0.070;
-const KIDNEY_AREA: Real = 0.018;
-const TOY_AREA: Real = 0.060;
 
 /// Reads and checks a scene's text; `origin` names it in messages.
 ///
@@ -425,6 +420,7 @@ pub fn parse(text: &str, origin: &str) -> Result<Scene, SceneError> {
     // What belongs together is looked at once each value is in its range.
     if faults.is_empty() {
         scene.material.faults("material", &mut faults);
+        hold_faults(&scene.hold, "hold", &mut faults);
         scene.organ.iter().enumerate().for_each(|(i, organ)| organ.faults(&format!("organ[{i}]"), &mut faults));
         let obstacles = scene.obstacle.iter().enumerate();
         obstacles.for_each(|(i, obstacle)| obstacle.faults(&format!("obstacle[{i}]"), &mut faults));

@@ -1,12 +1,12 @@
 //! The keys of an obstacle: what the body lies on or is met by, where it is, and how it moves.
 
+use super::motion_keys::MotionKeys;
 use super::tool_keys::{PartKeys, ToolKind, centimetre, unit_quaternion, upright};
 use super::{LoadedScene, SceneError};
 use garde::Validate;
 use palpate_core::contact::obstacle::{Form, Obstacle, deepest_overlap};
 use palpate_core::math::{Pose, Real, Vec3, normalized_quaternion};
-use palpate_core::model::{Body, Periodic};
-use palpate_core::simulation::TICK;
+use palpate_core::model::Body;
 use serde::{Deserialize, Serialize};
 
 /// `[[obstacle]]`.
@@ -58,31 +58,6 @@ pub struct ObstacleKeys {
     pub motion: Option<MotionKeys>,
 }
 
-/// `[obstacle.motion]`: to and fro, once a period.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Validate)]
-#[serde(deny_unknown_fields)]
-#[garde(allow_unvalidated)]
-pub struct MotionKeys {
-    /// How far it goes [m].
-    #[garde(inner(range(min = -1.0, max = 1.0)))]
-    pub displacement: [Real; 3],
-    /// Time until it begins again [s].
-    #[garde(range(min = 0.1, max = 600.0))]
-    pub period: Real,
-    /// Part of the period in which it goes there.
-    #[serde(default = "two_fifths")]
-    #[garde(range(min = 0.01, max = 1.0))]
-    pub rise: Real,
-    /// Part in which it stays there.
-    #[serde(default)]
-    #[garde(range(min = 0.0, max = 1.0))]
-    pub stay: Real,
-    /// Part in which it comes back.
-    #[serde(default = "two_fifths")]
-    #[garde(range(min = 0.01, max = 1.0))]
-    pub fall: Real,
-}
-
 fn plane() -> ToolKind {
     ToolKind::Plane
 }
@@ -91,36 +66,6 @@ fn up() -> [Real; 3] {
 }
 fn half() -> Real {
     0.5
-}
-fn two_fifths() -> Real {
-    0.4
-}
-
-/// Fastest that an obstacle may move [m/s]: as fast as a tool may.
-const FASTEST: Real = 1.0;
-/// Largest speed of a rise or fall of least jerk over its mean speed.
-const PEAK: Real = 1.875;
-
-impl MotionKeys {
-    fn periodic(&self) -> Periodic {
-        Periodic {
-            displacement: Vec3::from(self.displacement),
-            period: (self.period / TICK).round() as u32,
-            parts: [self.rise, self.stay, self.fall],
-        }
-    }
-
-    fn faults(&self, path: &str, out: &mut Vec<(String, String)>) {
-        // Numbers that are written as decimal fractions need not sum to one exactly.
-        if self.rise + self.stay + self.fall > 1.0 + 1e-9 {
-            out.push((format!("{path}.stay"), "rise, stay and fall are parts of a period: at most 1 together".into()));
-        }
-        let fastest = PEAK * Vec3::from(self.displacement).norm() / (self.period * self.rise.min(self.fall));
-        if fastest > FASTEST {
-            let fault = format!("it would move by {fastest:.2} m/s, and may by {FASTEST} m/s: a longer one");
-            out.push((format!("{path}.period"), fault));
-        }
-    }
 }
 
 impl ObstacleKeys {
@@ -200,9 +145,7 @@ impl LoadedScene {
 
 /// The shortest turn from +z to `normal`; `None` where that is no direction.
 fn from_z(normal: &Vec3) -> Option<[Real; 4]> {
-    let n = normal.try_normalize(1e-9)?;
-    let axis = Vec3::z().cross(&n);
-    Some(normalized_quaternion([axis.x, axis.y, axis.z, 1.0 + n.z]).unwrap_or([1.0, 0.0, 0.0, 0.0]))
+    (normal.norm() >= 1e-9).then(|| Pose::default().pointed(*normal).orientation)
 }
 
 #[cfg(test)]

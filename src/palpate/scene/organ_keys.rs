@@ -1,6 +1,6 @@
 //! Further bodies of a scene, beside `[body]`: the keys of each, and the scene that it would be alone.
 
-use super::body_keys::{BodyKeys, HoldKeys, MaterialKeys, RegionKeys};
+use super::body_keys::{BodyKeys, HoldKeys, MaterialKeys, RegionKeys, hold_faults};
 use super::elastic_keys::{ElasticKeys, LARGEST_POISSON_RATIO, STIFFNESS, fill};
 use super::tool_keys::{unit_quaternion, upright};
 use garde::Validate;
@@ -96,6 +96,7 @@ impl OrganKeys {
 
     /// Adds what is wrong with the keys together, under `path`.
     pub(super) fn faults(&self, path: &str, out: &mut Vec<(String, String)>) {
+        hold_faults(&self.hold, &format!("{path}.hold"), out);
         self.material.elastic_keys().faults(&format!("{path}.material"), out);
         let regions = self.material.region.iter().enumerate();
         regions.for_each(|(i, region)| region.faults(&format!("{path}.material.region[{i}]"), out));

@@ -64,6 +64,7 @@ fn the_reference_names_every_key_with_its_default() {
         "points",
         "displacement",
         "stay",
+        "pivot",
     ] {
         assert!(full.contains(&format!("{key} = ")), "the reference leaves out {key}");
     }
@@ -259,6 +260,40 @@ fn obstacles_that_contradict_themselves_are_named_by_key_and_line() {
     }
     let said = tools("[[tool]]\nname = \"t\"\nshape = \"plane\"").unwrap_err().to_string();
     assert!(said.contains("tool[0].shape: a plane is for [[obstacle]]"), "{said}");
+}
+
+#[test]
+fn holds_that_move_are_moved_as_their_scene_says_and_those_that_cannot_are_named() {
+    let box_ = "name = \"x\"\n[body]\nsource = \"box\"\n";
+    let hold = |keys: &str| {
+        let region = "min = [0.0, 0.0, 0.0]\nmax = [1.0, 1.0, 0.0]\nrelative = true";
+        let organ = format!(
+            "[[organ]]\nname = \"o\"\nposition = [1.0, 0.0, 0.0]\nbody = {{source = \"box\"}}\n[[organ.hold]]\n{region}\n{keys}"
+        );
+        parse(&format!("{box_}[[hold]]\n{region}\n{keys}\n{organ}"), "my.toml")
+    };
+    let motion = "motion = {displacement = [0.0, 0.0, 0.01], period = 4.0}";
+    let scene = hold(motion).unwrap();
+    let motions = scene.settings().support_motions;
+    assert_eq!(
+        motions.iter().map(|of| (of.organ.index(), of.frame.position.x)).collect::<Vec<_>>(),
+        [(0, 0.0), (1, 1.0)]
+    );
+    assert_eq!(motions[1].motion.at(1600), Vec3::z() * 0.01);
+    assert!(
+        scene.still_settings().support_motions.is_empty() && hold("").unwrap().settings().support_motions.is_empty()
+    );
+    for (keys, fault) in [
+        (format!("exact = true\n{motion}"), "hold[0].motion: what does not move at all"),
+        (format!("exact = true\n{motion}"), "organ[0].hold[0].motion: what does not move at all"),
+        (
+            "motion = {displacement = [0.0, 0.0, 0.1], period = 0.2}".into(),
+            "hold[0].motion.period: it would move by 2.34 m/s",
+        ),
+    ] {
+        let said = hold(&keys).unwrap_err().to_string();
+        assert!(said.contains(fault), "{keys}: {said}");
+    }
 }
 
 #[test]

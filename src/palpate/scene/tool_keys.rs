@@ -77,6 +77,10 @@ pub struct ToolKeys {
     #[serde(default)]
     #[garde(range(min = 0.0, max = 2.0))]
     pub friction: Real,
+    /// Where its shaft passes through the wall [m]: its own +z points there, wherever it is put; left out: it is free.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[garde(inner(inner(range(min = -1e3, max = 1e3))))]
+    pub pivot: Option<[Real; 3]>,
     /// `compound`: its parts.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     #[garde(dive)]
@@ -262,6 +266,7 @@ impl ToolKeys {
             file: None,
             unit: None,
             friction: 0.0,
+            pivot: None,
             part: vec![],
             grip: None,
         }
@@ -297,7 +302,12 @@ impl ToolKeys {
 
     /// The tool.
     pub fn tool(&self) -> Tool {
-        Tool { name: self.name.clone(), shape: self.shape(), friction: self.friction }
+        Tool {
+            name: self.name.clone(),
+            shape: self.shape(),
+            friction: self.friction,
+            pivot: self.pivot.map(Vec3::from),
+        }
     }
 
     /// What is wrong with it beyond single values: key behind `path`, and why.

@@ -309,6 +309,7 @@ pub fn scenes() -> Vec<Vec<u8>> {
         include_str!("../../../config/scenes/organs.toml"),
         include_str!("../../../config/scenes/reference.toml"),
         include_str!("../../../config/scenes/toy.toml"),
+        include_str!("../../../config/scenes/laparoscopy.toml"),
     ];
     texts.map(|text| text.as_bytes().to_vec()).to_vec()
 }

@@ -96,7 +96,7 @@ class Wrenches:
 class Simulation:
     """A body under way in this process, bit for bit as ``palpate simulate`` runs it.
 
-    ``scene`` is a scene file, a prepared body (``.palpate``) or a bundled scene ("liver", "organs", "toy", "cube").
+    ``scene`` is a scene file, a prepared body (``.palpate``) or a bundled scene ("liver", "organs", "toy", "cube", "grasp", "squeeze", "laparoscopy").
     Keywords override its keys: ``Simulation("liver", material={"youngs_modulus": 8000})``, or
     ``Simulation("liver", **{"material.youngs_modulus": 8000})``.
 

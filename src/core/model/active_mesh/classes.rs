@@ -132,7 +132,13 @@ impl ActiveMesh {
     ///
     /// Contact between what is kicked now and then and what is kicked often would push too much after each kick of the one, and too little
     /// before it.
-    pub fn step_alike(&mut self, body: &Body, points: impl Iterator<Item = u32>) {
+    pub fn step_alike(&mut self, body: &Body, points: impl Iterator<Item = u32> + Clone) {
+        if self.alike.1 && points.clone().eq(self.alike.0.iter().copied()) {
+            return;
+        }
+        self.alike.0.clear();
+        self.alike.0.extend(points.clone());
+        self.alike.1 = true;
         self.held_alike.iter().for_each(|n| self.least_class[n.index()] = 0);
         self.held_alike.clear();
         self.work.noted_nodes.clear();

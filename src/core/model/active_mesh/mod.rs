@@ -41,6 +41,7 @@ use super::element_kernel::Padded;
 use super::element_pool::{CLASSES, ElementPool, StarPool};
 use super::interface::{InterfaceRow, Search};
 use super::material::Material;
+use super::meeting::MOST_MEETINGS;
 use super::state::State;
 use super::step_class::Residual;
 use super::sweeps::{self, Registers};
@@ -126,6 +127,8 @@ pub struct ActiveMesh {
     least_class: Vec<u8>,
     /// Nodes around which that is more than 0.
     held_alike: Vec<Node>,
+    /// The points that they carry, and whether the elements around them are still those that were looked at.
+    alike: (Vec<u32>, bool),
     materials: Materials,
     /// Factor on the viscosities and the Maxwell branches of all tissues.
     pub damping: Real,
@@ -247,6 +250,7 @@ impl ActiveMesh {
             stiffest_spring: 0.0,
             least_class: vec![0; if several { body.node_count() } else { 0 }],
             held_alike: Vec::with_capacity(if several { body.node_count() } else { 0 }),
+            alike: (Vec::with_capacity(if several { 2 * MOST_MEETINGS } else { 0 }), false),
             materials: Materials::new(body),
             damping: 1.0,
             work: Work {

@@ -1,13 +1,13 @@
 //! Supports: the springs that hold the displayed surface in space, folded into the elements that carry it.
 //!
 //! A spring of stiffness `k_h` pulls the displayed point `Σ_j w_hj x_j + d_h` of one element (`d_h` its geomorph offset) to
-//! its place at rest `X_h`. All springs of an element together give its node `i` the force
+//! its place at rest `X_h`, or to where that has been [moved](ActiveMesh::move_supports) to. All springs of an element together give its node `i` the force
 //! `f_i = c_i − Σ_j K_ij x_j`, `K_ij = Σ_h k_h w_hi w_hj`, `c_i = Σ_h k_h w_hi (X_h − d_h)`: the sum over springs is made
 //! when they come to be carried by other elements, not in every step.
 
 use super::ActiveMesh;
 use crate::ids::{Element, Slot, Vertex};
-use crate::math::Real;
+use crate::math::{Real, Vec3};
 use crate::model::body::Body;
 use crate::model::csr::Csr;
 use crate::model::element_kernel::Padded;
@@ -20,7 +20,7 @@ struct Support {
     slots: [Slot; 4],
     /// `K` [N/m].
     stiffness: [[Real; 4]; 4],
-    /// `c` without geomorph offsets [N].
+    /// `c` without geomorph offsets and of springs that do not move [N].
     rest: [Padded; 4],
     /// `c` [N].
     pull: [Padded; 4],
@@ -36,7 +36,7 @@ pub(super) struct Supports {
     room: Vec<Support>,
     /// Places in `room` that are not in use.
     free: Vec<u32>,
-    /// Springs whose displayed point has a geomorph offset, ascending, and the places in `room` they are folded into.
+    /// Springs that move or whose displayed point has a geomorph offset, ascending, and the places in `room` they are folded into.
     offset: Vec<(u32, u32)>,
     /// Springs by display vertex.
     springs: Csr<u32>,
@@ -46,6 +46,10 @@ pub(super) struct Supports {
     carried: Vec<u32>,
     /// Factor on the stiffness of all springs.
     factor: Real,
+    /// By spring: number of those that it moves with.
+    moves_with: Vec<Option<u16>>,
+    /// How far these have moved [m].
+    moved: Vec<Vec3>,
 }
 
 impl Supports {
@@ -62,6 +66,8 @@ impl Supports {
             changed: Vec::with_capacity(2 * springs),
             carried: Vec::with_capacity(2 * springs),
             factor: 1.0,
+            moves_with: vec![None; springs],
+            moved: Vec::new(),
         }
     }
 
@@ -105,6 +111,21 @@ impl ActiveMesh {
         self.supports.factor = factor;
     }
 
+    /// Has the supports of each of these lists, of numbers among [`Body::supports`], move together from now on.
+    pub fn join_supports(&mut self, body: &Body, together: &[Vec<u32>]) {
+        self.supports.moved = vec![Vec3::zeros(); together.len()];
+        for (number, all) in (0..).zip(together) {
+            all.iter().for_each(|h| self.supports.moves_with[*h as usize] = Some(number));
+        }
+        self.fold_all_supports(body);
+    }
+
+    /// The supports of list `number` are this far from where they were at rest [m], before [`ActiveMesh::follow_offsets`] or
+    /// [`ActiveMesh::restore`].
+    pub fn move_supports(&mut self, number: usize, moved: Vec3) {
+        self.supports.moved[number] = moved;
+    }
+
     /// Folds all springs into the elements that carry them now.
     pub(super) fn fold_all_supports(&mut self, body: &Body) {
         let Self { supports, embedded, geomorph, .. } = self;
@@ -118,8 +139,10 @@ impl ActiveMesh {
                 supports.changed.push(element);
             }
         }
-        let faded = (0..).zip(body.supports()).filter(|(_, hold)| geomorph[hold.vertex.index()] != [0.0; 4]);
-        supports.offset.extend(faded.map(|(h, _)| (h, 0)));
+        let is_off =
+            |h: usize, vertex: Vertex| supports.moves_with[h].is_some() || geomorph[vertex.index()] != [0.0; 4];
+        let off = (0..).zip(body.supports()).filter(|(h, hold)| is_off(*h as usize, hold.vertex));
+        supports.offset.extend(off.map(|(h, _)| (h, 0)));
         self.fold_supports(body);
     }
 
@@ -128,7 +151,7 @@ impl ActiveMesh {
         let Self { supports, embedded, extrapolated, .. } = self;
         supports.changed.sort_unstable();
         supports.changed.dedup();
-        let Supports { order, room, free, offset, springs, changed, carried, factor } = supports;
+        let Supports { order, room, free, offset, springs, changed, carried, factor, .. } = supports;
         order.retain(|(element, place)| {
             let stays = changed.binary_search(element).is_err();
             if !stays {
@@ -200,9 +223,10 @@ impl ActiveMesh {
         self.stiffest_spring = self.active.iter().map(|s| self.springs[s.index()]).fold(0.0, Real::max);
     }
 
-    /// Supports follow the geomorph offsets of this tick.
+    /// Supports follow the geomorph offsets of this tick, and their own motion.
     pub fn follow_offsets(&mut self, body: &Body) {
-        let Self { supports: Supports { room, offset, factor, .. }, embedded, geomorph, .. } = self;
+        let Self { supports, embedded, geomorph, .. } = self;
+        let Supports { room, offset, factor, moves_with, moved, .. } = supports;
         for &(_, place) in offset.iter() {
             let support = &mut room[place as usize];
             support.pull = support.rest;
@@ -210,10 +234,12 @@ impl ActiveMesh {
         offset.retain(|&(h, place)| {
             let hold = body.supports()[h as usize];
             let (away, weights) = (&geomorph[hold.vertex.index()], &embedded[hold.vertex.index()].weights);
+            let moves = moves_with[h as usize];
+            let moved = moves.map_or(Vec3::zeros(), |number| moved[usize::from(number)]);
             for (pull, w) in room[place as usize].pull.iter_mut().zip(weights) {
-                (0..3).for_each(|c| pull[c] -= *factor * hold.stiffness * w * away[c]);
+                (0..3).for_each(|c| pull[c] += *factor * hold.stiffness * w * (moved[c] - away[c]));
             }
-            *away != [0.0; 4]
+            moves.is_some() || *away != [0.0; 4]
         });
     }
 

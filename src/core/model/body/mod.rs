@@ -159,7 +159,8 @@ impl Body {
         let finest = finest_whole(&parts.levels);
         let vertex_area = parts.surface.vertex_areas();
         let organs = organ::organs(organs, finest, &parts.levels);
-        let of_organs: Vec<_> = organs.iter().map(|organ| organ.vertices.clone()).collect();
+        let of_organs: Vec<_> =
+            organs.iter().map(|organ| (organ.vertices.clone(), organ.levels[finest].spacing)).collect();
         let mut body = Body {
             level_of_node: levels().flat_map(|(r, l)| vec![r as u8; l.mesh.nodes.len()]).collect(),
             organs,

@@ -11,7 +11,7 @@ use crate::model::csr::Csr;
 use std::f64::consts::PI;
 use std::ops::Range;
 
-/// Patches of a smooth organ, about: chosen for cost, which is in proportion to those that touch. What lies still weighs the same
+/// Patches of a smooth organ whose finest level has nodes enough, about: chosen for cost, which is in proportion to those that touch. What lies still weighs the same
 /// on any number; fewer resolve the moment of their pressure less. Others than this were not tried.
 const PATCHES: Real = 256.0;
 /// Most patches of any body: what bounds the cost of a tick.
@@ -37,13 +37,14 @@ pub struct Patches {
     radius: Vec<Real>,
     /// By patch: display triangles, each of one patch, ...
     triangles: Csr<Triangle>,
-    /// ... and how far a corner of them is from its middle at most, at rest [m].
-    reach: Vec<Real>,
+    /// ... how far a corner of them is from its middle at most, and their longest edge, at rest [m].
+    extent: Vec<[Real; 2]>,
 }
 
 impl Patches {
-    /// Those of `surface`, around whose vertices are these `areas` [m²]: of organs with these vertices.
-    pub(super) fn new(surface: &Surface, areas: &[Real], organs: &[Range<usize>]) -> Self {
+    /// Those of `surface`, around whose vertices are these `areas` [m²]: of organs with these vertices and this spacing of their finest level
+    /// [m].
+    pub(super) fn new(surface: &Surface, areas: &[Real], organs: &[(Range<usize>, Real)]) -> Self {
         let place = &surface.vertices;
         let mut normals = vec![Vec3::zeros(); place.len()];
         for (t, triangle) in surface.triangles.iter().enumerate() {
@@ -52,8 +53,8 @@ impl Patches {
         }
         normals.iter_mut().for_each(|n| *n = n.try_normalize(0.0).unwrap_or_default());
         let (mut patches, mut first) = (Vec::new(), vec![0]);
-        for vertices in organs {
-            patches.extend(of_organ(place, areas, &normals, vertices, MOST_PATCHES / organs.len()));
+        for organ in organs {
+            patches.extend(of_organ(place, areas, &normals, organ, MOST_PATCHES / organs.len()));
             first.push(patches.len() as u32);
         }
         let mut patch_of = vec![None; place.len()];
@@ -63,17 +64,19 @@ impl Patches {
         let owner = |triangle: &[u32; 3]| triangle.iter().find_map(|v| patch_of[*v as usize]);
         let owned = surface.triangles.iter().enumerate().filter_map(|(t, corners)| Some((owner(corners)?, t)));
         let owned: Vec<(usize, Triangle)> = owned.map(|(i, t)| (i, Triangle::at(t))).collect();
-        let mut reach = vec![0.0; patches.len()];
+        let mut extent = vec![[0.0; 2]; patches.len()];
         for (i, t) in &owned {
-            let middle = place[patches[*i].vertices[0].0.index()];
-            let far = surface.corners(t.index()).iter().map(|p| (p - middle).norm()).fold(0.0, Real::max);
-            reach[*i] = far.max(reach[*i]);
+            let (middle, [a, b, c]) = (place[patches[*i].vertices[0].0.index()], surface.corners(t.index()));
+            let far = |pairs: [(Vec3, Vec3); 3]| pairs.iter().map(|(p, q)| (p - q).norm()).fold(0.0, Real::max);
+            let [reach, edge]: &mut [Real; 2] = &mut extent[*i];
+            *reach = reach.max(far([a, b, c].map(|p| (p, middle))));
+            *edge = edge.max(far([(a, b), (b, c), (c, a)]));
         }
         let triangles = Csr::new(patches.len(), owned.into_iter());
         let all = patches.iter().enumerate();
         let entries = all.flat_map(|(i, patch)| patch.vertices.iter().map(move |entry| (i, *entry)));
         let of = Csr::new(patches.len(), entries);
-        Self { of, first, radius: patches.iter().map(|patch| (patch.area / PI).sqrt()).collect(), triangles, reach }
+        Self { of, first, radius: patches.iter().map(|patch| (patch.area / PI).sqrt()).collect(), triangles, extent }
     }
 
     /// How many they are.
@@ -96,12 +99,22 @@ impl Patches {
         self.radius[i as usize]
     }
 
-    /// Display triangles of patch `i`, and how far a corner of them is from its middle at most, at rest [m]: each is of one patch.
-    pub fn triangles(&self, i: u32) -> (&[Triangle], Real) {
-        (self.triangles.of(i as usize), self.reach[i as usize])
+    /// Display triangles of patch `i`: each is of one patch.
+    pub fn triangles(&self, i: u32) -> &[Triangle] {
+        self.triangles.of(i as usize)
     }
 
-    /// Vertices of patch `i` and their weights; the first is in its middle.
+    /// How far a corner of these is from the patch's middle at most, and their longest edge, at rest [m].
+    pub fn extent(&self, i: u32) -> [Real; 2] {
+        self.extent[i as usize]
+    }
+
+    /// The vertex in the middle of patch `i`.
+    pub fn middle(&self, i: u32) -> Vertex {
+        self.of(i)[0].0
+    }
+
+    /// Vertices of patch `i` and their weights; the first is [in its middle](Self::middle).
     pub fn of(&self, i: u32) -> &[(Vertex, Real)] {
         self.of.of(i as usize)
     }
@@ -117,10 +130,17 @@ struct Patch {
     members: Vec<usize>,
 }
 
-/// Patches of an organ's `vertices`, at most so many.
-fn of_organ(place: &[Vec3], areas: &[Real], normals: &[Vec3], vertices: &Range<usize>, most: usize) -> Vec<Patch> {
+/// Patches of an organ with these vertices and this spacing of its finest level [m], at most so many.
+fn of_organ(
+    place: &[Vec3],
+    areas: &[Real],
+    normals: &[Vec3],
+    (vertices, spacing): &(Range<usize>, Real),
+    most: usize,
+) -> Vec<Patch> {
     let own = || vertices.clone();
-    let mut apart = areas[own()].iter().sum::<Real>() / PATCHES;
+    // No smaller than the faces of the finest elements, two to a square of nodes, in each of which the stress is one.
+    let mut apart = (areas[own()].iter().sum::<Real>() / PATCHES).max(0.5 * spacing * spacing);
     let alike = |v: usize, w: usize| normals[v].dot(&normals[w]) > SAME_SIDE;
     let nearest = |from: &[usize], v: usize| {
         let squared = |i: usize| (place[from[i]] - place[v]).norm_squared();
@@ -182,7 +202,7 @@ mod tests {
     fn patches_of_a_block_lie_on_one_side_and_have_the_mean_place_of_their_area() {
         let surface = box_surface(Vec3::new(0.1, 0.08, 0.05), [25, 20, 12]);
         let areas = surface.vertex_areas();
-        let patches = Patches::new(&surface, &areas, std::slice::from_ref(&(0..surface.vertices.len())));
+        let patches = Patches::new(&surface, &areas, &[(0..surface.vertices.len(), 0.004)]);
         let all = || (0..patches.count()).map(|i| patches.of(i));
         assert!((200..=600).contains(&patches.count()), "{}", patches.count());
         assert!(all().all(|p| (p.iter().map(|(_, w)| w).sum::<Real>() - 1.0).abs() < 1e-12));
