@@ -105,8 +105,7 @@ fn a_motion_begins_anew_at_a_reset_and_waits_while_the_machine_is_away() {
     stalled.advance(&Inputs { reset: true, ..Inputs::default() });
     let mut fresh = new();
     fresh.advance(&Inputs::default());
-    // The tick of a reset is not yet one of its motion.
-    fresh.mesh_mut();
+    // A motion does not go on in the tick of a reset itself.
     assert!(farthest(&places(&fresh), &places(&stalled), Vec3::zeros()) < 1e-6);
 }
 
