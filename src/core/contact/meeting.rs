@@ -14,7 +14,7 @@ use super::touchable::{FASTEST_SURFACE, MARGIN, Touchable, area_vector, weights_
 use crate::ids::{OrganId, ToolId, Triangle, Vertex};
 use crate::math::{Bounds, Real, Vec3, from_parry, to_parry};
 use crate::model::active_mesh::skin;
-use crate::model::body::patches::SAME_SIDE;
+use crate::model::body::patches::{Extent, SAME_SIDE};
 use crate::model::constraint::{Constraint, Foot, Held, Pushed};
 use crate::model::meeting::{MOST_MEETINGS, Meeting};
 use crate::model::organ::MOST_ORGANS;
@@ -128,7 +128,7 @@ impl Workspace {
         self.candidates.clear();
         for i in patches {
             let away = (self.middles[i as usize] - place).norm_squared();
-            let far = NEAR + MOST_STRETCH * body.patches().extent(i)[0];
+            let far = NEAR + MOST_STRETCH * body.patches().extent(i).reach;
             if away <= far * far {
                 self.candidates.push((i, away));
             }
@@ -180,7 +180,7 @@ pub fn meet(organs: &Organs, tick: u64, room: u32, memory: &mut Vec<Meeting>, ou
         if left == 0 || memory.len() == MOST_MEETINGS {
             break;
         }
-        let far = MOST_STRETCH * patches.extent(i)[0];
+        let far = MOST_STRETCH * patches.extent(i).reach;
         if !window.grown(far).contains(&work.middles[i as usize]) {
             continue;
         }
@@ -338,7 +338,7 @@ impl Patch {
         work.candidates.swap(0, first);
         for k in 0..work.candidates.len() {
             let far = best.as_ref().map_or(NEAR, |seen| seen.squared.sqrt().min(NEAR));
-            near(organs, (k, self.place, far), work, |face| self.consider(&face, &mut best));
+            self.near(organs, k, far, work, |face| self.consider(&face, &mut best));
         }
         let seen = best?;
         work.place_around(body, mesh, seen.triangle);
@@ -352,7 +352,7 @@ impl Patch {
     fn is_outside(&self, organs: &Organs, seen: &Seen, work: &mut Workspace) -> bool {
         let mut nearest = (seen.squared * (1.0 - STRAIGHT), false);
         for k in 0..work.candidates.len() {
-            near(organs, (k, self.place, seen.squared.sqrt()), work, |face| {
+            self.near(organs, k, seen.squared.sqrt(), work, |face| {
                 let away = self.place - face.nearest(self.place);
                 if away.norm_squared() < nearest.0 {
                     nearest = (away.norm_squared(), face.area.dot(&away) > 0.0);
@@ -360,6 +360,23 @@ impl Patch {
             });
         }
         nearest.1
+    }
+
+    /// Calls `with` each triangle of candidate `k` of which some place may be no farther than `far` [m].
+    fn near(&self, organs: &Organs, k: usize, far: Real, work: &mut Workspace, mut with: impl FnMut(Face)) {
+        let Organs { body, mesh, .. } = *organs;
+        let (i, away) = work.candidates[k];
+        let Extent { reach, edge } = body.patches().extent(i);
+        if away > (far + MOST_STRETCH * reach).powi(2) {
+            return;
+        }
+        let most = (far + MOST_STRETCH * edge).powi(2);
+        for t in body.patches().triangles(i) {
+            let corners = body.triangle(*t);
+            if (work.at(mesh, corners[0]) - self.place).norm_squared() <= most {
+                with(Face::new(*t, corners.map(|v| work.at(mesh, v))));
+            }
+        }
     }
 
     /// Takes the place of the `face` that is nearest for the `best` where it faces the patch and is nearer.
@@ -401,23 +418,6 @@ impl Patch {
         // A patch whose middle is beyond an edge, but behind it, lies on it with less and less until all of it has slid off.
         let share = 1.0 - aside / self.radius;
         (share > 0.0).then_some(Seen { gap: height, normal, share, ..seen })
-    }
-}
-
-/// Calls `with` each triangle of candidate `k` of which some place may be no farther than `far` [m] from `place` [m].
-fn near(organs: &Organs, (k, place, far): (usize, Vec3, Real), work: &mut Workspace, mut with: impl FnMut(Face)) {
-    let Organs { body, mesh, .. } = *organs;
-    let (i, away) = work.candidates[k];
-    let [reach, edge] = body.patches().extent(i).map(|rest| MOST_STRETCH * rest);
-    if away > (far + reach).powi(2) {
-        return;
-    }
-    let most = (far + edge).powi(2);
-    for t in body.patches().triangles(i) {
-        let corners = body.triangle(*t);
-        if (work.at(mesh, corners[0]) - place).norm_squared() <= most {
-            with(Face::new(*t, corners.map(|v| work.at(mesh, v))));
-        }
     }
 }
 

@@ -10,9 +10,6 @@ use crate::model::active_mesh::MOST_ASIDE;
 use crate::model::organ::MOST_ORGANS;
 use crate::model::{ActiveMesh, Body};
 
-/// Slack of bounds around organs [m]: for what fades on the surface.
-const ASIDE: Real = 1e-3;
-
 /// Around each organ as it is displayed [m].
 pub fn boxes(body: &Body, mesh: &ActiveMesh) -> [Bounds; MOST_ORGANS] {
     let mut boxes = [Bounds::NOTHING; MOST_ORGANS];
@@ -21,12 +18,17 @@ pub fn boxes(body: &Body, mesh: &ActiveMesh) -> [Bounds; MOST_ORGANS] {
         let x = mesh.position(slot);
         (around.low, around.high) = (around.low.inf(&x), around.high.sup(&x));
     }
-    // Weights below zero, all together: no vertex hangs farther outside of its element, by its size, but those that are extrapolated.
+    // Weights below zero, all together: no vertex hangs farther outside of its element, by its size, but those that are extrapolated, or
+    // fade.
     let outside = (3.0 * MOST_ASIDE).min(0.5 * (mesh.lever() - 1.0));
+    let places = mesh.extrapolated().iter().chain(mesh.morphing()).map(|v| (v.index(), mesh.vertex(*v)));
     for (around, organ) in boxes.iter_mut().zip(body.organs()) {
         // Elements are at most about so much larger than their level's spacing.
         let spacing = organ.levels.iter().map(|level| level.spacing).fold(0.0, Real::max);
-        *around = around.grown(outside * spacing + ASIDE);
+        *around = around.grown(outside * spacing);
+        for (_, p) in places.clone().filter(|(v, _)| organ.vertices.contains(v)) {
+            (around.low, around.high) = (around.low.inf(&p), around.high.sup(&p));
+        }
     }
     boxes
 }

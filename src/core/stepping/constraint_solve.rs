@@ -56,8 +56,8 @@ struct Group {
     reach: Range<usize>,
 }
 
-/// What an impulse at one constraint adds to the velocity of another, `W_ij = Σ_k b_ik b_jk / m_k` [1/kg], with `b` as at the start of the
-/// tick.
+/// What an impulse at one constraint adds to the velocity of another, `W_ij = Σ_k b_ik b_jk / m_k` [1/kg]: the Delassus operator, with `b`
+/// as at the start of the tick.
 #[derive(Debug)]
 struct Mobility {
     /// Row by row; of row `i` what its group reaches.

@@ -21,7 +21,8 @@ pub(super) fn by_formula(keys: &BodyKeys) -> Option<Surface> {
     })
 }
 
-/// Areas of the bundled shapes [m²]: they turn a vertex count into a spacing.
+/// Areas of the bundled shapes [m²], of their surfaces: they turn a vertex count into a spacing. With others there are more or fewer
+/// vertices than were asked for.
 const LIVER_AREA: Real = 0.070;
 const KIDNEY_AREA: Real = 0.018;
 const GALLBLADDER_AREA: Real = 0.0047;

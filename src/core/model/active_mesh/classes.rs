@@ -133,12 +133,12 @@ impl ActiveMesh {
     /// Contact between what is kicked now and then and what is kicked often would push too much after each kick of the one, and too little
     /// before it.
     pub fn step_alike(&mut self, body: &Body, points: impl Iterator<Item = u32> + Clone) {
-        if self.alike.1 && points.clone().eq(self.alike.0.iter().copied()) {
+        if self.alike_is_known && points.clone().eq(self.alike_points.iter().copied()) {
             return;
         }
-        self.alike.0.clear();
-        self.alike.0.extend(points.clone());
-        self.alike.1 = true;
+        self.alike_points.clear();
+        self.alike_points.extend(points.clone());
+        self.alike_is_known = true;
         self.held_alike.iter().for_each(|n| self.least_class[n.index()] = 0);
         self.held_alike.clear();
         self.work.noted_nodes.clear();

@@ -127,8 +127,10 @@ pub struct ActiveMesh {
     least_class: Vec<u8>,
     /// Nodes around which that is more than 0.
     held_alike: Vec<Node>,
-    /// The points that they carry, and whether the elements around them are still those that were looked at.
-    alike: (Vec<u32>, bool),
+    /// The points that they carry, ...
+    alike_points: Vec<u32>,
+    /// ... as long as the elements around them are those that were looked at.
+    alike_is_known: bool,
     materials: Materials,
     /// Factor on the viscosities and the Maxwell branches of all tissues.
     pub damping: Real,
@@ -250,7 +252,8 @@ impl ActiveMesh {
             stiffest_spring: 0.0,
             least_class: vec![0; if several { body.node_count() } else { 0 }],
             held_alike: Vec::with_capacity(if several { body.node_count() } else { 0 }),
-            alike: (Vec::with_capacity(if several { 2 * MOST_MEETINGS } else { 0 }), false),
+            alike_points: Vec::with_capacity(if several { 2 * MOST_MEETINGS } else { 0 }),
+            alike_is_known: false,
             materials: Materials::new(body),
             damping: 1.0,
             work: Work {

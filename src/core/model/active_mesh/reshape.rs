@@ -81,7 +81,7 @@ impl ActiveMesh {
         self.reattach(body);
         self.swap_elements(body);
         self.swap_stars(body);
-        self.alike.1 = false;
+        self.alike_is_known = false;
         self.release_unused(body);
         self.revision.iter_mut().for_each(|r| *r = r.wrapping_add(1));
         ChangeCost {

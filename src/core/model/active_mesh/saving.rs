@@ -35,7 +35,7 @@ impl ActiveMesh {
         self.free.clear();
         self.free.extend((0..self.node.len()).rev().map(Slot::at));
         self.row_entries = 0;
-        self.alike.1 = false;
+        self.alike_is_known = false;
         for (((&n, x), v), residual) in
             state.nodes.iter().zip(&state.position).zip(&state.velocity).zip(&state.residual)
         {

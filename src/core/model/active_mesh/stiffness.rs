@@ -212,7 +212,7 @@ impl ActiveMesh {
         let material = self.material_of(body, e);
         let constants = constants(body, material, e, self.active_vertices[e.index()]);
         self.omega_squared[e.index()] = step_class::omega_squared(body, material, e);
-        self.alike.1 = false;
+        self.alike_is_known = false;
         self.pool.set_stiffness(e, constants.lambda, constants.mu);
         self.reclass(body, e);
         if let Some(class) = self.pool.class_of(e) {
@@ -223,7 +223,7 @@ impl ActiveMesh {
     fn stiffen_star(&mut self, body: &Body, n: Node) {
         let ElementConstants { lambda, mu, .. } = self.star_constants(body, n);
         self.star_omega_squared[n.index()] = self.omega_squared_of_star(body, n);
-        self.alike.1 = false;
+        self.alike_is_known = false;
         self.stars.set_stiffness(n, lambda, mu);
         self.reclass_star(body, n);
         if let Some(class) = self.stars.class_of(n) {

@@ -1,8 +1,8 @@
 //! Supports: the springs that hold the displayed surface in space, folded into the elements that carry it.
 //!
 //! A spring of stiffness `k_h` pulls the displayed point `Σ_j w_hj x_j + d_h` of one element (`d_h` its geomorph offset) to
-//! its place at rest `X_h`, or to where that has been [moved](ActiveMesh::move_supports) to. All springs of an element together give its node `i` the force
-//! `f_i = c_i − Σ_j K_ij x_j`, `K_ij = Σ_h k_h w_hi w_hj`, `c_i = Σ_h k_h w_hi (X_h − d_h)`: the sum over springs is made
+//! its place at rest `X_h`, or to where that has been [moved](ActiveMesh::move_supports) to. All springs of an element together
+//! give its node `i` the force `f_i = c_i − Σ_j K_ij x_j`, `K_ij = Σ_h k_h w_hi w_hj`, `c_i = Σ_h k_h w_hi (X_h − d_h)`: the sum over springs is made
 //! when they come to be carried by other elements, not in every step.
 
 use super::ActiveMesh;

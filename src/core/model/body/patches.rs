@@ -11,8 +11,9 @@ use crate::model::csr::Csr;
 use std::f64::consts::PI;
 use std::ops::Range;
 
-/// Patches of a smooth organ whose finest level has nodes enough, about: chosen for cost, which is in proportion to those that touch. What lies still weighs the same
-/// on any number; fewer resolve the moment of their pressure less. Others than this were not tried.
+/// Patches of a smooth organ whose finest level has nodes enough, about: chosen for cost, which is in proportion to those that
+/// touch. What lies still weighs the same on any number; fewer resolve the moment of their pressure less. Others than this were
+/// not tried.
 const PATCHES: Real = 256.0;
 /// Most patches of any body: what bounds the cost of a tick.
 pub const MOST_PATCHES: usize = 1024;
@@ -37,8 +38,17 @@ pub struct Patches {
     radius: Vec<Real>,
     /// By patch: display triangles, each of one patch, ...
     triangles: Csr<Triangle>,
-    /// ... how far a corner of them is from its middle at most, and their longest edge, at rest [m].
-    extent: Vec<[Real; 2]>,
+    /// ... and how far these go.
+    extent: Vec<Extent>,
+}
+
+/// How far the display triangles of a patch go at rest.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Extent {
+    /// A corner of them is no farther from the patch's middle [m].
+    pub reach: Real,
+    /// None of their edges is longer [m].
+    pub edge: Real,
 }
 
 impl Patches {
@@ -64,11 +74,11 @@ impl Patches {
         let owner = |triangle: &[u32; 3]| triangle.iter().find_map(|v| patch_of[*v as usize]);
         let owned = surface.triangles.iter().enumerate().filter_map(|(t, corners)| Some((owner(corners)?, t)));
         let owned: Vec<(usize, Triangle)> = owned.map(|(i, t)| (i, Triangle::at(t))).collect();
-        let mut extent = vec![[0.0; 2]; patches.len()];
+        let mut extent = vec![Extent::default(); patches.len()];
         for (i, t) in &owned {
             let (middle, [a, b, c]) = (place[patches[*i].vertices[0].0.index()], surface.corners(t.index()));
             let far = |pairs: [(Vec3, Vec3); 3]| pairs.iter().map(|(p, q)| (p - q).norm()).fold(0.0, Real::max);
-            let [reach, edge]: &mut [Real; 2] = &mut extent[*i];
+            let Extent { reach, edge } = &mut extent[*i];
             *reach = reach.max(far([a, b, c].map(|p| (p, middle))));
             *edge = edge.max(far([(a, b), (b, c), (c, a)]));
         }
@@ -104,8 +114,8 @@ impl Patches {
         self.triangles.of(i as usize)
     }
 
-    /// How far a corner of these is from the patch's middle at most, and their longest edge, at rest [m].
-    pub fn extent(&self, i: u32) -> [Real; 2] {
+    /// How far these go.
+    pub fn extent(&self, i: u32) -> Extent {
         self.extent[i as usize]
     }
 
