@@ -403,3 +403,26 @@ fn a_recording_of_an_earlier_format_is_refused_with_both_formats() {
     let expected = format!("recorded in format {} by palpate 0.0.9; ", FORMAT - 1);
     assert!(e.contains("old.mcap") && e.contains(&expected) && e.contains(&format!("format {FORMAT}")), "{e}");
 }
+
+#[test]
+fn a_record_that_claims_more_bytes_than_there_are_gets_no_memory() {
+    // A record of a chunk: a byte that tells the kind and eight for its length, here 256 TiB.
+    let record = [&[mcap::records::op::MESSAGE][..], &(1u64 << 48).to_le_bytes()].concat();
+    // As a frame of LZ4 with one block that is not compressed: magic, flags, largest block, checksum of the two, length, end.
+    let mut frame = b"\x04\x22\x4d\x18\x60\x40\x82".to_vec();
+    frame.extend((record.len() as u32 | 1 << 31).to_le_bytes());
+    frame.extend(&record);
+    frame.extend([0; 4]);
+    // First and last time, length without compression, no checksum, kind of compression, length with it.
+    let mut chunk = [[0; 8], [0; 8], (1u64 << 49).to_le_bytes()].concat();
+    chunk.extend([0, 0, 0, 0, 3, 0, 0, 0]);
+    chunk.extend(b"lz4");
+    chunk.extend((frame.len() as u64).to_le_bytes());
+    chunk.extend(&frame);
+    let mut bytes = mcap::MAGIC.to_vec();
+    bytes.push(mcap::records::op::CHUNK);
+    bytes.extend((chunk.len() as u64).to_le_bytes());
+    bytes.extend(&chunk);
+    let e = Recording::from_bytes(&bytes, "huge.mcap").err().unwrap().to_string();
+    assert!(e.contains("huge.mcap") && e.contains(&(1u64 << 48).to_string()), "{e}");
+}

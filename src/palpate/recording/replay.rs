@@ -10,9 +10,13 @@ use palpate_core::model::{Body, State};
 use palpate_core::simulation::{Inputs, Simulation, Snapshot, TICK};
 use palpate_proto::keys::topics;
 use palpate_proto::{self as proto, Message};
+use mcap::sans_io::LinearReaderOptions;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
+
+/// What a byte of LZ4 can stand for at most [B].
+const LZ4_EXPANSION: usize = 255;
 
 /// A recording read back.
 pub struct Recording {
@@ -56,9 +60,12 @@ impl Recording {
     pub fn from_bytes(bytes: &[u8], name: &str) -> Result<Self, RecordingError> {
         let content = |what: String| RecordingError::Content { path: name.to_owned(), what };
         // Without the end-of-file magic a cut file still gives its messages up to the cut; checksums are not checked unless asked for.
-        use mcap::read::Options;
-        let stream = mcap::MessageStream::new_with_options(bytes, Options::IgnoreEndMagic | Options::ValidateChunkCrcs)
-            .map_err(|source| RecordingError::Mcap { path: name.to_owned(), source })?;
+        // A record that claims to be longer than these bytes can hold is damaged: it gets no room.
+        let options = LinearReaderOptions::default()
+            .with_skip_end_magic(true)
+            .with_validate_chunk_crcs(true)
+            .with_record_length_limit(bytes.len().saturating_mul(LZ4_EXPANSION));
+        let stream = mcap::io::MessageReader::new_with_options(bytes, options);
         let mut start = None;
         let (mut inputs, mut hashes) = (Vec::<(u64, Inputs)>::new(), BTreeMap::new());
         let (mut wrenches, mut frames) = (BTreeMap::new(), BTreeMap::<u64, Vec<_>>::new());
