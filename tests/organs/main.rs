@@ -460,10 +460,13 @@ fn organs_that_overlap_or_do_not_fit_are_refused_by_name_and_place() {
     assert!(e.contains("organ[1].body.active_level") && e.contains("means every organ"), "{e}");
     let e = parsed(&format!("{another}[organ.material]\ndamping_ratio = 0.2\n"));
     assert!(e.contains("damping_ratio") && e.contains("youngs_modulus"), "{e}");
-    let between = |names: &str| parsed(&format!("[[contact]]\nbetween = [{names}]\nfriction = 0.1\n"));
+    let given = |names: &str| format!("{SCENE}[[contact]]\nbetween = [{names}]\nfriction = 0.1\n");
+    let between = |names: &str| parsed(&given(names)[SCENE.len()..]);
     let e = between("'large', 'nobody'");
     assert!(e.contains("contact[0].between") && e.contains("\"nobody\": there is large, small"), "{e}");
-    assert!(between("'large', 'large'").contains("does not meet itself"));
+    let folds = palpate::scene::parse(&given("'large', 'large'"), "my.toml").unwrap().settings().organ_friction;
+    let [large, small] = [0, 1].map(OrganId);
+    assert_eq!((folds.of(large, large), folds.of(large, small)), (0.1, 0.0));
     let e = between("'large', 'small']\nfriction = 0.2\n[[contact]]\nbetween = ['small', 'large'");
     assert!(e.contains("contact[1].between") && e.contains("further up"), "{e}");
     let e = parsed("[[contact]]\nbetween = ['large', 'small']\nfriction = 3.0\n");

@@ -31,6 +31,7 @@ mod feel;
 mod friction;
 mod grasp;
 mod parameters;
+mod play;
 mod shapes;
 mod similar;
 mod tunnel;

@@ -159,6 +159,12 @@ for (const { name, topology, frames } of JSON.parse(readFileSync(join(folder, 'i
         for (let i = 0; i < 1000; i++) hand.step(null, dt);
         assert.ok(Math.abs(far(hand.position) - (ball + 0.01 + 0.015)) < 1e-5, 'let go, it hovers');
     }
+    for (const [open, end] of [[true, 1], [false, 0]]) {
+        for (let i = 0; i < 450; i++) hand.moveJaws(open, dt);
+        assert.ok(Math.abs(hand.opening - end) > 0.05);
+        for (let i = 0; i < 60; i++) hand.moveJaws(open, dt);
+        assert.equal(hand.opening, end);
+    }
     const corner = {
         triangles: Uint32Array.of(0, 1, 2),
         positions: Float32Array.of(0, 0, 1, 1, 0, 1, 0, 1, 1),

@@ -89,6 +89,12 @@ impl Body {
         (self.bounds[1] - self.bounds[0]).magnitude()
     }
 
+    /// Whether the tool of this number has jaws.
+    pub fn has_jaws(&self, tool: u32) -> bool {
+        let description = self.subject.tools.iter().find(|description| description.tool == tool);
+        description.is_some_and(|description| description.parts.iter().any(|part| part.hinge.is_some()))
+    }
+
     fn centre(&self) -> Vec3 {
         0.5 * (self.bounds[0] + self.bounds[1])
     }
@@ -321,6 +327,13 @@ impl App {
         let reach = Reach { centre: body.centre(), radius: 0.5 * body.size(), tool };
         let name = description.map_or("", |tool| &tool.name);
         self.poke = Some(Poke::take(live.endpoints(), name, reach));
+    }
+
+    /// Opens or closes the jaws of the tool in the mouse's hand.
+    pub fn toggle_jaws(&mut self) {
+        if let Some(poke) = &self.poke {
+            poke.toggle_jaws();
+        }
     }
 
     /// What the mouse's tool feels, where it holds one.

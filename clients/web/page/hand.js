@@ -6,6 +6,8 @@ const TRAVEL = 0.6;
 const PRESS = 0.15;
 // Between the tool and the surface before it is pressed in.
 const HOVER = 0.015;
+// Time in which jaws open or close all the way [s].
+const JAWS = 0.5;
 
 const plus = (a, b, times = 1) => a.map((x, i) => x + times * b[i]);
 const minus = (a, b) => plus(a, b, -1);
@@ -24,6 +26,12 @@ export class Hand {
         this.position = plus(centre, [0, 0, this.radius]);
         this.shaft = [0, 0, 1];
         this.on = null; // the place that it is on, from hovering above it until it hovers again
+        this.opening = 0; // of the tool's jaws: 0, closed, to 1
+    }
+
+    // Opens or closes jaws, as far as `dt` [s] lasts.
+    moveJaws(open, dt) {
+        this.opening = Math.min(Math.max(this.opening + (open ? dt : -dt) / JAWS, 0), 1);
     }
 
     // One step of `dt` [s] towards what is wanted: { point, normal, depth }, or null to let go.

@@ -25,6 +25,7 @@ import { View } from './view.js';
 // How deep the mouse presses, at first and at most [m].
 const DEPTH = 0.012;
 const DEEPEST = 0.04;
+const HIGHEST = 0.05; // above the surface: jaws pull at what they hold
 const NO_FRAMES = 1500; // after so long the picture is old [ms]
 // What the server is told of the rate of poses of mouse and fingers [Hz]. Three times as many are sent: a browser that pauses
 // for a tenth of a second has not let go.
@@ -54,6 +55,10 @@ const panel = new Panel({
         if (!held.has('mouse')) return;
         release('mouse');
         take('mouse', name, POSE_RATE);
+    },
+    jaws: () => {
+        mouse.jawsOpen = !mouse.jawsOpen;
+        showJaws();
     },
     depth: (depth) => setDepth(depth),
     reset: () => worker.postMessage({ reset: true }),
@@ -94,15 +99,23 @@ function free(hand) {
     held.delete(hand);
     if (hand === 'mouse') {
         mouse.finger = mouse.press = null;
+        mouse.jawsOpen = false;
         panel.setTouch('off');
+        showJaws();
     }
 }
 
+// The button is there while the mouse's tool has jaws.
+function showJaws() {
+    const tool = session?.tools.find(({ tool }) => tool === held.get('mouse'));
+    panel.setJaws(tool?.parts.some(({ hinge }) => hinge) ? (mouse.jawsOpen ? 'open' : 'closed') : 'none');
+}
+
 // The mouse's or a finger's tool; `press`: { point, normal, depth } on the surface as it was when the press began.
-const mouse = { press: null, surface: null, finger: null, depth: DEPTH };
+const mouse = { press: null, surface: null, finger: null, depth: DEPTH, jawsOpen: false };
 
 function setDepth(depth) {
-    mouse.depth = Math.min(Math.max(depth, 0), DEEPEST);
+    mouse.depth = Math.min(Math.max(depth, -HIGHEST), DEEPEST);
     if (mouse.press) mouse.press.depth = mouse.depth;
     panel.setDepth(mouse.depth);
 }
@@ -234,7 +247,9 @@ const heard = {
         if (held.get(hand) !== 'asked') return;
         held.set(hand, tool);
         panel.say('tool', null);
-        if (hand === 'mouse') panel.setTouch('on');
+        if (hand !== 'mouse') return;
+        panel.setTouch('on');
+        showJaws();
     },
     free({ hand, fault }) {
         if (!fault) return;
@@ -296,7 +311,7 @@ view.renderer.setAnimationLoop((_, frame) => {
         for (const [hand, newtons] of shaken) headset.shake(hand, newtons, limit);
         shaken.clear();
     } else {
-        worker.postMessage({ press: mouse.press });
+        worker.postMessage({ press: mouse.press, jawsOpen: mouse.jawsOpen });
     }
     view.shading.setStale(now - newest > NO_FRAMES);
     view.draw(now, own);
@@ -319,6 +334,7 @@ document.addEventListener('visibilitychange', () => {
 addEventListener('keydown', ({ key, target: { tagName } }) => {
     if (tagName === 'INPUT' || tagName === 'SELECT') return;
     if (key === 't') document.getElementById('touch').click();
+    if (key === 'g') document.getElementById('jaws').click();
     if ('1234'.includes(key)) document.querySelectorAll('[data-colouring]')[key - 1].click();
 });
 setDepth(DEPTH);

@@ -65,7 +65,7 @@ export class Panel {
     #faults = new Map();
     #forgetting = new Map();
 
-    // `on`: what the buttons do: colouring(name), touch(on), tool(name), depth(m), reset(), invite(), enter(mode).
+    // `on`: what the buttons do: colouring(name), touch(on), tool(name), jaws(), depth(m), reset(), invite(), enter(mode).
     constructor(on) {
         this.force = new Plot(element('force'), 'N', 2);
         this.nodes = new Plot(element('nodes'), 'nodes', 0);
@@ -77,6 +77,7 @@ export class Panel {
         }
         element('touch').onclick = () => on.touch(element('touch').getAttribute('aria-pressed') !== 'true');
         element('tool').onchange = ({ target }) => on.tool(target.value);
+        element('jaws').onclick = () => on.jaws();
         element('depth').oninput = ({ target }) => on.depth(target.value / 1000);
         element('reset').onclick = () => on.reset();
         element('invite').onclick = () => on.invite(element('invited').value);
@@ -137,6 +138,12 @@ export class Panel {
         element('touch').setAttribute('aria-pressed', state !== 'off');
         element('touch').textContent = state === 'asked' ? 'Taking…' : state === 'on' ? 'Let go' : 'Touch';
         document.body.dataset.touch = state;
+    }
+
+    // `state`: 'open', 'closed', or 'none' where the tool has no jaws.
+    setJaws(state) {
+        element('jaws').hidden = state === 'none';
+        element('jaws').textContent = state === 'open' ? 'Close jaws' : 'Open jaws';
     }
 
     setDepth(depth) {

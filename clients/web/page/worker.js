@@ -1,7 +1,7 @@
 // The socket, the decoder and the loop of poses, where no drawing holds them up.
 //
 // From the page: { colouring }, { take: { hand, tool, rate } }, { release: { hand } }, { pose: { hand, position, orientation,
-// buttons, opening } }, { press: { point, normal, depth } or null } with every picture, { reset }, { invite: rights }, { buffers }. To the page: { socket }, { notice }, { session }, { surface },
+// buttons, opening } }, { press: { point, normal, depth } or null, jawsOpen } with every picture, { reset }, { invite: rights }, { buffers }. To the page: { socket }, { notice }, { session }, { surface },
 // { frame }, { status }, { wrench }, { taken: { hand, … } }, { free: { hand, fault } }, { fault }.
 
 import { Deformation } from './deformation.js';
@@ -33,7 +33,7 @@ let colouring = 'material';
 let lastFrame = null; // { positions, touching } to colour again
 const spare = []; // buffers that the page has drawn from
 const hands = new Map(); // hand: { tool, epoch, sequence, pose, at, sent, moved }; `moved`: a Hand, of the mouse
-let press = null; // what the mouse wants
+let press = null, jawsOpen = false; // what the mouse wants
 let drawn = 0; // when the page said so
 let asked = []; // what control requests were for, in their order
 
@@ -212,8 +212,9 @@ setInterval(() => {
     for (const held of hands.values()) {
         if (held.moved && now - drawn < AWAY) {
             held.moved.step(now - drawn < ASLEEP && !held.isInside ? press : null, dt);
-            const { position, orientation } = held.moved;
-            held.pose = { position, orientation, buttons: 0, opening: 0 };
+            held.moved.moveJaws(jawsOpen, dt);
+            const { position, orientation, opening } = held.moved;
+            held.pose = { position, orientation, buttons: 0, opening };
             sendPose(held, now);
         } else if (held.pose && now - held.at < STALE && now - held.sent >= REPEAT - 1) {
             sendPose(held, now);
@@ -230,7 +231,7 @@ self.onmessage = ({ data }) => {
         // Two poses in one display frame are one.
         if (now - held.sent > 4) sendPose(held, now);
     } else if (data.press !== undefined) {
-        [press, drawn] = [data.press, now];
+        [press, jawsOpen, drawn] = [data.press, data.jawsOpen, now];
     } else if (data.buffers) {
         if (data.buffers.positions.length === 3 * decoder?.surface.vertices && spare.length < 4) spare.push(data.buffers);
     } else if (data.take) {

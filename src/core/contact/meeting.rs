@@ -1,4 +1,5 @@
-//! Where organs meet: point constraints with two sides, once per tick, one for each patch of the surface that is near another organ.
+//! Where organs meet, and where one folds onto itself: point constraints with two sides, once per tick, one for each patch of the surface
+//! that is near another organ, or another place of its own.
 //!
 //! A patch meets the display triangles of the other organ that face it with its mean place, as it does the ground, and the other's
 //! patches meet it likewise: neither is the master. What a constraint does to one organ it does to the other at the same place, so that
@@ -31,6 +32,9 @@ const NEAR: Real = 10e-3;
 /// Ticks in which all patches are looked at once for what they come near to: with fewer each takes longer, with more fast ones are found
 /// late.
 const LOOKS: u64 = 8;
+/// And for what they come near to on their own organ, of which every body has one to look at: what folds onto itself with more than
+/// 0.5 m/s may be found late, and not be found once it is through.
+const LOOKS_AT_ITSELF: u64 = 16;
 /// Least cosine between the normal of a triangle and what comes against that of a patch: an edge's patches, whose normals are between
 /// those of its sides, meet what lies flat against a side, and not what is beside it.
 const FACING: Real = 0.1;
@@ -90,21 +94,25 @@ pub struct Workspace {
     placed: Visited,
     /// Of each patch the vertex in its middle [m].
     middles: Vec<Vec3>,
+    /// Patches that the one which looks does not meet.
+    beside: Visited,
     /// Patches that may be near the place that is looked from, and the squared distances of their middles [m²].
     candidates: Vec<(u32, Real)>,
     before: Vec<Meeting>,
 }
 
 impl Workspace {
-    /// For `body`; `None` where it is a single organ.
-    pub fn new(body: &Body) -> Option<Self> {
-        (body.organs().len() > 1).then(|| Self {
+    /// For `body`.
+    pub fn new(body: &Body) -> Self {
+        let patches = body.patches().count() as usize;
+        Self {
             vertices: body.surface().vertices.clone(),
             placed: Visited::new(body.surface().vertices.len()),
-            middles: Vec::with_capacity(body.patches().count() as usize),
-            candidates: Vec::with_capacity(body.patches().count() as usize),
+            middles: Vec::with_capacity(patches),
+            beside: Visited::new(patches),
+            candidates: Vec::with_capacity(patches),
             before: Vec::with_capacity(MOST_MEETINGS),
-        })
+        }
     }
 
     /// Another tick begins.
@@ -129,7 +137,7 @@ impl Workspace {
         for i in patches {
             let away = (self.middles[i as usize] - place).norm_squared();
             let far = NEAR + MOST_STRETCH * body.patches().extent(i).reach;
-            if away <= far * far {
+            if away <= far * far && !self.beside.contains(i as usize) {
                 self.candidates.push((i, away));
             }
         }
@@ -155,13 +163,7 @@ pub fn meet(organs: &Organs, tick: u64, room: u32, memory: &mut Vec<Meeting>, ou
     let (Organs { body, mesh, .. }, Met { found, feet }) = (*organs, out);
     std::mem::swap(memory, &mut work.before);
     memory.clear();
-    let boxes = boxes(body, mesh);
-    let window = window(&boxes, body.organs().len());
-    if window.low.x > window.high.x {
-        return;
-    }
     work.begin(body, mesh);
-    let patches = body.patches();
     for k in 0..work.before.len() {
         let m = work.before[k];
         if !(tick + u64::from(m.patch)).is_multiple_of(rest(m.gap)) {
@@ -174,31 +176,9 @@ pub fn meet(organs: &Organs, tick: u64, room: u32, memory: &mut Vec<Meeting>, ou
             memory.push(Meeting { triangle, weights, gap, normal, share, ..m });
         }
     }
-    let mut left = room;
-    for i in (0..patches.count()).filter(|i| (u64::from(*i) + tick).is_multiple_of(LOOKS)) {
-        let own = patches.organ(i);
-        if left == 0 || memory.len() == MOST_MEETINGS {
-            break;
-        }
-        let far = MOST_STRETCH * patches.extent(i).reach;
-        if !window.grown(far).contains(&work.middles[i as usize]) {
-            continue;
-        }
-        let Some(patch) = Patch::of(organs, i, work).filter(|patch| window.contains(&patch.place)) else {
-            continue;
-        };
-        for other in (0..body.organs().len()).map(OrganId::at).filter(|other| *other != own) {
-            let place = memory.binary_search_by_key(&(i, other), |m| (m.patch, m.other));
-            let Err(place) = place else { continue };
-            if left == 0 || memory.len() == MOST_MEETINGS || !boxes[other.index()].grown(NEAR).contains(&patch.place) {
-                continue;
-            }
-            if let Some(seen) = patch.look(organs, patches.of_organ(other), work) {
-                memory.insert(place, seen.met_anew(i, other));
-                left -= 1;
-            }
-        }
-    }
+    let mut room = Room { left: room, memory };
+    look_at_others(organs, tick, &mut room, work);
+    look_at_themselves(organs, tick, &mut room, work);
     let on = &work.shown(body, mesh);
     for m in memory.iter_mut() {
         m.held = m.gap < MARGIN;
@@ -208,6 +188,74 @@ pub fn meet(organs: &Organs, tick: u64, room: u32, memory: &mut Vec<Meeting>, ou
         } else {
             (m.multiplier, m.slack) = (0.0, 0.0);
             (m.force, m.tangential, m.stretch) = (Vec3::zeros(), Vec3::zeros(), Vec3::zeros());
+        }
+    }
+}
+
+/// Where there may be more meetings.
+struct Room<'a> {
+    left: u32,
+    memory: &'a mut Vec<Meeting>,
+}
+
+impl Room<'_> {
+    fn is_full(&self) -> bool {
+        self.left == 0 || self.memory.len() == MOST_MEETINGS
+    }
+
+    /// Where the meeting of patch `i` and organ `other` is to stand, unless there is one.
+    fn place(&self, i: u32, other: OrganId) -> Option<usize> {
+        self.memory.binary_search_by_key(&(i, other), |m| (m.patch, m.other)).err()
+    }
+
+    fn insert(&mut self, at: usize, met: Meeting) {
+        self.memory.insert(at, met);
+        self.left -= 1;
+    }
+}
+
+/// Finds what some of the patches come near to on other organs.
+fn look_at_others(organs: &Organs, tick: u64, room: &mut Room, work: &mut Workspace) {
+    let Organs { body, mesh, .. } = *organs;
+    let patches = body.patches();
+    if body.organs().len() == 1 {
+        return;
+    }
+    let boxes = boxes(body, mesh);
+    let window = window(&boxes, body.organs().len());
+    work.beside.clear();
+    for i in (0..patches.count()).filter(|i| (u64::from(*i) + tick).is_multiple_of(LOOKS)) {
+        let far = MOST_STRETCH * patches.extent(i).reach;
+        if room.is_full() || !window.grown(far).contains(&work.middles[i as usize]) {
+            continue;
+        }
+        let Some(patch) = Patch::of(organs, i, work).filter(|patch| window.contains(&patch.place)) else {
+            continue;
+        };
+        let own = patches.organ(i);
+        for other in (0..body.organs().len()).map(OrganId::at).filter(|other| *other != own) {
+            let Some(place) = room.place(i, other) else { continue };
+            if room.is_full() || !boxes[other.index()].grown(NEAR).contains(&patch.place) {
+                continue;
+            }
+            if let Some(seen) = patch.look(organs, patches.of_organ(other), false, work) {
+                room.insert(place, seen.met_anew(i, other));
+            }
+        }
+    }
+}
+
+/// Finds what some of the patches come near to on their own organ.
+fn look_at_themselves(organs: &Organs, tick: u64, room: &mut Room, work: &mut Workspace) {
+    let patches = organs.body.patches();
+    for i in (0..patches.count()).filter(|i| (u64::from(*i) + tick).is_multiple_of(LOOKS_AT_ITSELF)) {
+        let own = patches.organ(i);
+        let Some(place) = room.place(i, own).filter(|_| !room.is_full()) else { continue };
+        work.beside.clear();
+        patches.beside(i).iter().for_each(|of| _ = work.beside.visit(*of as usize));
+        let seen = Patch::of(organs, i, work).and_then(|patch| patch.look(organs, patches.of_organ(own), true, work));
+        if let Some(seen) = seen {
+            room.insert(place, seen.met_anew(i, own));
         }
     }
 }
@@ -315,9 +363,9 @@ impl Patch {
             work.place_around(body, mesh, at);
             let on = work.shown(body, mesh);
             let face = |t: Triangle| Face::new(t, body.triangle(t).map(|v| on.vertex(v)));
-            self.consider(&face(at), &mut best);
+            self.consider(&face(at), false, &mut best);
             for t in body.triangle(at).iter().flat_map(|v| body.triangles_around(*v)) {
-                self.consider(&face(*t), &mut best);
+                self.consider(&face(*t), false, &mut best);
             }
             match best.as_ref().map(|seen| seen.triangle) {
                 Some(next) if next != at => at = next,
@@ -327,8 +375,8 @@ impl Patch {
         best.and_then(|seen| self.met(organs, seen, work))
     }
 
-    /// What is next to it on the `patches` of another organ, if it is near.
-    fn look(&self, organs: &Organs, patches: Range<u32>, work: &mut Workspace) -> Option<Seen> {
+    /// What is next to it on the `patches`, if it is near; of its `own` organ only what faces it across what is outside of it.
+    fn look(&self, organs: &Organs, patches: Range<u32>, own: bool, work: &mut Workspace) -> Option<Seen> {
         let Organs { body, mesh, .. } = *organs;
         let mut best: Option<Seen> = None;
         work.measure(body, self.place, patches.clone());
@@ -338,7 +386,7 @@ impl Patch {
         work.candidates.swap(0, first);
         for k in 0..work.candidates.len() {
             let far = best.as_ref().map_or(NEAR, |seen| seen.squared.sqrt().min(NEAR));
-            self.near(organs, k, far, work, |face| self.consider(&face, &mut best));
+            self.near(organs, k, far, work, |face| self.consider(&face, own, &mut best));
         }
         let seen = best?;
         work.place_around(body, mesh, seen.triangle);
@@ -379,20 +427,27 @@ impl Patch {
         }
     }
 
-    /// Takes the place of the `face` that is nearest for the `best` where it faces the patch and is nearer.
-    fn consider(&self, face: &Face, best: &mut Option<Seen>) {
+    /// Takes the place of the `face` that is nearest for the `best` where it faces the patch and is nearer; `across` what is outside where
+    /// both are in front of each other.
+    fn consider(&self, face: &Face, across: bool, best: &mut Option<Seen>) {
         let facing = -face.area.dot(&self.normal);
         if facing <= 0.0 || facing * facing <= FACING * FACING * face.area.norm_squared() {
             return;
         }
         // None of its places is nearer than its plane, but for rounding.
         let height = face.area.dot(&(self.place - face.corners[0]));
+        if across && height <= 0.0 {
+            return;
+        }
         let plane = height * height * (1.0 + STRAIGHT);
         if best.as_ref().is_some_and(|seen| plane >= seen.squared * face.area.norm_squared()) {
             return;
         }
         let nearest = face.nearest(self.place);
         let squared = (self.place - nearest).norm_squared();
+        if across && self.normal.dot(&(nearest - self.place)) <= 0.0 {
+            return;
+        }
         if best.as_ref().is_none_or(|seen| squared < seen.squared)
             && let Some(weights) = weights_in_triangle(&face.corners, nearest)
         {

@@ -1,4 +1,4 @@
-//! Touch: tools and obstacles, where they meet the surface, where organs meet, and the wrench that comes of it.
+//! Touch: tools and obstacles, where they meet the surface, where organs meet each other or themselves, and the wrench that comes of it.
 //!
 //! Emits point constraints and receives their multipliers; knows nothing of how they are solved.
 

@@ -34,11 +34,16 @@ impl Simulation {
             time = time.saturating_add(work::of_contact(&self.prices, own, part_of(of)));
             points += own;
         }
-        if self.meeting.is_some() {
+        if self.looks_for_meetings() {
             time = time.saturating_add(work::of_contact(&self.prices, self.meetings.len() as u32, Part::PatchPoint));
             points += self.meetings.iter().filter(|m| m.held).count() as u32;
         }
         (time, points)
+    }
+
+    /// Whether looking for meetings counts as a search: a single organ that is not folded takes little, in every tick alike.
+    fn looks_for_meetings(&self) -> bool {
+        self.body.organs().len() > 1 || !self.meetings.is_empty()
     }
 
     /// Fills the constraint list, tool by tool and obstacle by obstacle. What is touched anew waits for a tick that has time for it, be it
@@ -71,16 +76,17 @@ impl Simulation {
         self.find_meetings(&mut room, laps);
     }
 
-    /// Those of organs with each other.
+    /// Those of organs with each other, and with themselves.
     fn find_meetings(&mut self, room: &mut Room, laps: &mut dyn Laps) {
-        let Some(work) = &mut self.meeting else { return };
         laps.lap(Part::Fixed, 0);
         let id = ToolId::at(self.tools.len() + self.settings.obstacles.len());
         let organs = Organs { body: &self.body, mesh: &self.mesh, friction: &self.settings.organ_friction, id };
         let found = Found { constraints: &mut self.constraints, points_of_action: &mut self.points_of_action };
         let out = Met { found, feet: &mut self.feet };
-        meeting::meet(&organs, self.tick, room.of(Part::PatchPoint), &mut self.meetings, out, work);
-        room::lap_points(laps, self.meetings.len(), Part::PatchPoint);
+        meeting::meet(&organs, self.tick, room.of(Part::PatchPoint), &mut self.meetings, out, &mut self.meeting);
+        if self.looks_for_meetings() {
+            room::lap_points(laps, self.meetings.len(), Part::PatchPoint);
+        }
     }
 
     /// Those of tools, of which waiting ones engage where they are outside.

@@ -39,12 +39,11 @@ use crate::model::active_mesh::{Loads, Stiffening};
 use crate::model::constraint::{Foot, PointMemory};
 use crate::model::element_kernel::{Extremes, Simd};
 use crate::model::entangled::{ENTANGLED_FRAMES, ReferencePose};
-use crate::model::meeting::Meeting;
+use crate::model::meeting::{MOST_MEETINGS, Meeting};
 use crate::model::{ActiveMesh, Body, Constraint, State};
 use crate::stepping::step::{self, Pushing, World};
 use crate::stepping::work;
 use given::{Given, most_parameters};
-use snapshot::most_meetings;
 use std::sync::Arc;
 
 /// Ticks of a frame: the surface is published once per frame (31.25 Hz).
@@ -84,7 +83,7 @@ pub struct Simulation {
     stepping: step::Workspace,
     detection: detection::Workspace,
     /// Where the body has several organs.
-    meeting: Option<meeting::Workspace>,
+    meeting: meeting::Workspace,
     outputs: Outputs,
 }
 
@@ -127,19 +126,17 @@ impl Simulation {
             points
         };
         let (points, obstacle_points) = (with_room(tools, &start.points), with_room(obstacles, touched));
-        let most_meetings = most_meetings(&body);
         let (patches, organs) = (body.patches(), body.organs());
         let is_of_body = |m: &Meeting| {
             let known = m.patch < patches.count() && m.other.index() < organs.len();
-            let of_other = || organs[m.other.index()].triangles.contains(&m.triangle.index());
-            known && of_other() && m.other != patches.organ(m.patch)
+            known && organs[m.other.index()].triangles.contains(&m.triangle.index())
         };
-        if start.meetings.len() > most_meetings || !start.meetings.iter().all(is_of_body) {
+        if start.meetings.len() > MOST_MEETINGS || !start.meetings.iter().all(is_of_body) {
             return Err("the state has organs meet that the body has not".into());
         }
-        let mut meetings = Vec::with_capacity(most_meetings);
+        let mut meetings = Vec::with_capacity(MOST_MEETINGS);
         meetings.extend_from_slice(&start.meetings);
-        let most_constraints = MOST_POINTS * tools + settings.obstacles.iter().map(most).sum::<usize>() + most_meetings;
+        let most_constraints = MOST_POINTS * tools + settings.obstacles.iter().map(most).sum::<usize>() + MOST_MEETINGS;
         let mut simulation = Self {
             given: Given::by(&settings),
             parameters: Vec::with_capacity(most_parameters(&body, &settings)),
@@ -157,7 +154,7 @@ impl Simulation {
             vertices: vec![Vec3::zeros(); vertices],
             constraints: Vec::with_capacity(most_constraints),
             points_of_action: Vec::with_capacity(most_constraints),
-            feet: Vec::with_capacity(most_meetings),
+            feet: Vec::with_capacity(MOST_MEETINGS),
             focus: Vec::with_capacity(MOST_TOOLS * MOST_PARTS * LOOKS_AHEAD),
             adaptation: adaptation::Workspace::new(&body, &settings.adaptivity.clone().unwrap_or_default()),
             stepping: step::Workspace::new(&mesh, most_constraints),
@@ -398,10 +395,8 @@ impl Simulation {
             }
         }
         laps.lap(Part::Fixed, 0);
-        if self.meeting.is_some() {
-            self.mesh.step_alike(&self.body, self.meetings.iter().flat_map(|m| m.points(&self.body)));
-            laps.lap(Part::PatchPoint, 0);
-        }
+        self.mesh.step_alike(&self.body, self.meetings.iter().flat_map(|m| m.points(&self.body)));
+        laps.lap(Part::PatchPoint, 0);
         self.mesh.reclass_part(&self.body, ticks % RECLASS_TICKS, RECLASS_TICKS);
         laps.lap(Part::Fixed, 0);
     }

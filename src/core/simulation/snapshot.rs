@@ -75,7 +75,7 @@ impl Snapshot {
             parameters: Vec::with_capacity(most_parameters(body, settings)),
             stiffening: Stiffening::with_room(body.tissue_count()),
             obstacle_points: points.collect(),
-            meetings: Vec::with_capacity(most_meetings(body)),
+            meetings: Vec::with_capacity(MOST_MEETINGS),
             ..Self::with_state(state, settings.tools.len())
         }
     }
@@ -158,11 +158,6 @@ impl Simulation {
         self.meetings.clear();
         self.meetings.extend_from_slice(&snapshot.meetings);
     }
-}
-
-/// Most meetings of a body's organs at once.
-pub(super) fn most_meetings(body: &Body) -> usize {
-    if body.organs().len() > 1 { MOST_MEETINGS } else { 0 }
 }
 
 /// Without allocating where there is room.

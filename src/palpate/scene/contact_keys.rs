@@ -1,4 +1,4 @@
-//! What is between two organs that meet.
+//! What is between two organs that meet, or two places of one.
 
 use garde::Validate;
 use palpate_core::contact::meeting::Between;
@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 #[serde(deny_unknown_fields)]
 #[garde(allow_unvalidated)]
 pub struct ContactKeys {
-    /// Names of two organs; that of `[body]` is the name of the scene.
+    /// Names of two organs, or twice that of one which folds onto itself; that of `[body]` is the name of the scene.
     pub between: [String; 2],
     /// Coulomb's coefficient of friction between them.
     #[garde(range(min = 0.0, max = 2.0))]
@@ -42,7 +42,6 @@ pub(super) fn faults(contacts: &[ContactKeys], names: &[&str], out: &mut Vec<(St
             contact.between == [a.clone(), b.clone()] || contact.between == [b.clone(), a.clone()]
         };
         let fault = match organs {
-            [Some(a), Some(b)] if a == b => "an organ does not meet itself: name two".into(),
             [Some(_), Some(_)] if contacts[..i].iter().any(is_same) => "these two stand further up".into(),
             [Some(_), Some(_)] => continue,
             [first, _] => {

@@ -8,7 +8,7 @@ use three_d::Viewport;
 use three_d::egui::{self, Key, PointerButton, Sense};
 
 /// What the keys and the mouse do, for the help.
-pub const HELP: [(&str, &str); 12] = [
+pub const HELP: [(&str, &str); 13] = [
     ("drag", "turn"),
     ("right drag", "move"),
     ("wheel", "nearer, farther"),
@@ -17,7 +17,8 @@ pub const HELP: [(&str, &str); 12] = [
     ("Space", "pause, go on"),
     ("R", "reset"),
     ("T", "take a tool, let it go"),
-    ("press", "with a tool: poke; drag to stroke, wheel for depth"),
+    ("press", "with a tool: poke; drag to stroke, wheel for depth, or to pull"),
+    ("G", "open jaws, close them"),
     ("← →", "frame before, frame after (recording)"),
     ("P", "panels"),
     ("H", "this help"),
@@ -27,6 +28,8 @@ pub const HELP: [(&str, &str); 12] = [
 const FIRST_DEPTH: f32 = 0.04;
 /// What a step of the wheel adds to it, in diagonals of the body.
 const DEPTH_STEP: f32 = 0.004;
+/// How far above the surface the wheel takes it at most, in diagonals of the body: jaws pull at what they hold.
+const HIGHEST: f32 = 0.15;
 /// Scroll of one step of a wheel [points].
 const WHEEL: f32 = 24.0;
 
@@ -43,6 +46,7 @@ pub fn keys(context: &egui::Context, app: &mut App) {
         (Key::R, App::reset),
         (Key::F, App::fit),
         (Key::T, App::toggle_poke),
+        (Key::G, App::toggle_jaws),
         (Key::P, |app| app.panels = !app.panels),
         (Key::H, |app| app.help = !app.help),
         (Key::ArrowLeft, |app| app.step(false)),
@@ -91,7 +95,8 @@ fn poke(ui: &egui::Ui, response: &egui::Response, scroll: f32, app: &mut App) {
     let held = response.is_pointer_button_down_on() && ui.input(|input| input.pointer.primary_down());
     let pressing = match &app.pressing {
         Some(pressing) if held => {
-            let depth = (pressing.press.depth + scroll / WHEEL * DEPTH_STEP * body.size()).max(0.0);
+            let depth = pressing.press.depth + scroll / WHEEL * DEPTH_STEP * body.size();
+            let depth = depth.max(-HIGHEST * body.size());
             let place = hit(&pressing.surface).map_or(pressing.press, |hit| Press {
                 point: hit.point,
                 normal: hit.normal,

@@ -61,6 +61,12 @@ fn live(ui: &mut egui::Ui, app: &mut App) {
         if ui.button(if app.poke.is_some() { "let the tool go" } else { "take a tool" }).clicked() {
             app.toggle_poke();
         }
+        if let (Some(Felt::Held(tool, _)), Some(poke)) = (app.felt(), &app.poke)
+            && app.body().is_some_and(|body| body.has_jaws(tool))
+            && ui.button(if poke.has_jaws_open() { "close jaws" } else { "open jaws" }).clicked()
+        {
+            poke.toggle_jaws();
+        }
         scenes(ui, app);
     });
     let (words, ink) = match app.felt() {

@@ -9,6 +9,9 @@ const PRESS: f32 = 0.15;
 /// Between the tool and the surface before it is pressed in [m].
 const HOVER: f32 = 0.015;
 
+/// Time in which jaws open or close all the way [s]: slow enough for what they hold to be felt, as of the virtual Phantom.
+const JAWS: f32 = 0.5;
+
 /// A place on the surface that the mouse presses.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Press {
@@ -16,7 +19,7 @@ pub struct Press {
     pub point: Vec3,
     /// Out of the body there, unit.
     pub normal: Vec3,
-    /// How far in the tool is to go [m].
+    /// How far in the tool is to go [m]; below zero it is above.
     pub depth: f32,
 }
 
@@ -33,6 +36,8 @@ pub struct Hand {
     around: (Vec3, f32),
     /// The place that it is on, from hovering above it until it hovers again.
     on: Option<Press>,
+    /// How far it holds the tool's jaws open: 0, closed, to 1.
+    pub opening: f32,
 }
 
 impl Hand {
@@ -46,7 +51,14 @@ impl Hand {
             reach,
             around: (centre, radius),
             on: None,
+            opening: 0.0,
         }
+    }
+
+    /// Opens or closes jaws, as far as `dt` [s] lasts.
+    pub fn move_jaws(&mut self, open: bool, dt: f32) {
+        let way = if open { dt } else { -dt } / JAWS;
+        self.opening = (self.opening + way).clamp(0.0, 1.0);
     }
 
     /// One step of `dt` [s] towards what the mouse wants; `None` lets go.
@@ -154,6 +166,17 @@ mod tests {
                 hand.step(None, DT);
             }
             assert!((hand.position.magnitude() - (BALL + 0.01 + HOVER)).abs() < 1e-5, "let go, it hovers");
+        }
+    }
+
+    #[test]
+    fn jaws_open_and_close_within_half_a_second() {
+        let mut hand = hand();
+        for (open, end) in [(true, 1.0), (false, 0.0)] {
+            (0..450).for_each(|_| hand.move_jaws(open, DT));
+            assert!((hand.opening - end).abs() > 0.05);
+            (0..60).for_each(|_| hand.move_jaws(open, DT));
+            assert_eq!(hand.opening, end);
         }
     }
 

@@ -49,6 +49,7 @@ pub struct Poke {
 struct Shared {
     stop: AtomicBool,
     wanted: Mutex<Option<Press>>,
+    jaws_open: AtomicBool,
     felt: Mutex<Felt>,
 }
 
@@ -81,6 +82,16 @@ impl Poke {
         *lock(&self.shared.wanted) = wanted;
     }
 
+    /// Opens the tool's jaws where they are closed, and the other way round.
+    pub fn toggle_jaws(&self) {
+        self.shared.jaws_open.fetch_not(Relaxed);
+    }
+
+    /// Whether they are open, or opening.
+    pub fn has_jaws_open(&self) -> bool {
+        self.shared.jaws_open.load(Relaxed)
+    }
+
     /// What the tool feels now.
     pub fn felt(&self) -> Felt {
         lock(&self.shared.felt).clone()
@@ -106,7 +117,9 @@ impl Shared {
         while !self.stop.load(Relaxed) {
             let now = Instant::now();
             let wanted = *lock(&self.wanted);
-            hand.step(wanted, now.duration_since(last).as_secs_f32().min(LONGEST_STEP));
+            let dt = now.duration_since(last).as_secs_f32().min(LONGEST_STEP);
+            hand.step(wanted, dt);
+            hand.move_jaws(self.jaws_open.load(Relaxed), dt);
             last = now;
             let q = hand.orientation();
             tool.send_pose(PoseSample {
@@ -114,7 +127,7 @@ impl Shared {
                 orientation: [q.v.x, q.v.y, q.v.z, q.s].map(f64::from),
                 linear_velocity: None,
                 buttons: 0,
-                opening: 0.0,
+                opening: hand.opening,
             })?;
             let touch = tool.latest_wrench().map(|received| Touch {
                 newtons: received.wrench.force.iter().map(|c| c * c).sum::<f64>().sqrt(),

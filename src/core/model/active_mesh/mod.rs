@@ -200,7 +200,6 @@ impl ActiveMesh {
         // Stars come before others leave; each is around a node with a slot.
         let (plain, branches) = (body.stars().is_empty(), body.maxwell().len());
         let of_stars = if plain { 0 } else { slots };
-        let several = body.organs().len() > 1;
         let mut mesh = Self {
             set: ActiveSet::uniform(body, 0),
             pool: ElementPool::new(body.element_count(), capacity, slots, branches),
@@ -250,9 +249,9 @@ impl ActiveMesh {
             registers: Registers::best(),
             supports: Supports::new(body),
             stiffest_spring: 0.0,
-            least_class: vec![0; if several { body.node_count() } else { 0 }],
-            held_alike: Vec::with_capacity(if several { body.node_count() } else { 0 }),
-            alike_points: Vec::with_capacity(if several { 2 * MOST_MEETINGS } else { 0 }),
+            least_class: vec![0; body.node_count()],
+            held_alike: Vec::with_capacity(body.node_count()),
+            alike_points: Vec::with_capacity(2 * MOST_MEETINGS),
             alike_is_known: false,
             materials: Materials::new(body),
             damping: 1.0,

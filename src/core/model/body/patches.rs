@@ -8,6 +8,7 @@ use crate::geometry::Surface;
 use crate::ids::{OrganId, Triangle, Vertex};
 use crate::math::{Bounds, Real, Vec3};
 use crate::model::csr::Csr;
+use std::collections::BTreeSet;
 use std::f64::consts::PI;
 use std::ops::Range;
 
@@ -27,6 +28,11 @@ pub const SAME_SIDE: Real = 0.9;
 /// leaves fewer patches than there may be.
 const WIDER: Real = 1.4;
 
+/// Steps from patch to patch along the surface within which two of them do not meet: what is between them keeps them apart, and their
+/// mean places are off a surface that bends by as much as a fold between them is wide. With one those of a tight bend meet beside their
+/// places, with more tighter folds pass through themselves.
+const BESIDE: usize = 2;
+
 /// All patches of a body.
 #[derive(Debug)]
 pub struct Patches {
@@ -40,6 +46,8 @@ pub struct Patches {
     triangles: Csr<Triangle>,
     /// ... and how far these go.
     extent: Vec<Extent>,
+    /// By patch: itself, and those at most [`BESIDE`] steps from it.
+    beside: Csr<u32>,
 }
 
 /// How far the display triangles of a patch go at rest.
@@ -83,10 +91,18 @@ impl Patches {
             *edge = edge.max(far([(a, b), (b, c), (c, a)]));
         }
         let triangles = Csr::new(patches.len(), owned.into_iter());
+        let beside = beside(surface, &patch_of, patches.len());
         let all = patches.iter().enumerate();
         let entries = all.flat_map(|(i, patch)| patch.vertices.iter().map(move |entry| (i, *entry)));
         let of = Csr::new(patches.len(), entries);
-        Self { of, first, radius: patches.iter().map(|patch| (patch.area / PI).sqrt()).collect(), triangles, extent }
+        Self {
+            of,
+            first,
+            radius: patches.iter().map(|patch| (patch.area / PI).sqrt()).collect(),
+            triangles,
+            extent,
+            beside,
+        }
     }
 
     /// How many they are.
@@ -119,6 +135,11 @@ impl Patches {
         self.extent[i as usize]
     }
 
+    /// Patch `i` and those beside it, which it does not meet however the surface folds.
+    pub fn beside(&self, i: u32) -> &[u32] {
+        self.beside.of(i as usize)
+    }
+
     /// The vertex in the middle of patch `i`.
     pub fn middle(&self, i: u32) -> Vertex {
         self.of(i)[0].0
@@ -128,6 +149,26 @@ impl Patches {
     pub fn of(&self, i: u32) -> &[(Vertex, Real)] {
         self.of.of(i as usize)
     }
+}
+
+/// By patch: itself, and those at most [`BESIDE`] steps from it over triangles of both; `patch_of` each vertex.
+fn beside(surface: &Surface, patch_of: &[Option<usize>], count: usize) -> Csr<u32> {
+    let of_corners = |corners: &[u32; 3]| corners.map(|v| patch_of[v as usize]);
+    let mut next = vec![BTreeSet::new(); count];
+    for [a, b, c] in surface.triangles.iter().map(of_corners) {
+        for (from, to) in [(a, b), (b, c), (c, a)] {
+            if let (Some(from), Some(to)) = (from, to) {
+                next[from].insert(to);
+                next[to].insert(from);
+            }
+        }
+    }
+    let around = |i: usize| {
+        let step = |all: BTreeSet<usize>| all.iter().flat_map(|i| next[*i].iter().chain([i])).copied().collect();
+        (0..BESIDE).fold(BTreeSet::from([i]), |all, _| step(all))
+    };
+    let pairs: Vec<_> = (0..count).flat_map(|i| around(i).into_iter().map(move |of| (i, of as u32))).collect();
+    Csr::new(count, pairs.into_iter())
 }
 
 /// A patch as it is made.
