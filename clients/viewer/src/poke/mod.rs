@@ -127,7 +127,7 @@ impl Shared {
                 orientation: [q.v.x, q.v.y, q.v.z, q.s].map(f64::from),
                 linear_velocity: None,
                 buttons: 0,
-                opening: hand.opening,
+                opening: hand.opening.into(),
             })?;
             let touch = tool.latest_wrench().map(|received| Touch {
                 newtons: received.wrench.force.iter().map(|c| c * c).sum::<f64>().sqrt(),
