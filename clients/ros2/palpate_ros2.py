@@ -1,13 +1,15 @@
 #!/usr/bin/env python3
 """A tool of a Palpate server as a node of ROS 2, without a ROS installation: it speaks the keys and CDR of rmw_zenoh.
 
-===================  ===============================  =======================================================
-topic                type
-===================  ===============================  =======================================================
-``/palpate/pose``    ``geometry_msgs/PoseStamped``    in: where the tool is to be, 10 to 1000 times a second
-``/palpate/wrench``  ``geometry_msgs/WrenchStamped``  out: force [N] and torque [N m] on the tool, as rendered
-``/palpate/marker``  ``visualization_msgs/Marker``    out: the surface, 8 times a second
-===================  ===============================  =======================================================
+========================  ===============================  =======================================================
+topic                     type
+========================  ===============================  =======================================================
+``/palpate/pose``         ``geometry_msgs/PoseStamped``    in: where the tool is to be, 10 to 1000 times a second
+``/palpate/opening``      ``std_msgs/Float64``             in: how far its jaws are to be open: 0, closed, to 1
+``/palpate/wrench``       ``geometry_msgs/WrenchStamped``  out: force [N] and torque [N m] on the tool, as rendered
+``/palpate/grip_torque``  ``std_msgs/Float64``             out: what opens its jaws, for the angle between them [N m]
+``/palpate/marker``       ``visualization_msgs/Marker``    out: the surface, 8 times a second
+========================  ===============================  =======================================================
 
 All are in the axes of the scene, frame ``palpate``: right-handed, metres, +z up. A static transform places it.
 
@@ -33,6 +35,7 @@ import palpate
 TYPES = {
     "geometry_msgs/PoseStamped": "RIHS01_10f3786d7d40fd2b54367835614bff85d4ad3b5dab62bf8bca0cc232d73b4cd8",
     "geometry_msgs/WrenchStamped": "RIHS01_8dc3deaf06b2ab281f9f9a742a8961c328ca7cec16e3fd6586d3a5c83fa78f77",
+    "std_msgs/Float64": "RIHS01_705ba9c3d1a09df43737eb67095534de36fd426c0587779bda2bc51fe790182a",
     "visualization_msgs/Marker": "RIHS01_45b13ccf791f225962bf74e746f9644518855d783a6f42ba0cc14fde2b4f3ce0",
 }
 NODE = "palpate"
@@ -81,6 +84,12 @@ def wrench_stamped(time_ns, force, torque):
     return bytes(cdr.bytes)
 
 
+def float64(value):
+    cdr = Cdr()
+    cdr.put("d", value)
+    return bytes(cdr.bytes)
+
+
 def marker(time_ns, corners):
     """A list of triangles, (3 n, 3) [m]."""
     cdr = Cdr()
@@ -116,6 +125,11 @@ def read_pose_stamped(data):
     at = 12 + length
     at += -at % 8
     return seconds + 1e-9 * nanoseconds, np.array(struct.unpack_from(order + "7d", data, 4 + at))
+
+
+def read_float64(data):
+    """Raises ``struct.error`` where it is none."""
+    return struct.unpack_from(("<" if data[1] & 1 else ">") + "d", data, 4)[0]
 
 
 def dds_type(name):
@@ -173,13 +187,24 @@ class Ros:
 
 
 class Poses:
-    """The newest pose from ROS, and how fast it moves."""
+    """The newest pose from ROS, and how fast it moves, and how far jaws are to be open."""
 
     def __init__(self):
         self.lock = threading.Lock()
         self.arrival = self.stamp = self.pose = None
         self.velocity = np.zeros(3)
+        self.opening = 0.0
         self.refused = 0
+
+    def open(self, data):
+        try:
+            opening = read_float64(data)
+        except (struct.error, IndexError):
+            opening = np.nan
+        if 0.0 <= opening <= 1.0:
+            self.opening = opening
+        else:
+            self.refused += 1
 
     def receive(self, data):
         try:
@@ -214,8 +239,10 @@ def bridge(connection, ros, options, stop):
     """Runs until ``stop`` is set. The tool is taken with the first pose."""
     poses = Poses()
     publish_wrench = ros.publisher("wrench", "geometry_msgs/WrenchStamped")
+    publish_grip = ros.publisher("grip_torque", "std_msgs/Float64")
     publish_marker = ros.publisher("marker", "visualization_msgs/Marker")
     ros.subscribe("pose", "geometry_msgs/PoseStamped", poses.receive)
+    ros.subscribe("opening", "std_msgs/Float64", poses.open)
     watch = connection.watch(every=MARKER_EVERY)
     tool, shown, again, period = None, None, 0.0, 1.0 / options.pose_rate
     due = time.monotonic()
@@ -226,7 +253,9 @@ def bridge(connection, ros, options, stop):
                 if tool is None and time.monotonic() >= again:
                     tool = connection.attach(options.tool, device=options.device, client="ROS 2")
                 if tool is not None:
-                    tool.move(latest[1], latest[2])
+                    tool.move([*latest[1], poses.opening], latest[2])
+                    grip = tool.wrench.grip_torque if tool.wrench is not None else 0.0
+                    publish_grip(time.time_ns(), float64(left * grip))
                     publish_wrench(time.time_ns(), wrench_stamped(time.time_ns(), left * tool.force, left * tool.torque))
             elif tool is not None:
                 tool.detach()

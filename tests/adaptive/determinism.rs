@@ -78,7 +78,7 @@ fn restored_while_it_sheds_it_goes_on_bit_for_bit() {
     let [before, shed] = [CUT, CUT + 200].map(|i| all[i as usize].3[0]);
     println!("held in ticks {held:?}; {before} elements, then {shed}");
     assert!(!held.is_empty() && shed * 10 < before * 9, "there is nothing to get wrong");
-    for moment in (CUT..=held[held.len() - 1] + 2).take(40) {
+    for moment in (CUT..=held[held.len() - 1] + 2).take(40).step_by(cases(3, 1) as usize) {
         restored_at(moment, &body, start, press_on_a_cut_budget, &all);
     }
 }

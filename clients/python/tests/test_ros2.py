@@ -23,6 +23,7 @@ from test_simulation import TOP, press
 
 STORE = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
 POSE = "geometry_msgs/msg/PoseStamped"
+FLOAT = "std_msgs/msg/Float64"
 
 
 def pose_stamped(position):
@@ -44,6 +45,16 @@ def test_poses_that_stop_let_the_force_fade():
     assert abs(palpate_ros2.fading(0.045, 0.01) - 0.625) < 1e-9
 
 
+def test_jaws_are_opened_by_numbers_from_0_to_1_and_nothing_else():
+    poses = palpate_ros2.Poses()
+    for opening, expected in ((0.4, 0.4), (1.0, 1.0), (1.5, 1.0), (float("nan"), 1.0), (0.0, 0.0)):
+        poses.open(bytes(STORE.serialize_cdr(STORE.types[FLOAT](opening), FLOAT)))
+        assert poses.opening == expected
+    poses.open(b"none")
+    assert poses.opening == 0.0 and poses.refused == 3
+    assert STORE.deserialize_cdr(palpate_ros2.float64(-0.25), FLOAT).data == -0.25
+
+
 class Peer:
     """ROS: its router, one that sends poses, and one that keeps what comes, as bytes: reading all of it would take the time of
     the bridge, which runs in the same interpreter."""
@@ -59,9 +70,11 @@ class Peer:
             config.insert_json5(key, value)
         self.session = zenoh.open(config)
         self.kept = []
-        self.came = {"wrench": [], "marker": []}
-        for topic, kind in (("wrench", "geometry_msgs/WrenchStamped"), ("marker", "visualization_msgs/Marker")):
+        self.came = {"wrench": [], "marker": [], "grip_torque": []}
+        kinds = ("geometry_msgs/WrenchStamped", "visualization_msgs/Marker", "std_msgs/Float64")
+        for topic, kind in zip(self.came, kinds):
             self.kept.append(self.session.declare_subscriber(self.key(topic, kind), self.keep(topic, kind)))
+        self.openings = self.session.declare_publisher(self.key("opening", "std_msgs/Float64"))
         self.poses = self.session.declare_publisher(self.key("pose", "geometry_msgs/PoseStamped"))
 
     def key(self, topic, kind):
@@ -78,8 +91,11 @@ class Peer:
         return receive
 
     def read(self, topic, nth=-1):
-        kind = {"wrench": "geometry_msgs/msg/WrenchStamped", "marker": "visualization_msgs/msg/Marker"}[topic]
-        return STORE.deserialize_cdr(self.came[topic][nth][1], kind)
+        kinds = {"wrench": "geometry_msgs/msg/WrenchStamped", "marker": "visualization_msgs/msg/Marker"}
+        return STORE.deserialize_cdr(self.came[topic][nth][1], kinds.get(topic, FLOAT))
+
+    def open(self, opening):
+        self.openings.put(bytes(STORE.serialize_cdr(STORE.types[FLOAT](opening), FLOAT)))
 
     def send(self, position):
         self.poses.put(pose_stamped(position))
@@ -97,13 +113,15 @@ def test_a_node_of_ros_presses_feels_and_sees(server):
         def tokens():
             return {str(reply.ok.key_expr) for reply in peer.session.liveliness().get("@ros2_lv/7/**")}
 
-        assert comes(lambda: len(tokens()) == 4, 60), tokens()
+        assert comes(lambda: len(tokens()) == 6, 60), tokens()
         kinds = sorted(token.split("/")[5] for token in tokens())
-        assert kinds == ["MP", "MP", "MS", "NN"]
+        assert kinds == ["MP", "MP", "MP", "MS", "MS", "NN"]
         assert any(token.endswith("/NN/%/%palpate/palpate") for token in tokens())
 
         peer.poses.put(b"no pose")
         peer.send([np.nan, 0.0, 0.0])
+        for opening in (np.nan, 7.0):
+            peer.open(opening)
 
         def pressed_until(done):
             """True once `done`; a busy machine may lose the hand for a moment, so it comes from outside again and again."""
@@ -120,6 +138,8 @@ def test_a_node_of_ros_presses_feels_and_sees(server):
 
         assert pressed_until(lambda: felt() > 0.3), "the body pushes back"
         assert peer.read("wrench").header.frame_id == "palpate"
+        assert peer.read("grip_torque").data == 0.0, "a ball has no jaws"
+        peer.open(0.5)
 
         # It sees the dent.
         def dent():
