@@ -192,8 +192,9 @@ pub fn meet(organs: &Organs, tick: u64, room: u32, memory: &mut Vec<Meeting>, ou
     }
 }
 
-/// Where there may be more meetings.
+/// The meetings, and how many more there is room for.
 struct Room<'a> {
+    /// New ones, by the time of the tick.
     left: u32,
     memory: &'a mut Vec<Meeting>,
 }

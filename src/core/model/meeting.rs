@@ -1,19 +1,19 @@
-//! What is remembered of organs that meet.
+//! What is remembered of organs that meet, each other or themselves.
 
 use super::body::Body;
 use crate::ids::{OrganId, Triangle};
 use crate::math::{Real, Vec3};
 use serde::{Deserialize, Serialize};
 
-/// Most places where organs meet, or are about to: what bounds the cost of a tick.
+/// Most places where organs meet each other or themselves, or are about to: what bounds the cost of a tick.
 pub const MOST_MEETINGS: usize = 256;
 
-/// Where a patch of an organ's surface is near another organ, as it is remembered from tick to tick.
+/// Where a patch of an organ's surface is near another organ, or another place of its own, as it is remembered from tick to tick.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Meeting {
     /// Number of the patch, ...
     pub patch: u32,
-    /// ... and the other organ.
+    /// ... and the other organ, which is its own where it is folded.
     pub other: OrganId,
     /// The other organ's display triangle that is next to it, ...
     pub triangle: Triangle,

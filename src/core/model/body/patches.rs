@@ -1,4 +1,4 @@
-//! Patches: pieces of the display surface, each of which meets flat ground, or another organ, as one.
+//! Patches: pieces of the display surface, each of which meets flat ground, another organ, or its own, as one.
 //!
 //! A body lies on ground with all of a side, by more vertices than a tick has time for. A patch meets the ground with its mean
 //! place, by area, so that an even pressure loads the surface evenly however much finer than a patch the mesh is. Patches are
