@@ -1,7 +1,6 @@
 //! Play with several tools at once: a ball that goes from hand to hand, and a toy that falls over and is picked up.
 
 use super::*;
-use palpate_core::contact::tool::MOST_TOOLS;
 
 /// A bundled scene, settled, all of its tools attached.
 fn at_hand(name: &str) -> Simulation {
@@ -16,7 +15,6 @@ fn at_hand(name: &str) -> Simulation {
 
 /// One tick with the tools upright at these places [m].
 fn hold(simulation: &mut Simulation, places: &[Vec3]) {
-    assert!(places.len() <= MOST_TOOLS);
     let events: Vec<_> = places.iter().map(|place| Some(posed(*place, UPRIGHT))).collect();
     let outputs = simulation.advance(&inputs(&events));
     assert!(!outputs.restored);

@@ -32,8 +32,8 @@ const NEAR: Real = 10e-3;
 /// Ticks in which all patches are looked at once for what they come near to: with fewer each takes longer, with more fast ones are found
 /// late.
 const LOOKS: u64 = 8;
-/// And for what they come near to on their own organ, of which every body has one to look at: what folds onto itself with more than
-/// 0.5 m/s may be found late, and not be found once it is through.
+/// And for what they come near to on their own organ, which every body has: [`NEAR`] less [`MARGIN`] in so many ticks is 0.5 m/s. With
+/// fewer each tick takes longer; with more slower folds are found late, and one that is through is not found any more.
 const LOOKS_AT_ITSELF: u64 = 16;
 /// Least cosine between the normal of a triangle and what comes against that of a patch: an edge's patches, whose normals are between
 /// those of its sides, meet what lies flat against a side, and not what is beside it.
@@ -43,7 +43,7 @@ const MOST_STEPS: usize = 4;
 /// A way this much off a triangle's normal is along it, but for rounding.
 const STRAIGHT: Real = 1e-6;
 
-/// Coulomb's coefficients of friction between organs, each two of them.
+/// Coulomb's coefficients of friction between organs: of each two of them, and of each with itself where it is folded.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Between([[Real; MOST_ORGANS]; MOST_ORGANS]);
 

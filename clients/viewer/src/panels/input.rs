@@ -28,7 +28,8 @@ pub const HELP: [(&str, &str); 13] = [
 const FIRST_DEPTH: f32 = 0.04;
 /// What a step of the wheel adds to it, in diagonals of the body.
 const DEPTH_STEP: f32 = 0.004;
-/// How far above the surface the wheel takes it at most, in diagonals of the body: jaws pull at what they hold.
+/// How far above the surface the wheel takes it at most, in diagonals of the body: jaws pull at what they hold. Chosen: with less little
+/// is lifted, with more the hand soon leaves the picture.
 const HIGHEST: f32 = 0.15;
 /// Scroll of one step of a wheel [points].
 const WHEEL: f32 = 24.0;

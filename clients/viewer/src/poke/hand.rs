@@ -9,7 +9,7 @@ const PRESS: f32 = 0.15;
 /// Between the tool and the surface before it is pressed in [m].
 const HOVER: f32 = 0.015;
 
-/// Time in which jaws open or close all the way [s]: slow enough for what they hold to be felt, as of the virtual Phantom.
+/// Time in which jaws open or close all the way [s]. Chosen, as of the virtual Phantom: a faster grip is a blow, a slower one is waited for.
 const JAWS: f32 = 0.5;
 
 /// A place on the surface that the mouse presses.
