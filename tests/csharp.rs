@@ -5,10 +5,13 @@
 
 #[path = "../clients/sdk/tests/c_program/mod.rs"]
 mod c_program;
+#[path = "common/secured.rs"]
+mod secured;
 #[path = "common/served.rs"]
 mod served;
 
 use c_program::{Linked, library, run};
+use secured::Secured;
 use served::Served;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -53,7 +56,14 @@ fn a_program_in_csharp_feels_and_sees_the_body() {
     let program = folder.path().join("touch.exe");
     compile(&["Runtime/*.cs", "Tests~/Touch.cs"], &[], &program);
     std::fs::copy(library(Linked::Shared), folder.path().join("libpalpate_sdk.so")).unwrap();
+    let secured = Secured::start();
+    shows(folder.path(), &secured.served.endpoints, secured.certificate("anna").to_str().unwrap());
     let server = Served::start(Path::new(env!("CARGO_BIN_EXE_palpate")));
+    shows(folder.path(), &server.endpoints, "");
+}
+
+/// What touch.exe in `folder` shows of the server at `endpoints`, with the certificate in `identity`, if any.
+fn shows(folder: &Path, endpoints: &[String; 2], identity: &str) {
     // The ball's centre ends 12 mm above the middle of the top, its lowest point 8 mm below it: right, up, forward.
     let place = ["0.05", "0.112", "0.05"];
     let number = |said: &str, what: &str| -> f64 {
@@ -63,12 +73,12 @@ fn a_program_in_csharp_feels_and_sees_the_body() {
     // A machine that is busy elsewhere for a tenth of a second silences the hand, which then has to come from outside again.
     let pressed = (0..10).find_map(|_| {
         let mut mono = Command::new("mono");
-        mono.arg(&program).args(&server.endpoints).arg("main").args(place);
-        let said = run(mono.env("LD_LIBRARY_PATH", folder.path()));
+        mono.arg(folder.join("touch.exe")).args(endpoints).arg("main").args(place).arg(identity);
+        let said = run(mono.env("LD_LIBRARY_PATH", folder));
         (number(&said, "most") > 0.3 && number(&said, "lowest") < 0.097 && said.contains("Engaged")).then_some(said)
     });
     let said = pressed.expect("pressed ten times, and never felt and seen");
-    println!("{said}");
+    println!("{identity} {said}");
     assert!(said.contains(concat!("library ", env!("CARGO_PKG_VERSION"))), "{said}");
     assert!(number(&said, "most") < 3.4 && number(&said, "lowest") > 0.05, "{said}");
     assert!(said.contains("Held and Engaged") && said.contains("clients 1"), "{said}");

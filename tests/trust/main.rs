@@ -9,6 +9,8 @@ mod random;
 #[path = "../common/roads.rs"]
 mod roads;
 mod roles;
+#[path = "../common/secured.rs"]
+mod secured;
 #[path = "../common/served.rs"]
 mod served;
 mod sites;

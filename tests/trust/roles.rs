@@ -2,13 +2,19 @@
 
 #[path = "../../clients/sdk/tests/c_program/mod.rs"]
 mod c_program;
+#[path = "../../clients/devices/haply.rs"]
+#[allow(dead_code, reason = "its main function reads arguments")]
+mod haply;
+#[path = "../../clients/sdk/tests/haply_service/mod.rs"]
+mod haply_service;
 
 use super::hand::{Hand, INSIDE, length};
+use super::secured::{ROLES, SCENE, Secured, certificates};
 use super::served::Served;
 use super::stranger::stranger_with;
 use palpate_proto::{self as proto, Message, control_request::Request, identity, keys};
 use palpate_sdk::{Attachment, Connection, Endpoints, SdkError, WatchOptions};
-use std::net::UdpSocket;
+use std::net::{TcpListener, UdpSocket};
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -20,73 +26,10 @@ use zenoh::sample::Sample;
 const PROGRAM: &str = env!("CARGO_BIN_EXE_palpate");
 const SESSION: &str = keys::DEFAULT_SESSION;
 
-/// One of each role; the two operators share the tools.
-const ROLES: &str = r#"
-wall = { role = "viewer" }
-anna = { role = "operator", tools = ["left"] }
-bert = { role = "operator", tools = ["right"] }
-ines = { role = "instructor" }
-root = { role = "admin" }
-"#;
-
-/// A weightless cube with the tools left and right.
-const SCENE: [&str; 8] = [
-    "--scene",
-    "cube",
-    "--set",
-    "world.gravity=[0.0, 0.0, 0.0]",
-    "--set",
-    "body.cells=[[5,5,5]]",
-    "--set",
-    "tool=[{name=\"left\", radius=0.02}, {name=\"right\", radius=0.02}]",
-];
-
-/// A server that asks for certificates, and the folder in which those are, in `certificates`.
-struct Secured {
-    served: Served,
-    folder: tempfile::TempDir,
-}
-
-impl Secured {
-    fn start() -> Self {
-        let folder = tempfile::tempdir().unwrap();
-        certificates(folder.path(), ROLES, "certificates");
-        let free = || format!("quic/{}", UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap());
-        let identity = Some(folder.path().join("certificates/clients/wall"));
-        let endpoints = Endpoints { force: free(), surface: free(), identity, ..Endpoints::default() };
-        let mut serve = Command::new(PROGRAM);
-        serve.current_dir(folder.path());
-        let trust = ["--identity", "certificates/server", "--roles", "roles.toml"];
-        Self { served: Served::at(serve, &[&SCENE[..], &trust].concat(), &endpoints), folder }
-    }
-
-    /// For whoever has the certificate in `identity`, below the folder.
-    fn endpoints(&self, identity: Option<&str>) -> Endpoints {
-        let identity = identity.map(|identity| self.folder.path().join(identity));
-        let [force, surface] = self.served.endpoints.clone();
-        Endpoints { force, surface, identity, ..Endpoints::default() }
-    }
-
-    fn connect(&self, name: &str) -> Connection {
-        Connection::open(&self.endpoints(Some(&format!("certificates/clients/{name}")))).unwrap()
-    }
-
-    /// Sessions of `name` on both endpoints that keep to no contract.
-    fn strangers(&self, name: &str) -> [zenoh::Session; 2] {
-        let certificates = self.folder.path().join("certificates/clients").join(name);
-        let open = |endpoint: &String| stranger_with(endpoint, identity::settings(&certificates).unwrap());
-        self.served.endpoints.each_ref().map(open)
-    }
-}
-
-/// Makes certificates for `roles` in `out` below `folder`; what the command says.
-fn certificates(folder: &Path, roles: &str, out: &str) -> String {
-    std::fs::write(folder.join("roles.toml"), roles).unwrap();
-    let mut command = Command::new(PROGRAM);
-    command.args(["certificates", "--roles", "roles.toml", "--out", out]).current_dir(folder);
-    let made = command.output().unwrap();
-    assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
-    String::from_utf8_lossy(&made.stdout).into_owned()
+/// Sessions of `name` on both endpoints that keep to no contract.
+fn strangers(secured: &Secured, name: &str) -> [zenoh::Session; 2] {
+    let open = |endpoint: &String| stranger_with(endpoint, identity::settings(&secured.certificate(name)).unwrap());
+    secured.served.endpoints.each_ref().map(open)
 }
 
 fn attachment(tool: &str) -> Attachment {
@@ -181,7 +124,7 @@ fn who_has_a_certificate_and_no_role_is_told_so() {
     for refused in [words(emma.session()), words(emma.control(reset())), words(emma.attach(&attachment("")))] {
         assert!(refused.contains("no role for the name of this certificate"), "{refused}");
     }
-    assert!(asked(&secured.strangers("emma")[1], keys::control(SESSION, "reset", "root"), reset()).is_none());
+    assert!(asked(&strangers(&secured, "emma")[1], keys::control(SESSION, "reset", "root"), reset()).is_none());
 }
 
 #[test]
@@ -194,7 +137,7 @@ fn a_viewer_gets_frames_and_no_wrenches_and_moves_nothing() {
     assert!(words(wall.attach(&attachment(""))).contains("wall is viewer on this server, and may not attach"));
     assert!(words(wall.control(reset())).contains("may not reset"));
     let watch = wall.watch_surface(WatchOptions::default()).unwrap();
-    let strangers = secured.strangers("wall");
+    let strangers = strangers(&secured, "wall");
     let keys_of_others = ["**".into(), keys::all_tool_poses(SESSION), keys::all_tool_wrenches(SESSION)];
     let wrenches = keys::tool_wrench(SESSION, 1);
     let heard = overheard(&strangers, &[&keys_of_others[..], &[wrenches, keys::status(SESSION)]].concat());
@@ -241,7 +184,7 @@ fn an_operator_has_tools_of_its_own_alone() {
         };
         who.put(keys::tool_pose(SESSION, 1), pose.encode_to_vec()).wait().unwrap();
     };
-    let (of_anna, of_bert) = (secured.strangers("anna"), secured.strangers("bert"));
+    let (of_anna, of_bert) = (strangers(&secured, "anna"), strangers(&secured, "bert"));
     let (answered, newest) = mpsc::channel();
     let listen = move |sample: Sample| {
         let wrench = proto::ToolWrench::decode(&*sample.payload().to_bytes()).unwrap();
@@ -281,7 +224,7 @@ fn an_instructor_resets_and_records_and_does_not_touch() {
     let recorded = ines.control(Request::StopRecording(proto::StopRecording {})).unwrap().recording.unwrap();
     assert!(recorded.ticks > 0 && recorded.fault.is_empty(), "{recorded:?}");
     assert!(words(ines.attach(&attachment(""))).contains("ines is instructor on this server, and may not attach"));
-    let [force, _] = secured.strangers("ines");
+    let [force, _] = strangers(&secured, "ines");
     let mut hand = Hand::of(secured.connect("anna"), "left", [0.05, 0.05]);
     hand.press();
     let heard = overheard(&[force], &["**".into(), keys::all_tool_wrenches(SESSION), keys::tool_wrench(SESSION, 0)]);
@@ -293,12 +236,11 @@ fn an_instructor_resets_and_records_and_does_not_touch() {
 #[test]
 fn programs_show_the_certificates_that_they_are_given() {
     let secured = Secured::start();
-    let certificate = |name: &str| secured.folder.path().join("certificates/clients").join(name);
     let [force, surface] = &secured.served.endpoints;
     let record = |name: &str| {
         let mut record = Command::new(PROGRAM);
         record.args(["record", "lesson.mcap", "--seconds", "0.2", "--surface-endpoint", surface, "--identity"]);
-        let recorded = record.arg(certificate(name)).output().unwrap();
+        let recorded = record.arg(secured.certificate(name)).output().unwrap();
         (recorded.status.success(), String::from_utf8_lossy(&recorded.stderr).into_owned())
     };
     let (is_recorded, said) = record("anna");
@@ -308,10 +250,26 @@ fn programs_show_the_certificates_that_they_are_given() {
     let sdk = Path::new(env!("CARGO_MANIFEST_DIR")).join("clients/sdk");
     c_program::compile_example(&sdk, "touch", c_program::Linked::Shared, &program);
     let mut touch = Command::new(&program);
-    touch.args([force, surface, SESSION, "0.05", "0.05", "0.111"]).env("PALPATE_IDENTITY", certificate("anna"));
+    touch.args([force, surface, SESSION, "0.05", "0.05", "0.111"]).env("PALPATE_IDENTITY", secured.certificate("anna"));
     let said = c_program::run(&mut touch);
     let felt = c_program::held_forces(&said).into_iter().fold(0.0, f64::max);
     assert!(felt > 0.1, "{said}");
+}
+
+#[test]
+fn a_device_of_haply_touches_with_the_certificate_of_its_bridge() {
+    let secured = Secured::start();
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let url = format!("ws://{}", listener.local_addr().unwrap());
+    let endpoints = secured.endpoints(Some("certificates/clients/anna"));
+    // Above the middle of the top; the ball's centre is 20 mm above its lowest point.
+    let bridge = std::thread::spawn(move || haply::touch(&url, &endpoints, [0.05, 0.05, 0.1]).map_err(|e| e.to_string()));
+    // Down to 8 mm below the top, once a second: what a busy machine silences comes from outside again.
+    let hand = |t: f64| (0.040 - 0.028 * (2.0 * t.fract()).min(1.0), false);
+    let mut felt = 0.0;
+    haply_service::run(&listener, 8.0, hand, |_, force| felt = f64::max(felt, force));
+    assert_eq!(bridge.join().unwrap(), Ok(()));
+    assert!(felt > 0.1, "{felt} N");
 }
 
 #[test]

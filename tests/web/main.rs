@@ -7,11 +7,16 @@ mod faults;
 mod hands;
 mod memory;
 mod pictures;
+mod roles;
 
 #[path = "../common/ports.rs"]
 mod ports;
 #[path = "../common/random.rs"]
 mod random;
+#[path = "../common/secured.rs"]
+mod secured;
+#[path = "../common/served.rs"]
+mod served;
 #[path = "../common/textured_cube.rs"]
 mod textured_cube;
 

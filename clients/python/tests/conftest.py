@@ -20,26 +20,33 @@ def program():
     return found
 
 
-def free_endpoint():
-    with socket.socket() as free:
+def free_endpoint(protocol="tcp"):
+    with socket.socket(type=socket.SOCK_DGRAM if protocol == "quic" else socket.SOCK_STREAM) as free:
         free.bind(("127.0.0.1", 0))
-        return "tcp/127.0.0.1:%d" % free.getsockname()[1]
+        return "%s/127.0.0.1:%d" % (protocol, free.getsockname()[1])
 
 
 class Server:
-    """A server of the cube, until it is stopped."""
+    """A server of the cube, until it is stopped; in a `folder`, one that asks for certificates, with one for an operator."""
 
-    def __init__(self, program):
-        self.force, self.surface = free_endpoint(), free_endpoint()
+    def __init__(self, program, folder=None):
+        self.identity, trust = None, []
+        if folder:
+            roles, made = folder / "roles.toml", folder / "certificates"
+            roles.write_text("anna = { role = \"operator\" }")
+            subprocess.run([program, "certificates", "--roles", roles, "--out", made], check=True)
+            self.identity, trust = made / "clients" / "anna", ["--roles", roles, "--identity", made / "server"]
+        protocol = "quic" if folder else "tcp"
+        self.force, self.surface = free_endpoint(protocol), free_endpoint(protocol)
         command = [program, "serve", "--scene", "cube", "--set", "world.gravity=[0.0, 0.0, 0.0]", "--until-input-ends"]
-        command += ["--force-endpoint", self.force, "--surface-endpoint", self.surface]
+        command += ["--force-endpoint", self.force, "--surface-endpoint", self.surface, *trust]
         self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL)
 
     def connect(self):
         begun = time.monotonic()
         while True:
             try:
-                connection = palpate.connect(self.force, self.surface)
+                connection = palpate.connect(self.force, self.surface, identity=self.identity)
                 connection.session()
                 return connection
             except ConnectionError:
@@ -57,3 +64,11 @@ def server(program):
     yield running
     if running.process.poll() is None:
         running.stop()
+
+
+@pytest.fixture
+def secured(program, tmp_path):
+    """A server that asks for certificates."""
+    running = Server(program, tmp_path)
+    yield running
+    running.stop()

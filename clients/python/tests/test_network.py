@@ -92,3 +92,12 @@ def test_a_server_that_asks_for_a_certificate_is_told_from_one_that_is_not_there
         palpate.connect(force="quic/127.0.0.1:7447")
     with pytest.raises(ConnectionError, match="ca.pem"):
         palpate.connect(force="quic/127.0.0.1:7447", identity=tmp_path)
+
+
+def test_who_shows_a_certificate_touches_and_sees(secured):
+    connection = secured.connect()
+    watch = connection.watch()
+    with connection.attach("ball") as tool:
+        pressed(tool, watch)
+    with pytest.raises(ConnectionError, match="anna is operator on this server, and may not set"):
+        connection.set_parameters({"friction": 0.1})

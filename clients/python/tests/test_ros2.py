@@ -167,15 +167,21 @@ def test_a_node_of_ros_presses_feels_and_sees(server):
         peer.session.close()
 
 
-def test_the_program_runs_until_it_is_told_to_end(server):
-    server.connect()
+def test_the_program_shows_its_certificate_and_runs_until_it_is_told_to_end(secured):
+    secured.connect()
     peer = Peer()
     command = [sys.executable, palpate_ros2.__file__, "--router", peer.endpoint, "--domain", "7"]
-    command += ["--force-endpoint", server.force, "--surface-endpoint", server.surface]
+    command += ["--force-endpoint", secured.force, "--surface-endpoint", secured.surface, "--identity", secured.identity]
     process = subprocess.Popen(command, env={**os.environ, "PYTHONUNBUFFERED": "1"})
     try:
         assert comes(lambda: peer.came["marker"], 60), "the surface comes without a tool"
         assert not peer.came["wrench"], "and no wrench"
+
+        def felt():
+            peer.send(TOP + [0.0, 0.0, 0.05])
+            return peer.came["wrench"]
+
+        assert comes(felt, 60), "with a pose the tool is its own"
         process.send_signal(signal.SIGTERM)
         assert process.wait(60) == 0
     finally:

@@ -7,15 +7,13 @@ mod fake_server;
 #[path = "../../devices/haply.rs"]
 #[allow(dead_code, reason = "its main function reads arguments")]
 mod haply;
+mod haply_service;
 
 use c_program::{Linked, compile_against, run};
 use fake_server::{FLOOR_STIFFNESS, FakeServer, TOOL_RADIUS};
-use serde_json::{Value, json};
 use std::net::TcpListener;
 use std::path::Path;
 use std::process::Command;
-use std::time::Instant;
-use tungstenite::Message;
 
 /// What the hand feels where it ends, 1 mm above the floor [N].
 const PRESSED: f64 = FLOOR_STIFFNESS * (TOOL_RADIUS - 1e-3);
@@ -67,40 +65,15 @@ fn haplys_service_presses_and_moves_on_with_the_clutch() {
     let url = format!("ws://{}", listener.local_addr().unwrap());
     let endpoints = server.endpoints.clone();
     let bridge = std::thread::spawn(move || haply::touch(&url, &endpoints, [0.0; 3]).map_err(|e| e.to_string()));
-
-    let mut socket = tungstenite::accept(listener.accept().unwrap().0).unwrap();
-    let begun = Instant::now();
-    let (mut felt, mut named, mut messages) = ([0.0; 3], false, 0);
-    let vector = |z: f64| json!({ "x": 0.0, "y": 0.0, "z": z });
-    loop {
-        let t = begun.elapsed().as_secs_f64();
-        let (up, clutch) = hand(t);
-        let state = json!({ "cursor_position": vector(up), "cursor_velocity": vector(0.0) });
-        // What is as before is left out.
-        let grip = if messages % 2 == 0 { json!({ "buttons": { "a": clutch } }) } else { json!({}) };
-        let other = json!({ "device_id": "other", "state": { "cursor_position": vector(-1.0) } });
-        let devices = json!([{ "device_id": "049D", "state": state }, other]);
-        let state = json!({ "inverse3": devices, "wireless_verse_grip": [{ "device_id": "7", "state": grip }] });
-        socket.send(Message::text(state.to_string())).unwrap();
-        if t > 3.8 {
-            break;
-        }
-        let answer: Value = serde_json::from_str(socket.read().unwrap().to_text().unwrap()).unwrap();
-        messages += 1;
-        let device = &answer["inverse3"][0];
-        assert_eq!(device["device_id"], "049D");
-        named |= answer["session"]["configure"]["profile"]["name"].is_string();
-        let force = device["commands"]["set_cursor_force"]["vector"]["z"].as_f64().unwrap();
+    let mut felt = [0.0; 3];
+    let messages = haply_service::run(&listener, 3.8, hand, |t, force| {
         for (part, (from, to)) in [(1.2, 2.0), (2.2, 2.6), (3.0, 9.0)].into_iter().enumerate() {
             if t > from && t < to {
                 felt[part] = f64::max(felt[part], force);
             }
         }
-    }
-    socket.close(None).unwrap();
-    while socket.read().is_ok() {}
+    });
     assert_eq!(bridge.join().unwrap(), Ok(()));
     println!("{messages} messages, {felt:?} N");
-    assert!(named);
     check(felt, "haply");
 }

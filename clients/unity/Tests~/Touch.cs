@@ -9,13 +9,14 @@ static class Touch
     {
         var server = new HapticTool.Server
         {
-            ForceEndpoint = arguments[0], SurfaceEndpoint = arguments[1], Session = arguments[2]
+            ForceEndpoint = arguments[0], SurfaceEndpoint = arguments[1], Session = arguments[2],
+            Identity = arguments[6]
         };
         // In Unity's axes: right, up, forward [m].
         double right = Number(arguments[3]), up = Number(arguments[4]), forward = Number(arguments[5]);
         try
         {
-            using (var view = new SurfaceView(server.SurfaceEndpoint, server.Session))
+            using (var view = new SurfaceView(server.SurfaceEndpoint, server.Session, identity: server.Identity))
             using (var tool = new HapticTool(server, rateHz: 500, device: "Touch", name: "Touch.cs"))
             {
                 var status = new ServerStatus();
