@@ -263,7 +263,8 @@ fn a_device_of_haply_touches_with_the_certificate_of_its_bridge() {
     let url = format!("ws://{}", listener.local_addr().unwrap());
     let endpoints = secured.endpoints(Some("certificates/clients/anna"));
     // Above the middle of the top; the ball's centre is 20 mm above its lowest point.
-    let bridge = std::thread::spawn(move || haply::touch(&url, &endpoints, [0.05, 0.05, 0.1]).map_err(|e| e.to_string()));
+    let bridge =
+        std::thread::spawn(move || haply::touch(&url, &endpoints, [0.05, 0.05, 0.1]).map_err(|e| e.to_string()));
     // Down to 8 mm below the top, once a second: what a busy machine silences comes from outside again.
     let hand = |t: f64| (0.040 - 0.028 * (2.0 * t.fract()).min(1.0), false);
     let mut felt = 0.0;

@@ -33,7 +33,7 @@ class Server:
         self.identity, trust = None, []
         if folder:
             roles, made = folder / "roles.toml", folder / "certificates"
-            roles.write_text("anna = { role = \"operator\" }")
+            roles.write_text("anna = { role = \"operator\", tools = [\"ball\"] }")
             subprocess.run([program, "certificates", "--roles", roles, "--out", made], check=True)
             self.identity, trust = made / "clients" / "anna", ["--roles", roles, "--identity", made / "server"]
         protocol = "quic" if folder else "tcp"
