@@ -305,7 +305,7 @@ fn cost(stage: &mut Stage, fault: fn(&mut Stage)) -> Cost {
     fault(stage);
     let (recovery, after) = stage.recovered();
     // How fast the disk is, is the machine's: a recording that it ended is told of, and replays as far as it goes.
-    let others: Vec<_> = after.faults.iter().filter(|fault| !fault.contains("the disk was too slow")).collect();
+    let others: Vec<_> = after.faults.iter().filter(|fault| !fault.contains(SLOW_DISK)).collect();
     assert!(others.is_empty(), "{others:?}");
     let hands = stage.hands.each_ref().map(|hand| hand.lock().unwrap());
     Cost {
@@ -316,6 +316,9 @@ fn cost(stage: &mut Stage, fault: fn(&mut Stage)) -> Cost {
         recovery: recovery.as_secs_f64(),
     }
 }
+
+/// What is said of a recording that ended early because of the disk.
+const SLOW_DISK: &str = "the disk was too slow";
 
 const NAME: &str = "every_fault_passes_and_what_was_felt_meanwhile_replays";
 
@@ -381,7 +384,9 @@ fn every_fault_passes_and_what_was_felt_meanwhile_replays() {
     left_thread.join().unwrap();
     right_thread.join().unwrap();
     stage.served.signal("TERM");
-    assert_eq!(stage.served.code(), Some(0));
+    // That is so of server and replay alike.
+    let ends_with = if status.faults.iter().any(|fault| fault.contains(SLOW_DISK)) { 3 } else { 0 };
+    assert_eq!(stage.served.code(), Some(ends_with));
     let (code, said) = replayed(&recording, &["--kernel", "portable"]);
 
     let mut table =
@@ -410,7 +415,7 @@ fn every_fault_passes_and_what_was_felt_meanwhile_replays() {
         status.late_ticks,
         said.trim()
     );
-    assert!(code == Some(0) && said.contains("identical"), "{said}");
+    assert!(code == Some(ends_with) && said.contains("identical"), "{said}");
     assert!(growth < MOST_GROWTH, "{growth} MB");
     assert!(costs.iter().flatten().all(|cost| cost.verdict() == "holds"));
 }
