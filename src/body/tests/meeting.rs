@@ -12,7 +12,7 @@ use palpate_core::math::{Bounds, Pose, Real, Vec3};
 use palpate_core::model::energy;
 use palpate_core::model::meeting::Meeting;
 use palpate_core::model::{Body, Material};
-use palpate_core::simulation::{Budget, Inputs, Settings, Simulation, Snapshot};
+use palpate_core::simulation::{Budget, Inputs, Parameter, Settings, Simulation, Snapshot};
 use std::sync::Arc;
 
 /// A block of this size [m] with so many cells along x and as large ones along z on each level, of a material [Pa], at `position` [m].
@@ -386,4 +386,48 @@ fn a_tower_of_small_blocks_stands_with_all_its_weight_on_the_lowest() {
     let carried = force(&simulation).z / -weight;
     println!("carries {carried} of the weight, {:e} J", kinetic(&simulation));
     assert!((carried - 1.0).abs() < 1e-4);
+}
+
+/// A block that lies on another is let down by its weight, lies there, and floats off again.
+#[test]
+fn organs_are_refined_where_they_press_each_other_and_only_while_they_do() {
+    for (cells, youngs_modulus, poisson_ratio) in [(&[2, 4][..], 2e4, 0.35), (&[2, 4, 7][..], 5e4, 0.45)] {
+        let block = Block { cells, youngs_modulus, poisson_ratio, ..SOFT };
+        let upper = Block { position: Vec3::new(0.004, -0.003, 0.05), ..block };
+        let without = simulation(&[Block { held: true, ..block }, upper], 0.5, 0.3, Vec3::zeros());
+        // No strain is worth it.
+        let adaptivity = Some(Adaptivity { split: 10.0, ..Adaptivity::default() });
+        let body = without.body().clone();
+        let settings = Settings { adaptivity, ..without.settings().clone() };
+        let mut simulation = Simulation::new(body.clone(), settings, Snapshot::at_rest(&body, 0, 0)).unwrap();
+        let run = |simulation: &mut Simulation, gravity: Real, ticks: u32| {
+            let mut changes = vec![];
+            for tick in 0..ticks {
+                let parameter = (tick == 0).then_some(Parameter::Gravity(Vec3::z() * gravity));
+                let adapted = simulation.advance(&Inputs { parameter, ..Inputs::default() }).adapted;
+                changes.push(adapted.splits + adapted.merges);
+            }
+            let late = changes[ticks as usize / 2..].iter().sum::<u32>();
+            let mesh = simulation.mesh();
+            let deep = |s: &Slot| (body.level_of(mesh.node(*s)), (mesh.position(*s).z - 0.05).abs());
+            (late, mesh.active().iter().map(deep).collect::<Vec<_>>(), force(simulation).z)
+        };
+        let (_, apart, none) = run(&mut simulation, 0.0, 500);
+        assert!(none == 0.0 && apart.iter().all(|(level, _)| *level == 0));
+        let (late, lying, weight) = run(&mut simulation, -9.81, 2500);
+        let finest = cells.len() - 1;
+        let met = lying.iter().filter(|(_, away)| *away < 0.008);
+        let coarse = met.clone().filter(|(level, _)| *level < finest).count();
+        println!(
+            "{:?}: {} nodes, {coarse} of {} coarse, {late} late changes, {weight:.4} N",
+            cells,
+            lying.len(),
+            met.count()
+        );
+        assert!(late == 0 && coarse == 0);
+        assert!(lying.iter().any(|(level, away)| *level == 0 && *away > 0.04));
+        let (late, floating, none) = run(&mut simulation, 2.0, 1000);
+        println!("then {} nodes", floating.len());
+        assert!(late == 0 && none == 0.0 && floating.iter().all(|(level, _)| *level == 0));
+    }
 }

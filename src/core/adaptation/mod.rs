@@ -29,7 +29,8 @@ pub struct Adaptivity {
     pub split: Real,
     /// Families whose children are all below this part of `split` are merged.
     pub merge: Real,
-    /// Nodes closer to a tool than this many spacings of their level are split, and from farther where the material is heterogeneous.
+    /// Nodes closer than this many spacings of their level to a tool, or to patches of organs that press each other, are split, and from
+    /// farther where the material is heterogeneous.
     pub reach: Real,
     /// Finest level that is used.
     pub finest: usize,
@@ -176,6 +177,8 @@ pub struct Request<'a> {
     pub adaptivity: &'a Adaptivity,
     /// Where the tools are or will be.
     pub focus: &'a [Focus],
+    /// Where organs press each other.
+    pub met: &'a [Focus],
     /// What may be spent.
     pub allowance: Allowance<'a>,
     /// What acts on the body.
@@ -192,7 +195,7 @@ pub fn adapt(
     work: &mut Workspace,
     laps: &mut dyn Laps,
 ) -> Adapted {
-    let Request { adaptivity, focus, allowance, loads, ticks } = request;
+    let Request { adaptivity, focus, met, allowance, loads, ticks } = request;
     let ticks = *ticks;
     if work.finest == 0 {
         return Adapted::default();
@@ -222,7 +225,7 @@ pub fn adapt(
         mesh.note_loads(body, loads);
     }
     let settled = if residuals && !must { UNSETTLED * pressed } else { Real::INFINITY };
-    let priorities = Priorities { body, adaptivity, focus, settled, prices: allowance.prices };
+    let priorities = Priorities { body, adaptivity, focus, met, settled, prices: allowance.prices };
     // No refinement that a little strain, or a little more to pay for it, would make a load to be shed.
     let looked = if sheds { shedding::looked(mesh) } else { mesh.pool().len() as u32 };
     let looking = allowance.prices.of(Part::Look, looked);

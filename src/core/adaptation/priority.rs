@@ -4,22 +4,31 @@ use super::indicator;
 use super::{Adaptivity, INDICATOR_LOOKS, LOOK_TICKS, MOST_CHANGES};
 use crate::ids::{Node, Slot};
 use crate::math::{Bounds, Real, Vec3};
+use crate::model::meeting::Meeting;
 use crate::model::{ActiveMesh, Body};
 use crate::stepping::work::Prices;
 
-/// Where resolution is wanted: around a tool, where it is or where its velocity takes it.
+/// Where resolution is wanted: around a tool, where it is or where its velocity takes it, or around a patch that presses on another
+/// organ.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Focus {
-    /// Start of the tool's axis [m].
+    /// Start of the axis [m].
     pub from: Vec3,
-    /// End of its axis [m].
+    /// Its end [m].
     pub to: Vec3,
-    /// Its radius [m].
+    /// The radius around it [m].
     pub radius: Real,
 }
 
 impl Focus {
-    /// Distance of `p` from the tool's surface [m], negative inside.
+    /// Around the place where organs meet.
+    pub fn of_meeting(body: &Body, mesh: &ActiveMesh, m: &Meeting) -> Self {
+        let corners = body.triangle(m.triangle).into_iter().zip(m.weights);
+        let place = corners.map(|(v, w)| mesh.vertex(v) * w).sum();
+        Self { from: place, to: place, radius: body.patches().radius(m.patch) }
+    }
+
+    /// Distance of `p` from the surface around it [m], negative inside.
     fn distance(&self, p: Vec3) -> Real {
         let along = self.to - self.from;
         let squared = along.norm_squared();
@@ -37,35 +46,44 @@ const HETEROGENEOUS: Real = 1.5;
 /// the budget it gives way to touch.
 pub(super) const TOUCHED: Real = 2.0;
 const STRAINED: Real = 1.9;
+/// Most that a node has whose organ presses on another there: strain gives way to it, and it to touch.
+const MET: Real = 1.95;
 
 /// What priorities of splits and merges follow from.
 pub(super) struct Priorities<'a> {
     pub(super) body: &'a Body,
     pub(super) adaptivity: &'a Adaptivity,
+    /// Around tools, ...
     pub(super) focus: &'a [Focus],
+    /// ... and around organs that press each other.
+    pub(super) met: &'a [Focus],
     pub(super) prices: &'a Prices,
     /// Nodes with a larger residual force than this [N] are not changed again, [`super::UNSETTLED`].
     pub(super) settled: Real,
 }
 
 impl Priorities<'_> {
-    /// Distance of `p` from the nearest tool [m].
-    fn distance(&self, p: Vec3) -> Real {
-        self.focus.iter().map(|f| f.distance(p)).fold(Real::INFINITY, Real::min)
+    /// Boxes around all places closer than `distance` [m] to a tool, and to organs that press each other.
+    fn near(&self, distance: Real) -> [Bounds; 2] {
+        [self.focus, self.met].map(|focus| {
+            let ends = focus.iter().flat_map(|f| [(f.from, f.radius), (f.to, f.radius)]);
+            let around = |(end, radius): (Vec3, Real)| Bounds { low: end, high: end }.grown(radius + distance);
+            ends.map(around).fold(Bounds::NOTHING, |all, one| all.joined(&one))
+        })
     }
 
-    /// Box around all places closer to a tool than `distance` [m].
-    fn near_tools(&self, distance: Real) -> Bounds {
-        let ends = self.focus.iter().flat_map(|f| [(f.from, f.radius), (f.to, f.radius)]);
-        let around = |(end, radius): (Vec3, Real)| Bounds { low: end, high: end }.grown(radius + distance);
-        ends.map(around).fold(Bounds::NOTHING, |all, one| all.joined(&one))
-    }
-
-    /// Priority of a place `distance` away from a tool on a level of `spacing`: none out of reach, else
-    /// [`TOUCHED`] and more the closer it is.
-    pub(super) fn priority(&self, distance: Real, spacing: Real, farther: Real) -> Real {
+    /// Priority of any of the `places` [m] for what is around on a level of `spacing`, which is reached from so much `farther` than usual:
+    /// none out of reach, and the more the closer they are, [`TOUCHED`] and above for tools.
+    fn priority(&self, places: impl Iterator<Item = Vec3> + Clone, spacing: Real, farther: Real) -> Real {
         let reach = self.adaptivity.reach * spacing * farther;
-        if distance < reach { TOUCHED + (1.0 - distance / reach).min(2.0) } else { 0.0 }
+        let near = |focus: &[Focus]| {
+            let distances = places.clone().flat_map(|p| focus.iter().map(move |f| f.distance(p)));
+            let distance = distances.fold(Real::INFINITY, Real::min);
+            (distance < reach).then(|| 1.0 - distance / reach)
+        };
+        let touched = || near(self.focus).map(|near| TOUCHED + near.min(2.0));
+        let met = || near(self.met).map(|near| STRAINED + (MET - STRAINED) * near.min(1.0));
+        touched().or_else(met).unwrap_or(0.0)
     }
 
     /// The widest spacing of any level [m].
@@ -73,7 +91,7 @@ impl Priorities<'_> {
         self.body.organs().iter().flat_map(|o| &o.levels).map(|l| l.spacing).fold(0.0, Real::max)
     }
 
-    /// How much farther than elsewhere a tool is felt around node `n`.
+    /// How much farther than elsewhere what presses is felt around node `n`.
     fn farther(&self, n: Node) -> Real {
         if self.body.is_heterogeneous(n) { HETEROGENEOUS } else { 1.0 }
     }
@@ -106,10 +124,10 @@ impl Priorities<'_> {
                 }
             }
         }
-        if self.focus.is_empty() {
+        if self.focus.is_empty() && self.met.is_empty() {
             return;
         }
-        let near = self.near_tools(self.adaptivity.reach * HETEROGENEOUS * self.widest());
+        let near = self.near(self.adaptivity.reach * HETEROGENEOUS * self.widest());
         for slot in mesh.active() {
             // Most nodes around a tool are as fine as may be, and most others are far away.
             let n = mesh.node(*slot);
@@ -117,12 +135,11 @@ impl Priorities<'_> {
                 continue;
             }
             let p = mesh.position(*slot);
-            if !near.contains(&p) {
+            if near.iter().all(|near| !near.contains(&p)) {
                 continue;
             }
-            let distance = self.distance(p);
             if self.may_split(n, finest) && self.is_settled(mesh, *slot) {
-                let value = self.priority(distance, self.body.spacing_at(n), self.farther(n));
+                let value = self.priority(std::iter::once(p), self.body.spacing_at(n), self.farther(n));
                 if value > 0.0 {
                     keep(split_candidates, value, n);
                 }
@@ -154,12 +171,8 @@ impl Priorities<'_> {
                 continue;
             }
             let spacing = self.body.spacing_at(parent);
-            let mut distance = Real::INFINITY;
-            if !self.focus.is_empty() {
-                let from_tools = |c: &Node| mesh.position_of(*c).map_or(Real::INFINITY, |x| self.distance(x));
-                distance = family.iter().map(from_tools).fold(Real::INFINITY, Real::min);
-            }
-            let touch = self.priority(distance, spacing, STAY * self.farther(parent));
+            let places = family.iter().filter_map(|c| mesh.position_of(*c));
+            let touch = self.priority(places, spacing, STAY * self.farther(parent));
             // Strain takes a while to weigh, and a family whose priority is too high anyhow is not asked for more.
             if touch >= limit || merge_candidates.len() == merge_candidates.capacity() {
                 continue;

@@ -79,6 +79,7 @@ pub struct Simulation {
     /// Other sides of the last constraints, which are between organs.
     feet: Vec<Foot>,
     focus: Vec<Focus>,
+    met: Vec<Focus>,
     adaptation: adaptation::Workspace,
     stepping: step::Workspace,
     detection: detection::Workspace,
@@ -156,6 +157,7 @@ impl Simulation {
             points_of_action: Vec::with_capacity(most_constraints),
             feet: Vec::with_capacity(MOST_MEETINGS),
             focus: Vec::with_capacity(MOST_TOOLS * MOST_PARTS * LOOKS_AHEAD),
+            met: Vec::with_capacity(MOST_MEETINGS),
             adaptation: adaptation::Workspace::new(&body, &settings.adaptivity.clone().unwrap_or_default()),
             stepping: step::Workspace::new(&mesh, most_constraints),
             detection: detection::Workspace::new(&body, &mesh, tools + obstacles, most_points),
@@ -364,6 +366,9 @@ impl Simulation {
                     }
                 }
             }
+            self.met.clear();
+            let presses = self.meetings.iter().filter(|m| m.multiplier > 0.0);
+            self.met.extend(presses.map(|m| Focus::of_meeting(&self.body, &self.mesh, m)));
             let (contact, points) = self.contact_time(0);
             let near = !self.focus.is_empty();
             let loads = Loads {
@@ -385,7 +390,7 @@ impl Simulation {
                 moves: self.frozen >= MOST_FROZEN,
             };
             laps.lap(Part::Fixed, 0);
-            let wishes = Request { adaptivity, focus: &self.focus, allowance, loads, ticks };
+            let wishes = Request { adaptivity, focus: &self.focus, met: &self.met, allowance, loads, ticks };
             self.outputs.adapted = adaptation::adapt(&self.body, &mut self.mesh, &wishes, &mut self.adaptation, laps);
             let adapted = &self.outputs.adapted;
             if adapted.splits + adapted.merges > 0 {

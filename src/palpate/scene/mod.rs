@@ -425,7 +425,11 @@ pub fn parse(text: &str, origin: &str) -> Result<Scene, SceneError> {
         let obstacles = scene.obstacle.iter().enumerate();
         obstacles.for_each(|(i, obstacle)| obstacle.faults(&format!("obstacle[{i}]"), &mut faults));
         scene.tool.iter().enumerate().for_each(|(i, tool)| tool.faults(&format!("tool[{i}]"), &mut faults));
-        contact_keys::faults(&scene.contact, &scene.organ_names(), &mut faults);
+        let names = scene.organ_names();
+        for (i, organ) in scene.organ.iter().enumerate().filter(|(i, organ)| names[..=*i].contains(&&*organ.name)) {
+            faults.push((format!("organ[{i}].name"), format!("an organ further up is called {:?}, too", organ.name)));
+        }
+        contact_keys::faults(&scene.contact, &names, &mut faults);
     }
     let told = |(path, fault): &(String, String)| match line_of(text, path) {
         Some(line) => format!("{origin}, line {line}: {path}: {fault}"),

@@ -263,6 +263,22 @@ fn obstacles_that_contradict_themselves_are_named_by_key_and_line() {
 }
 
 #[test]
+fn organs_of_one_name_are_refused() {
+    let organs = |names: [&str; 3]| {
+        let [body, others @ ..] = names;
+        let more = others.map(|name| {
+            format!("[[organ]]\nname = \"{name}\"\nposition = [1.0, 0.0, 0.0]\nbody = {{source = \"box\"}}\n")
+        });
+        parse(&format!("name = \"{body}\"\n[body]\nsource = \"box\"\n{}", more.concat()), "my.toml")
+    };
+    assert!(organs(["a", "b", "c"]).is_ok());
+    for (names, place) in [(["a", "b", "a"], "line 8: organ[1].name"), (["a", "b", "b"], "line 8: organ[1].name")] {
+        let said = organs(names).unwrap_err().to_string();
+        assert!(said.contains(place) && said.contains("is called"), "{said}");
+    }
+}
+
+#[test]
 fn holds_that_move_are_moved_as_their_scene_says_and_those_that_cannot_are_named() {
     let box_ = "name = \"x\"\n[body]\nsource = \"box\"\n";
     let hold = |keys: &str| {
