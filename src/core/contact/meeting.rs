@@ -5,6 +5,7 @@
 //! patches meet it likewise: neither is the master. What a constraint does to one organ it does to the other at the same place, so that
 //! no momentum comes of it, nor any moment.
 
+use super::closing::Closing;
 use super::detection::MOST_STRETCH;
 use super::friction::SLIPS;
 use super::outside::boxes;
@@ -39,10 +40,6 @@ const LOOKS_AT_ITSELF: u64 = 16;
 const FACING: Real = 0.1;
 /// Steps from triangle to triangle that a place takes within a tick at most.
 const MOST_STEPS: usize = 4;
-/// Part of an overlap that remains after each tick: it is closed within frames of 32 ticks. Closing it under load is work that was not done
-/// when it came to be, as where curved surfaces roll on each other: balls that collide with 0.05 to 0.6 m/s gain no energy with this, or with
-/// 0.95, and up to 3 % with 0.85; nearer to 1 organs that meet lie in each other for longer.
-const OVERLAP_KEPT: Real = 1.0 - 1.0 / 32.0;
 /// A way this much off a triangle's normal is along it, but for rounding.
 const STRAIGHT: Real = 1e-6;
 
@@ -190,7 +187,7 @@ pub fn meet(organs: &Organs, tick: u64, room: u32, memory: &mut Vec<Meeting>, ou
             constrain(organs, m, found.constraints, feet);
             found.points_of_action.push(on.displayed(m.triangle, m.weights));
         } else {
-            m.multiplier = 0.0;
+            (m.multiplier, m.slack) = (0.0, 0.0);
             (m.force, m.tangential, m.stretch) = (Vec3::zeros(), Vec3::zeros(), Vec3::zeros());
         }
     }
@@ -340,6 +337,8 @@ impl Seen {
             force: Vec3::zeros(),
             multiplier: 0.0,
             tangential: Vec3::zeros(),
+            // All that they overlap by is closed gradually.
+            slack: Real::INFINITY,
             stretch: Vec3::zeros(),
         }
     }
@@ -525,7 +524,8 @@ fn constrain(organs: &Organs, m: &mut Meeting, constraints: &mut Vec<Constraint>
     let mut compliance = [0.0; MOST_POINTS];
     compliance[0] = horizon * horizon * mobility / (m.share * bearing.share);
     // What the compliance gives way by is no overlap that was found late.
-    let overlap = (-m.gap - compliance[0] * m.multiplier).max(0.0);
+    let closing = Closing::new(Some(m.slack), -m.gap - compliance[0] * m.multiplier, 0.0, 0.0);
+    m.slack = closing.slack_end;
     let apart = row.interpolate(&mesh.motion.position);
     let along = |v: &Vec3| v - m.normal * m.normal.dot(v);
     let coefficient = friction.of(body.patches().organ(m.patch), m.other);
@@ -533,8 +533,8 @@ fn constrain(organs: &Organs, m: &mut Meeting, constraints: &mut Vec<Constraint>
     constraints.push(Constraint {
         row,
         normal: m.normal,
-        offset: m.normal.dot(&apart) - m.gap - overlap,
-        rate: overlap * (1.0 - OVERLAP_KEPT) / TICK,
+        offset: m.normal.dot(&apart) - m.gap - closing.slack,
+        rate: (closing.slack - closing.slack_end) / TICK,
         first: constraints.len() as u32,
         compliance,
         tool: id,

@@ -33,6 +33,8 @@ pub struct Meeting {
     pub multiplier: Real,
     /// Last force along the surface [N].
     pub tangential: Vec3,
+    /// Overlap that has not been closed yet [m].
+    pub slack: Real,
     /// How far the patch has come along the surface from where it sticks [m].
     pub stretch: Vec3,
 }
