@@ -170,8 +170,7 @@ pub fn meet(organs: &Organs, tick: u64, room: u32, memory: &mut Vec<Meeting>, ou
             memory.push(m);
             continue;
         }
-        let seen =
-            Patch::of(organs, m.patch, Some(&m.normal), work).and_then(|patch| patch.follow(organs, m.triangle, work));
+        let seen = Patch::of(organs, m.patch, work).and_then(|patch| patch.follow(organs, m.triangle, work));
         if let Some(seen) = seen.filter(|seen| seen.gap < NEAR) {
             let Seen { triangle, weights, gap, normal, share, .. } = seen;
             memory.push(Meeting { triangle, weights, gap, normal, share, ..m });
@@ -231,7 +230,7 @@ fn look_at_others(organs: &Organs, tick: u64, room: &mut Room, work: &mut Worksp
         if room.is_full() || !window.grown(far).contains(&work.middles[i as usize]) {
             continue;
         }
-        let Some(patch) = Patch::of(organs, i, None, work).filter(|patch| window.contains(&patch.place)) else {
+        let Some(patch) = Patch::of(organs, i, work).filter(|patch| window.contains(&patch.place)) else {
             continue;
         };
         let own = patches.organ(i);
@@ -255,8 +254,7 @@ fn look_at_themselves(organs: &Organs, tick: u64, room: &mut Room, work: &mut Wo
         let Some(place) = room.place(i, own).filter(|_| !room.is_full()) else { continue };
         work.beside.clear();
         patches.beside(i).iter().for_each(|of| _ = work.beside.visit(*of as usize));
-        let seen =
-            Patch::of(organs, i, None, work).and_then(|patch| patch.look(organs, patches.of_organ(own), true, work));
+        let seen = Patch::of(organs, i, work).and_then(|patch| patch.look(organs, patches.of_organ(own), true, work));
         if let Some(seen) = seen {
             room.insert(place, seen.met_anew(i, own));
         }
@@ -282,8 +280,7 @@ fn window(boxes: &[Bounds; MOST_ORGANS], organs: usize) -> Bounds {
 
 /// A patch where it is now.
 struct Patch {
-    number: u32,
-    /// The mean place of what bears of it, as far as that is known [m].
+    /// Its mean place [m].
     place: Vec3,
     /// Outward unit normal in its middle.
     normal: Vec3,
@@ -345,8 +342,8 @@ impl Seen {
 }
 
 impl Patch {
-    /// Where it bears on a surface with the outward normal `on`, or as a whole. `None` where it has no normal.
-    fn of(organs: &Organs, i: u32, on: Option<&Vec3>, work: &mut Workspace) -> Option<Self> {
+    /// `None` where it has no normal.
+    fn of(organs: &Organs, i: u32, work: &mut Workspace) -> Option<Self> {
         let Organs { body, mesh, .. } = *organs;
         let (all, middle) = (body.patches().of(i), body.patches().middle(i));
         let mut normal = Vec3::zeros();
@@ -354,11 +351,8 @@ impl Patch {
             let [a, b, c] = body.triangle(*t).map(|v| work.at(mesh, v));
             normal += (b - a).cross(&(c - a));
         }
-        let place = match on {
-            Some(on) => bears_at(organs, i, on),
-            None => all.iter().map(|(v, w)| work.at(mesh, *v) * *w).sum(),
-        };
-        Some(Self { number: i, place, normal: normal.try_normalize(0.0)?, radius: body.patches().radius(i) })
+        let place = all.iter().map(|(v, w)| work.at(mesh, *v) * *w).sum();
+        Some(Self { place, normal: normal.try_normalize(0.0)?, radius: body.patches().radius(i) })
     }
 
     /// What is next to it beside what was next to it a tick ago.
@@ -475,23 +469,12 @@ impl Patch {
             // Over a sharp edge the way to it is the normal.
             let out = away / distance;
             let normal = if out.dot(&normal) > SAME_SIDE { normal } else { out };
-            return Some(Seen { gap: distance + self.above(organs, &normal), normal, ..seen });
+            return Some(Seen { gap: distance, normal, ..seen });
         }
         // A patch whose middle is beyond an edge, but behind it, lies on it with less and less until all of it has slid off.
         let share = 1.0 - aside / self.radius;
-        (share > 0.0).then(|| Seen { gap: height + self.above(organs, &normal), normal, share, ..seen })
+        (share > 0.0).then_some(Seen { gap: height, normal, share, ..seen })
     }
-
-    /// How much higher than where it is taken to be it bears on a surface with this outward `normal` [m].
-    fn above(&self, organs: &Organs, normal: &Vec3) -> Real {
-        normal.dot(&(bears_at(organs, self.number, normal) - self.place))
-    }
-}
-
-/// Mean place of what of patch `i` bears on a surface with this outward `normal` [m].
-fn bears_at(organs: &Organs, i: u32, normal: &Vec3) -> Vec3 {
-    let bearing = skin::bearing(organs.body, organs.mesh, i, normal);
-    bearing.vertices().iter().map(|(v, w)| organs.mesh.vertex(*v) * *w).sum()
 }
 
 /// Outward unit normal of the surface that the triangles stand for, at the place of one with these weights: it turns continuously but at
@@ -510,8 +493,7 @@ fn smooth_normal(on: &Touchable, t: Triangle, weights: [Real; 3]) -> Option<Vec3
 /// Appends the constraint of `m`.
 fn constrain(organs: &Organs, m: &mut Meeting, constraints: &mut Vec<Constraint>, feet: &mut Vec<Foot>) {
     let Organs { body, mesh, friction, id } = *organs;
-    let bearing = skin::bearing(body, mesh, m.patch, &m.normal);
-    let patch = bearing.vertices();
+    let patch = body.patches().of(m.patch);
     let corners = body.triangle(m.triangle);
     let stencil: [(Vertex, Real); 3] = std::array::from_fn(|i| (corners[i], m.weights[i]));
     let (row, foot) = skin::two_sided(mesh, patch, &stencil);
@@ -522,7 +504,7 @@ fn constrain(organs: &Organs, m: &mut Meeting, constraints: &mut Vec<Constraint>
     let horizon = carriers.filter_map(kicked).map(step_of).fold(0.0, Real::max);
     // As on the ground: as much as its inertia gives way within a step.
     let mut compliance = [0.0; MOST_POINTS];
-    compliance[0] = horizon * horizon * mobility / (m.share * bearing.share);
+    compliance[0] = horizon * horizon * mobility / m.share;
     // What the compliance gives way by is no overlap that was found late.
     let closing = Closing::new(Some(m.slack), -m.gap - compliance[0] * m.multiplier, 0.0, 0.0);
     m.slack = closing.slack_end;

@@ -255,8 +255,7 @@ impl ActiveMesh {
         for m in loads.meetings.iter().filter(|m| m.force != Vec3::zeros()) {
             let (corners, force) = (body.triangle(m.triangle), m.force * sign);
             let place: [(Vertex, Real); 3] = std::array::from_fn(|i| (corners[i], m.weights[i]));
-            let bearing = skin::bearing(body, self, m.patch, &m.normal);
-            for (side, force) in [(bearing.vertices(), force), (&place[..], -force)] {
+            for (side, force) in [(body.patches().of(m.patch), force), (&place[..], -force)] {
                 let (row, _) = skin::row(self, side);
                 row.entries().iter().for_each(|(slot, b)| self.add_residual(*slot, class, force * *b));
             }

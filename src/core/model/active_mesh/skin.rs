@@ -4,8 +4,6 @@ use super::ActiveMesh;
 use crate::geometry::tet_mesh::gradients;
 use crate::ids::Vertex;
 use crate::math::{Real, Vec3};
-use crate::model::Body;
-use crate::model::body::patches::MOST_VERTICES;
 use crate::model::constraint::{Foot, Row};
 
 /// The surface point `Σ weights·vertices` as a row of node weights, and its geomorph offset [m]: the displayed point is the row's
@@ -26,48 +24,6 @@ pub fn row(mesh: &ActiveMesh, point: &[(Vertex, Real)]) -> (Row, Vec3) {
         geomorph += Vec3::new(f[0], f[1], f[2]) * weight;
     }
     (row, geomorph)
-}
-
-/// What of a patch bears on something.
-#[derive(Clone, Copy, Debug)]
-pub struct Bearing {
-    /// Only the first `len` count.
-    vertices: [(Vertex, Real); MOST_VERTICES],
-    len: usize,
-    /// How much of the patch it is.
-    pub share: Real,
-}
-
-impl Bearing {
-    /// Display vertices and their weights, which sum to one.
-    pub fn vertices(&self) -> &[(Vertex, Real)] {
-        &self.vertices[..self.len]
-    }
-}
-
-/// Over the sag of a patch, how far from its lowest place on it bears on nothing any more: what is between two surfaces that are as curved
-/// grows twice as fast as each bends away. (Of two balls that press each other in several patches the force is within 6 % the same with one
-/// and with four.)
-const SAGS: Real = 2.0;
-
-/// What of patch `i` bears on a surface with this outward `normal`: all of a flat patch that lies flat, and else what is lowest, the more
-/// the lower it is, as an elastic foundation is loaded [Winkler].
-pub fn bearing(body: &Body, mesh: &ActiveMesh, i: u32, normal: &Vec3) -> Bearing {
-    let all = body.patches().of(i);
-    let mut bearing = Bearing { vertices: [(Vertex(0), 0.0); MOST_VERTICES], len: all.len(), share: 0.0 };
-    let mut lowest = Real::INFINITY;
-    for (own, (v, _)) in bearing.vertices.iter_mut().zip(all) {
-        *own = (*v, normal.dot(&mesh.vertex(*v)));
-        lowest = lowest.min(own.1);
-    }
-    let range = SAGS * body.patches().sag(i);
-    for (own, (_, w)) in bearing.vertices.iter_mut().zip(all) {
-        let above = own.1 - lowest;
-        own.1 = if range > 0.0 { w * (1.0 - above / range).max(0.0) } else { *w };
-        bearing.share += own.1;
-    }
-    bearing.vertices.iter_mut().for_each(|own| own.1 /= bearing.share);
-    bearing
 }
 
 /// The row of a patch with, against it, what carries the place of a triangle that it meets; and how that goes along with it.

@@ -19,7 +19,7 @@ const PATCHES: Real = 256.0;
 /// Most patches of any body: what bounds the cost of a tick.
 pub const MOST_PATCHES: usize = 1024;
 /// Most vertices that stand for a patch: the nodes that carry them fit a [`Row`](crate::model::Row), and cost what these do.
-pub const MOST_VERTICES: usize = 8;
+const MOST_VERTICES: usize = 8;
 /// Cosine between normals of a patch, 26°, less than half of a block's edge (45° from either side to the normal on it): the
 /// vertices of an edge make patches of their own. Where it is below 0.7 they join those of a side, and a block tips over a line
 /// inside of it; near 1 each vertex of a curved surface is a patch.
@@ -42,8 +42,6 @@ pub struct Patches {
     first: Vec<u32>,
     /// By patch: radius of the disc that is as large [m].
     radius: Vec<Real>,
-    /// By patch: how far its vertices are from the plane in its middle, at rest [m].
-    sag: Vec<Real>,
     /// By patch: display triangles, each of one patch, ...
     triangles: Csr<Triangle>,
     /// ... and how far these go.
@@ -94,13 +92,6 @@ impl Patches {
         }
         let triangles = Csr::new(patches.len(), owned.into_iter());
         let beside = beside(surface, &patch_of, patches.len());
-        let off = |patch: &Patch| {
-            let middle = patch.vertices[0].0.index();
-            let heights =
-                patch.vertices.iter().map(|(v, _)| normals[middle].dot(&(place[v.index()] - place[middle])).abs());
-            heights.fold(0.0, Real::max)
-        };
-        let sag = patches.iter().map(off).collect();
         let all = patches.iter().enumerate();
         let entries = all.flat_map(|(i, patch)| patch.vertices.iter().map(move |entry| (i, *entry)));
         let of = Csr::new(patches.len(), entries);
@@ -108,7 +99,6 @@ impl Patches {
             of,
             first,
             radius: patches.iter().map(|patch| (patch.area / PI).sqrt()).collect(),
-            sag,
             triangles,
             extent,
             beside,
@@ -133,11 +123,6 @@ impl Patches {
     /// Radius of the disc that is as large as patch `i` [m].
     pub fn radius(&self, i: u32) -> Real {
         self.radius[i as usize]
-    }
-
-    /// How far the vertices of patch `i` are from the plane in its middle, at rest [m].
-    pub fn sag(&self, i: u32) -> Real {
-        self.sag[i as usize]
     }
 
     /// Display triangles of patch `i`: each is of one patch.
