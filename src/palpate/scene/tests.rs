@@ -272,7 +272,7 @@ fn organs_of_one_name_are_refused() {
         parse(&format!("name = \"{body}\"\n[body]\nsource = \"box\"\n{}", more.concat()), "my.toml")
     };
     assert!(organs(["a", "b", "c"]).is_ok());
-    for (names, place) in [(["a", "b", "a"], "line 8: organ[1].name"), (["a", "b", "b"], "line 8: organ[1].name")] {
+    for (names, place) in [(["a", "b", "a"], "line 9: organ[1].name"), (["a", "b", "b"], "line 9: organ[1].name")] {
         let said = organs(names).unwrap_err().to_string();
         assert!(said.contains(place) && said.contains("is called"), "{said}");
     }
