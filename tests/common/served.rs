@@ -2,7 +2,7 @@
 #![allow(dead_code, reason = "each test uses a part")]
 
 #[path = "ports.rs"]
-mod ports;
+pub mod ports;
 
 use std::path::Path;
 use std::process::{Child, Command, Stdio};

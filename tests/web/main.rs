@@ -9,8 +9,6 @@ mod memory;
 mod pictures;
 mod roles;
 
-#[path = "../common/ports.rs"]
-mod ports;
 #[path = "../common/random.rs"]
 mod random;
 #[path = "../common/secured.rs"]
@@ -23,6 +21,7 @@ mod textured_cube;
 use browser::{Page, Visitor};
 use palpate_sdk::Endpoints;
 use palpate_web::{Gateway, Options, Rights};
+use served::ports;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
