@@ -46,7 +46,8 @@ const HETEROGENEOUS: Real = 1.5;
 /// the budget it gives way to touch.
 pub(super) const TOUCHED: Real = 2.0;
 const STRAINED: Real = 1.9;
-/// Most that a node has whose organ presses on another there: strain gives way to it, and it to touch.
+/// Most that a node has whose organ presses on another there: strain gives way to it, and it to touch. Any number between the two orders them
+/// so; at either end they would be alike.
 const MET: Real = 1.95;
 
 /// What priorities of splits and merges follow from.
