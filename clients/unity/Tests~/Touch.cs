@@ -10,7 +10,7 @@ static class Touch
         var server = new HapticTool.Server
         {
             ForceEndpoint = arguments[0], SurfaceEndpoint = arguments[1], Session = arguments[2],
-            Identity = arguments[6]
+            Identity = arguments.Length > 6 ? arguments[6] : ""
         };
         // In Unity's axes: right, up, forward [m].
         double right = Number(arguments[3]), up = Number(arguments[4]), forward = Number(arguments[5]);
