@@ -6,6 +6,7 @@
 use super::health::Weight;
 use super::{Shared, lock};
 use crate::realtime::mailbox::{Command, Frame, RecordTap, RecordedTick};
+use crate::realtime::scheduling;
 use crate::recording::RecordingWriter;
 use palpate_core::simulation::{Snapshot, TICKS_PER_FRAME};
 use palpate_proto as proto;
@@ -139,6 +140,8 @@ fn tap(shared: &Shared) -> (Box<RecordTap>, Ends) {
         frames: frames_in,
         empty_frames: empty_out,
     };
+    // The simulation thread writes into it. Where the system refuses, the server has said so at its start.
+    scheduling::lock_memory();
     (Box::new(tap), Ends { start, ticks, frames, empty_frames })
 }
 
