@@ -178,14 +178,20 @@ fn record_starts_and_stops_a_recording_on_a_running_server() {
     let listed = palpate(&["list", "--connect", &surface]).success();
     assert_eq!(String::from_utf8_lossy(&listed.get_output().stdout), "main: cube; ball (free)\n");
     let set = |parameters: &[&str]| palpate(&[&["set", "--surface-endpoint", &surface], parameters].concat());
-    set(&["stiffness.cube=2", "gravity=[0, 0, -1.5]"]).success();
+    set(&["stiffness.cube=2", "gravity=[0, 0, -1.5]", "shape.ball=ball"]).success();
     let listed = set(&[]).success();
     let listed = String::from_utf8_lossy(&listed.get_output().stdout).into_owned();
     assert!(listed.contains("gravity=[0.0, 0.0, -1.5] (-100 to 100)\n"), "{listed}");
     assert!(listed.contains("stiffness.cube=2 (0.05 to 20)\n"), "{listed}");
-    for (wrong, words) in
-        [("damping=2", "damping is 2: 0.1 to 1"), ("damping", "write name=value"), ("gravity=up", "a number")]
-    {
+    assert!(listed.contains("shape.ball=0 (0 to 0)\n"), "{listed}");
+    for (wrong, words) in [
+        ("damping=2", "damping is 2: 0.1 to 1"),
+        ("damping", "write name=value"),
+        ("gravity=up", "a number"),
+        ("shape.ball=saw", "no tool of that name"),
+        ("shape.ball=0.5", "the number of a tool"),
+        ("shape.ball=1", "shape.ball is 1: 0 to 0"),
+    ] {
         let refused = stderr(&set(&[wrong]).failure());
         assert!(refused.contains(words), "{refused}");
     }

@@ -169,7 +169,8 @@ fn run_and_press(more: &[&str]) -> [u32; 2] {
         "tool=[{name='all', shape='compound', grip=0.1, part=[{radius=0.02}, \
             {shape='cylinder', radius=0.005, length=0.03, position=[0.0,0.0,-0.02]}, \
             {shape='convex', points=[[0.01,0,-0.02],[0.03,0,-0.02],[0.01,0.01,-0.02],[0.01,0,0.01]], \
-             hinge={axis=[0,1,0], point=[0.01,0,0.02], closed=0.0, open=0.2}}]}]",
+             hinge={axis=[0,1,0], point=[0.01,0,0.02], closed=0.0, open=0.2}}]}, \
+          {name='post', shape='cylinder', length=0.05}]",
     ];
     let given: Vec<String> = given.iter().chain(more).map(|key| key.to_string()).collect();
     let loaded = LoadedScene::load(Path::new("cube"), &given).unwrap();
@@ -178,7 +179,7 @@ fn run_and_press(more: &[&str]) -> [u32; 2] {
     let vertices = body.surface().vertices.len();
     let simulation = Simulation::new(body.clone(), settings.clone(), start).unwrap();
     let room = || Snapshot::with_room(&body, &settings);
-    let (sim_ends, mut ends) = mailboxes(1, vertices, room).unwrap();
+    let (sim_ends, mut ends) = mailboxes(2, vertices, room).unwrap();
     let mut thread = SimThread::new(simulation, sim_ends);
     let stop = Arc::new(AtomicBool::new(false));
 
@@ -209,6 +210,11 @@ fn run_and_press(more: &[&str]) -> [u32; 2] {
                 consumers = Some((start_out, ticks_out, frames_out, empty_in));
                 ends.commands.push(Command::StartRecording(Box::new(tap))).ok().unwrap();
             }
+            // Pressed in, and back again: it has to come from outside.
+            950 => [1, 0]
+                .into_iter()
+                .map(|of| Parameter::Shape { tool: 0, of })
+                .for_each(|parameter| ends.commands.push(Command::Set(parameter)).ok().unwrap()),
             1400 => ends.commands.push(Command::StopRecording).ok().unwrap(),
             700 => [
                 Parameter::Stiffness { tissue: 0, factor: 2.0 },

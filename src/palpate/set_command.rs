@@ -10,7 +10,7 @@ use std::process::ExitCode;
 /// `palpate set`.
 #[derive(Args)]
 pub struct SetArgs {
-    /// What to set, as in stiffness.nodule=2 or gravity=[0,0,-9.81]; nothing: list what there is
+    /// What to set, as in stiffness.nodule=2, gravity=[0,0,-9.81] or shape.left=needle; nothing: list what there is
     #[arg(value_name = "NAME=VALUE")]
     parameters: Vec<String>,
     /// Session name
@@ -27,6 +27,7 @@ pub struct SetArgs {
 /// Sets all of it or nothing; without anything to set, a line for each parameter.
 pub fn run(args: &SetArgs) -> anyhow::Result<ExitCode> {
     let parameters = args.parameters.iter().map(|given| parse(given)).collect::<anyhow::Result<Vec<_>>>()?;
+    let names_tools = parameters.iter().any(|(_, value)| matches!(value, Value::Tool(_)));
     let endpoints = palpate_sdk::Endpoints {
         surface: args.surface_endpoint.clone(),
         session: args.session.clone(),
@@ -35,7 +36,16 @@ pub fn run(args: &SetArgs) -> anyhow::Result<ExitCode> {
     };
     let connection = palpate_sdk::Connection::open_surface(&endpoints)?;
     if !parameters.is_empty() {
-        connection.set_parameters(parameters)?;
+        let tools = if names_tools { connection.session()?.tools } else { vec![] };
+        let numbers = |(name, value): (String, Value)| match value {
+            Value::Numbers(values) => Ok((name, values)),
+            Value::Tool(called) => {
+                let tool = tools.iter().find(|tool| tool.name == called);
+                let tool = tool.with_context(|| format!("{name}={called}: there is no tool of that name"))?;
+                Ok((name, vec![f64::from(tool.tool)]))
+            }
+        };
+        connection.set_parameters(parameters.into_iter().map(numbers).collect::<anyhow::Result<Vec<_>>>()?)?;
         return Ok(ExitCode::SUCCESS);
     }
     for known in connection.session()?.parameters {
@@ -48,14 +58,24 @@ pub fn run(args: &SetArgs) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Name and values of `name=value` or `name=[value, …]`.
-fn parse(given: &str) -> anyhow::Result<(String, Vec<f64>)> {
+/// What a parameter is to be.
+enum Value {
+    Numbers(Vec<f64>),
+    /// The number of the tool of this name.
+    Tool(String),
+}
+
+/// Name and value of `name=value`, `name=[value, …]` or `shape.tool=tool`.
+fn parse(given: &str) -> anyhow::Result<(String, Value)> {
     let (name, value) =
         given.split_once('=').with_context(|| format!("{given}: write name=value, as in damping=0.5"))?;
     let values: Result<Vec<f64>, _> =
         value.trim().trim_start_matches('[').trim_end_matches(']').split(',').map(|v| v.trim().parse()).collect();
     match values {
-        Ok(values) => Ok((name.trim().to_owned(), values)),
+        Ok(values) => Ok((name.trim().to_owned(), Value::Numbers(values))),
+        Err(_) if name.trim().starts_with("shape") => {
+            Ok((name.trim().to_owned(), Value::Tool(value.trim().to_owned())))
+        }
         Err(_) => bail!("{given}: give a number, or numbers as in gravity=[0,0,-9.81]"),
     }
 }

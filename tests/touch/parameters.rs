@@ -1,4 +1,4 @@
-//! What changes while a body is touched: stiffness, gravity, friction and damping.
+//! What changes while a body is touched: stiffness, gravity, friction, damping and the tool's shape.
 
 use super::*;
 use palpate_core::model::element_pool::CLASSES;
@@ -86,6 +86,7 @@ fn all_change(i: u64) -> Inputs {
         470 => Some(Parameter::Friction { tool: 0, coefficient: 0.8 }),
         480 => Some(Parameter::Resolution { threshold: Threshold::Split, value: 0.03 }),
         490 => Some(Parameter::Supports(0.4)),
+        700 => Some(Parameter::Shape { tool: 0, of: 1 }),
         799 => Some(stiffness(0, 10.0)),
         900 => Some(stiffness(0, 1.0)),
         _ => None,
@@ -144,7 +145,7 @@ fn restored_after_any_change(setup: &Setup, smoothed: bool) {
         }
         run.advance(&all_change(i));
     }
-    assert_eq!(run.parameters().len(), 7);
+    assert_eq!(run.parameters().len(), 8);
 }
 
 #[test]
@@ -215,6 +216,72 @@ fn a_tool_made_rough_is_held_back_and_a_body_damped_less_swings_longer() {
     let left = [1.0, 0.5, 0.1].map(swings);
     println!("after 0.2 s {left:.4?} of the energy");
     assert!(left[0] < 0.6 * left[1] && left[1] < 0.6 * left[2] && left[2] < 1.0);
+}
+
+/// A ball, and shapes for it to take: a larger ball, and a cylinder that stands on end.
+const SHAPES: &str = "tool=[{name='ball', radius=0.01}, {name='large', radius=0.02}, \
+     {name='post', shape='cylinder', radius=0.008, length=0.05}]";
+
+#[test]
+fn a_tool_that_takes_a_shape_pushes_as_the_tool_that_it_is_of() {
+    for (cube, of) in [(cube as fn(&[&str]) -> Setup, 1), (cube, 2), (adaptive_cube, 1), (adaptive_cube, 2)] {
+        let setup = cube(&[DAMPED, SHAPES]);
+        // From the tick before it comes down on, or the tool of that shape instead.
+        let force = |tool: usize, parameter: Option<Parameter>| {
+            let mut run = simulation(&setup);
+            for i in 0..800u64 {
+                let event = press(i).tools[0];
+                let mut tools = [None; MOST_TOOLS];
+                tools[tool] = event.map(|event| match event {
+                    // 3 mm deep with each.
+                    ToolEvent::Pose(mut sample) => {
+                        sample.pose.position.z += [0.0, 0.0, -0.02][usize::from(of)];
+                        ToolEvent::Pose(sample)
+                    }
+                    other => other,
+                });
+                run.advance(&Inputs { parameter: parameter.filter(|_| i == 0), tools, ..Inputs::default() });
+            }
+            run.tools()[tool].physical_force
+        };
+        let (own, taken) = (force(usize::from(of), None), force(0, Some(Parameter::Shape { tool: 0, of })));
+        println!("{of}: {:.4} and {:.4} N", own.z, taken.z);
+        assert!(own.z > 0.05 && own == taken, "{own:?} and {taken:?}");
+        assert!(force(0, None) != taken);
+    }
+}
+
+#[test]
+fn a_tool_that_takes_a_larger_shape_inside_the_body_has_to_come_from_outside_again() {
+    let setup = cube(&[DAMPED, SHAPES, "safety.force_limit=100", &format!("safety.slew_limit={SLEW}")]);
+    let mut run = simulation(&setup);
+    let (mut last, mut forces) = (0.0, vec![]);
+    for i in 0..2500u64 {
+        let parameter = (i == WHEN).then_some(Parameter::Shape { tool: 0, of: 1 });
+        // Out from 1.0 to 1.2 s, and in again from 1.4 to 1.7 s.
+        let t = i as Real * TICK;
+        let place =
+            TOP + Vec3::z() * (0.022 - 0.005 * (ease(t, 0.0, 0.3) - 5.0 * ease(t, 1.0, 0.2) + 4.0 * ease(t, 1.4, 0.3)));
+        let event = Some(if i == 0 { attach() } else { at(place) });
+        let state = run.advance(&Inputs { parameter, ..inputs(&[event]) }).tools[0].state;
+        assert!((state.force.z - last).abs() <= SLEW * TICK * (1.0 + 1e-9), "tick {i}");
+        assert!(!run.outputs().restored);
+        last = state.force.z;
+        forces.push(state);
+    }
+    assert_eq!((forces[499].shape, forces[500].shape), (None, Some(1)));
+    assert!(forces[499].force.z > 0.05, "{}", forces[499].force.z);
+    // Not one that is felt inside; nothing pushes the body.
+    assert!(
+        forces[500..1000].iter().all(|state| state.phase == Phase::Waiting && state.physical_force == Vec3::zeros())
+    );
+    assert!(forces[600..1300].iter().all(|state| state.force == Vec3::zeros()));
+    assert!(forces[2400].phase == Phase::Engaged && forces[2400].force.z > 2.0 * forces[499].force.z);
+    // There is no such shape, and no such tool.
+    for parameter in [Parameter::Shape { tool: 0, of: 3 }, Parameter::Shape { tool: 3, of: 0 }] {
+        run.advance(&Inputs { parameter: Some(parameter), ..Inputs::default() });
+        assert_eq!(run.parameters(), [Parameter::Shape { tool: 0, of: 1 }]);
+    }
 }
 
 #[test]

@@ -148,8 +148,8 @@ impl Simulation {
     /// Sets parameters, each in a tick of its own: ``{"stiffness.nodule": 2.0, "gravity": [0, 0, -9.81]}``.
     ///
     /// Names: "gravity" [m/s²], "damping" (part of the scene's), "stiffness.TISSUE" (factor on what the scene gives),
-    /// "friction.TOOL"; "stiffness" and "friction" alone mean all. Raises ``ValueError`` with the name and the range of one that is
-    /// refused, and sets none then.
+    /// "friction.TOOL", "shape.TOOL" (the tool whose shape it has); "stiffness", "friction" and "shape" alone mean all. Raises
+    /// ``ValueError`` with the name and the range of one that is refused, and sets none then.
     fn set_parameters(&mut self, parameters: &Bound<'_, PyDict>) -> PyResult<()> {
         let named = |(name, values): &(String, Vec<f64>)| self.scene.parameters_named(name, values).map_err(bad_value);
         let parameters = named_values(parameters)?.iter().map(named).collect::<PyResult<Vec<_>>>()?.concat();

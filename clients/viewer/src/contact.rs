@@ -8,8 +8,8 @@ use three_d::{InnerSpace, Quat, Rotation, Vec3};
 /// A tool where it is now. Its own +z runs from the reference point along the shaft.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlacedTool {
-    /// Its place in the session's list.
-    pub number: usize,
+    /// Number of the tool whose shape it has.
+    pub shape_of: usize,
     /// What it looks like.
     pub shape: Arc<ToolShape>,
     /// Its reference point [m].
@@ -27,14 +27,14 @@ pub struct PlacedTool {
 impl PlacedTool {
     /// The one of the tools of these `shapes` that `state` moves; `None` where the state is not whole or not finite.
     pub fn new(state: &ToolState, shapes: &[Arc<ToolShape>]) -> Option<Self> {
-        let number = state.tool as usize;
-        let shape = shapes.get(number)?.clone();
+        let shape_of = state.shape.checked_sub(1).unwrap_or(state.tool) as usize;
+        let shape = shapes.get(shape_of)?.clone();
         let finite = |numbers: &[f32]| numbers.iter().all(|number| number.is_finite());
         let position: [f32; 3] = state.position[..].try_into().ok().filter(|p: &[f32; 3]| finite(p))?;
         let [x, y, z, w]: [f32; 4] = state.orientation[..].try_into().ok().filter(|q: &[f32; 4]| finite(q))?;
         let force: [f32; 3] = state.force[..].try_into().ok().filter(|f: &[f32; 3]| finite(f))?;
         Some(Self {
-            number,
+            shape_of,
             shape,
             position: position.into(),
             orientation: Quat::new(w, x, y, z),
@@ -125,7 +125,9 @@ mod tests {
             force: vec![0.0; 3],
             ..Default::default()
         };
-        assert!(PlacedTool::new(&whole, &shapes).is_some());
+        assert_eq!(PlacedTool::new(&whole, &shapes).unwrap().shape_of, 1);
+        assert_eq!(PlacedTool::new(&ToolState { shape: 1, ..whole.clone() }, &shapes).unwrap().shape_of, 0);
+        assert!(PlacedTool::new(&ToolState { shape: 3, ..whole.clone() }, &shapes).is_none());
         assert!(PlacedTool::new(&ToolState { tool: 2, ..whole.clone() }, &shapes).is_none());
         assert!(PlacedTool::new(&ToolState { position: vec![f32::NAN; 3], ..whole.clone() }, &shapes).is_none());
         assert!(PlacedTool::new(&ToolState { orientation: vec![], ..whole }, &shapes).is_none());

@@ -225,7 +225,7 @@ struct Brush<'a> {
 impl Brush<'_> {
     fn tool(&mut self, tool: &PlacedTool) {
         let steel = Shaded { colour: TOOL, gloss: 1.0, wrap: 0.1 };
-        let meshes = self.scene.tools.get_mut(tool.number).into_iter().flatten();
+        let meshes = self.scene.tools.get_mut(tool.shape_of).into_iter().flatten();
         for (mesh, skin) in meshes.zip(&tool.shape.skins) {
             let (moved, turn) = skin.turned(tool.opening);
             let place = tool.position + tool.orientation.rotate_vector(moved);

@@ -50,6 +50,7 @@ const RED = [1, 0.11, 0.07];
 // A tool as the session describes it, with its arrow. `size`: the body's diagonal [m]; `limit`: the largest force [N].
 export class ToolModel {
     constructor(description, size, limit, shading) {
+        this.description = description;
         const ball = { corners: [0, 0, 0], rounding: description.radius, disc: 0, axis: [] };
         const parts = description.parts.filter(({ corners }) => corners.length >= 3);
         this.body = new Group();

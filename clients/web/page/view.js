@@ -6,6 +6,7 @@ import {
 } from './vendor/three.min.js';
 import { Shading } from './shading.js';
 import { ToolModel } from './tools.js';
+import { shapeOf } from './wire.js';
 
 // Between two pictures at best, with a graphics card and without [ms]: more of them would leave the decoder, and a server on the
 // same machine, no processor.
@@ -33,6 +34,7 @@ export class View {
         this.scene.add(this.root, this.camera);
         this.shading = new Shading();
         this.tools = new Map();
+        this.descriptions = [];
         this.states = new Map(); // tool number: [before, now], each { position, orientation, force }
         this.arrived = 0;
         this.interval = 32;
@@ -92,11 +94,21 @@ export class View {
             tool.dispose();
         }
         this.tools.clear();
-        for (const description of descriptions) {
-            const model = new ToolModel(description, this.size ?? 0.3, limit, this.shading);
-            this.tools.set(description.tool, model);
-            this.root.add(model.group);
+        [this.descriptions, this.limit] = [descriptions, limit];
+        for (const { tool } of descriptions) this.#shape(tool, tool);
+    }
+
+    // Has `tool` look like the tool `of`.
+    #shape(tool, of) {
+        const description = this.descriptions.find((known) => known.tool === of), old = this.tools.get(tool);
+        if (!description || old?.description === description) return;
+        if (old) {
+            this.root.remove(old.group);
+            old.dispose();
         }
+        const model = new ToolModel(description, this.size ?? 0.3, this.limit, this.shading);
+        this.tools.set(tool, model);
+        this.root.add(model.group);
     }
 
     // The newest frame; gives the buffers of one that is not drawn any more.
@@ -125,6 +137,7 @@ export class View {
         this.arrived = now;
         const seen = new Set();
         for (const state of tools) {
+            this.#shape(state.tool, shapeOf(state));
             const before = this.states.get(state.tool)?.[1] ?? state;
             this.states.set(state.tool, [before, state]);
             seen.add(state.tool);

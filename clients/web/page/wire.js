@@ -26,7 +26,7 @@ export const TOPOLOGY = {
 };
 const TOOL_STATE = {
     1: ['tool', 'varint'], 2: ['position', 'float', true], 3: ['orientation', 'float', true], 4: ['force', 'float', true],
-    5: ['phase', 'varint'], 6: ['opening', 'float'],
+    5: ['phase', 'varint'], 6: ['opening', 'float'], 7: ['shape', 'varint'],
 };
 export const FRAME = {
     1: ['topology', 'varint'], 2: ['tick', 'varint'], 3: ['sequence', 'varint'], 5: ['tools', TOOL_STATE, true],
@@ -44,6 +44,9 @@ export const WRENCH = {
     22: ['opening', 'float'],
 };
 export const REPLY = { 1: ['error', 'string'], 2: ['attached', { 1: ['tool', 'varint'], 2: ['epoch', 'varint'] }] };
+
+// Number of the tool whose shape a tool of this state has.
+export const shapeOf = ({ tool, shape }) => (shape > 0 ? shape - 1 : tool);
 
 const text = new TextDecoder();
 // Value of a field that is not there.

@@ -146,8 +146,8 @@ function takeFrame(content) {
 }
 
 // The part of a tool that touches, where it feels something.
-function touch({ tool, position, orientation, force }) {
-    const shape = session?.tools.find((known) => known.tool === tool);
+function touch({ position, orientation, force, ...state }) {
+    const shape = session?.tools.find((known) => known.tool === wire.shapeOf(state));
     // The radius of a shape of other parts is that of a ball around all of it.
     if (!shape || shape.parts.length > 1 || !force || Math.hypot(...force) < 1e-4) return null;
     const [x, y, z, w] = orientation;

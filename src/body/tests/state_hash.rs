@@ -65,6 +65,7 @@ fn pressed(body: &Arc<Body>) -> Simulation {
             Parameter::Damping(0.9),
             Parameter::Stiffness { tissue: 0, factor: 1.1 },
             Parameter::Friction { tool: 0, coefficient: 0.4 },
+            Parameter::Shape { tool: 0, of: 0 },
         ]
         .get(tick as usize - 1)
         .copied();

@@ -9,11 +9,13 @@ pub use super::solid::MOST_CORNERS;
 use super::solid::{Hull, Solid};
 use crate::math::{Bounds, Pose, Real, Vec3};
 pub use crate::model::constraint::MOST_PARTS;
+use std::sync::Arc;
 
 /// Rigid shape of a tool: convex parts in the tool's own frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Shape {
-    parts: Vec<Part>,
+    /// Shared, so that a tool takes another shape without allocating.
+    parts: Arc<[Part]>,
     /// See [`Shape::grip`].
     grip: Real,
 }
@@ -31,7 +33,7 @@ impl Shape {
 
     /// Of one to [`MOST_PARTS`] parts; `None` for another number.
     pub fn compound(parts: Vec<Part>) -> Option<Self> {
-        (1..=MOST_PARTS).contains(&parts.len()).then_some(Self { parts, grip: 0.0 })
+        (1..=MOST_PARTS).contains(&parts.len()).then(|| Self { parts: parts.into(), grip: 0.0 })
     }
 
     /// The same shape, of which the hinged parts press with `grip` [N·m].
@@ -58,7 +60,7 @@ impl Shape {
 
 impl From<Part> for Shape {
     fn from(part: Part) -> Self {
-        Self { parts: vec![part], grip: 0.0 }
+        Self { parts: Arc::new([part]), grip: 0.0 }
     }
 }
 

@@ -142,6 +142,8 @@ pub struct ToolState {
     pub buttons: u32,
     /// How far its jaws are open.
     pub jaws: Jaws,
+    /// The tool whose shape it has, where that is not its own.
+    pub shape: Option<u16>,
     /// The tool cannot keep up with the poses: its speed is bounded.
     pub speed_limited: bool,
     /// Part of the physical force that is rendered, 0..=1.

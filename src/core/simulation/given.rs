@@ -3,6 +3,7 @@
 use super::parameter::{Parameter, Threshold};
 use super::{Settings, Simulation};
 use crate::adaptation::Adaptivity;
+use crate::contact::shape::Shape;
 use crate::math::{Real, Vec3};
 use crate::model::Body;
 use crate::model::active_mesh::Stiffening;
@@ -11,8 +12,9 @@ use crate::model::active_mesh::Stiffening;
 #[derive(Debug)]
 pub(super) struct Given {
     gravity: Vec3,
-    /// By tool.
+    /// By tool, as the next.
     friction: Vec<Real>,
+    shapes: Vec<Shape>,
     adaptivity: Option<Adaptivity>,
 }
 
@@ -21,6 +23,7 @@ impl Given {
         Self {
             gravity: settings.gravity,
             friction: settings.tools.iter().map(|tool| tool.friction).collect(),
+            shapes: settings.tools.iter().map(|tool| tool.shape.clone()).collect(),
             adaptivity: settings.adaptivity.clone(),
         }
     }
@@ -28,7 +31,7 @@ impl Given {
 
 /// Most quantities that may have been changed in a session of `body` with `settings`.
 pub(super) fn most_parameters(body: &Body, settings: &Settings) -> usize {
-    3 + Threshold::ALL.len() + body.tissue_count() + settings.tools.len()
+    3 + Threshold::ALL.len() + body.tissue_count() + 2 * settings.tools.len()
 }
 
 impl Simulation {
@@ -40,8 +43,10 @@ impl Simulation {
     /// Gives a quantity another value; of a tissue or tool that is not there, nothing happens.
     pub(super) fn set(&mut self, parameter: Parameter) {
         if self.assume(parameter) {
-            if let Parameter::Supports(factor) = parameter {
-                self.mesh.set_support_factor(&self.body, factor);
+            match parameter {
+                Parameter::Supports(factor) => self.mesh.set_support_factor(&self.body, factor),
+                Parameter::Shape { tool, .. } => self.forget_contacts_of(usize::from(tool)),
+                _ => {}
             }
             // The body finds another balance, and the hand need not feel how.
             self.tools.iter_mut().filter(|tool| tool.touches()).for_each(|tool| tool.begin_transition());
@@ -58,12 +63,27 @@ impl Simulation {
         self.mesh.go_on_stiffening(&self.body);
     }
 
+    /// A tool of another shape may be inside the body: it has to come from outside again.
+    fn forget_contacts_of(&mut self, tool: usize) {
+        if self.tools[tool].touches() {
+            self.tools[tool].wait();
+        }
+        self.points[tool].clear();
+        self.detection.forget();
+    }
+
     /// False where there is no such quantity.
     fn assume(&mut self, parameter: Parameter) -> bool {
         match parameter {
             Parameter::Gravity(gravity) => self.settings.gravity = gravity,
             Parameter::Friction { tool, coefficient } if usize::from(tool) < self.settings.tools.len() => {
                 self.settings.tools[usize::from(tool)].friction = coefficient;
+            }
+            Parameter::Shape { tool, of } => {
+                let Some(shape) = self.given.shapes.get(usize::from(of)) else { return false };
+                let Some(taker) = self.settings.tools.get_mut(usize::from(tool)) else { return false };
+                taker.shape.clone_from(shape);
+                self.tools[usize::from(tool)].shape = (of != tool).then_some(of);
             }
             Parameter::Damping(factor) => self.mesh.damping = factor,
             Parameter::Supports(factor) => self.mesh.assume_support_factor(factor),
@@ -86,8 +106,11 @@ impl Simulation {
     /// Makes these all that has been changed, before a state is restored.
     pub(super) fn assume_all(&mut self, parameters: &[Parameter], stiffening: &Stiffening) {
         self.settings.gravity = self.given.gravity;
-        for (tool, friction) in self.settings.tools.iter_mut().zip(&self.given.friction) {
+        let given = self.given.friction.iter().zip(&self.given.shapes);
+        for ((tool, state), (friction, shape)) in self.settings.tools.iter_mut().zip(&mut self.tools).zip(given) {
             tool.friction = *friction;
+            tool.shape.clone_from(shape);
+            state.shape = None;
         }
         self.settings.adaptivity.clone_from(&self.given.adaptivity);
         self.mesh.damping = 1.0;

@@ -34,6 +34,13 @@ pub enum Parameter {
         /// Its unit.
         value: Real,
     },
+    /// A tool takes the shape that the settings give to another.
+    Shape {
+        /// The tool's id.
+        tool: u16,
+        /// The other's.
+        of: u16,
+    },
 }
 
 /// A number of [`Adaptivity`](crate::adaptation::Adaptivity).
@@ -73,25 +80,33 @@ impl Threshold {
 impl Parameter {
     /// Whether `other` is a value of the same quantity.
     pub fn is_same_quantity(&self, other: &Parameter) -> bool {
-        use Parameter::{Damping, Friction, Gravity, Resolution, Stiffness, Supports};
+        use Parameter::{Damping, Friction, Gravity, Resolution, Shape, Stiffness, Supports};
         match (self, other) {
             (Stiffness { tissue: a, .. }, Stiffness { tissue: b, .. })
-            | (Friction { tool: a, .. }, Friction { tool: b, .. }) => a == b,
+            | (Friction { tool: a, .. }, Friction { tool: b, .. })
+            | (Shape { tool: a, .. }, Shape { tool: b, .. }) => a == b,
             (Resolution { threshold: a, .. }, Resolution { threshold: b, .. }) => a == b,
             (Gravity(_), Gravity(_)) | (Damping(_), Damping(_)) | (Supports(_), Supports(_)) => true,
             _ => false,
         }
     }
 
+    /// A [`Parameter::Shape`] of `tool` with the value `of`; `None` where that is not a whole number.
+    pub fn shape(tool: u16, of: Real) -> Option<Self> {
+        let whole = of as u16;
+        (Real::from(whole) == of).then_some(Parameter::Shape { tool, of: whole })
+    }
+
     /// Its numbers.
-    pub fn values(&self) -> &[Real] {
+    pub fn values(&self) -> Vec<Real> {
         match self {
-            Parameter::Gravity(g) => g.as_slice(),
+            Parameter::Gravity(g) => g.iter().copied().collect(),
+            Parameter::Shape { of, .. } => vec![Real::from(*of)],
             Parameter::Stiffness { factor: value, .. }
             | Parameter::Friction { coefficient: value, .. }
             | Parameter::Resolution { value, .. }
             | Parameter::Supports(value)
-            | Parameter::Damping(value) => std::slice::from_ref(value),
+            | Parameter::Damping(value) => vec![*value],
         }
     }
 }

@@ -36,11 +36,13 @@ impl Scene {
                 let names = self.tissues();
                 format!("stiffness.{}", names.get(usize::from(*tissue)).cloned().unwrap_or_else(|| tissue.to_string()))
             }
-            Parameter::Friction { tool, .. } => {
-                let name = self.tool.get(usize::from(*tool)).map_or_else(|| tool.to_string(), |tool| tool.name.clone());
-                format!("friction.{name}")
-            }
+            Parameter::Friction { tool, .. } => format!("friction.{}", self.tool_name(*tool)),
+            Parameter::Shape { tool, .. } => format!("shape.{}", self.tool_name(*tool)),
         }
+    }
+
+    fn tool_name(&self, tool: u16) -> String {
+        self.tool.get(usize::from(tool)).map_or_else(|| tool.to_string(), |tool| tool.name.clone())
     }
 
     /// Every quantity that may change, as the scene has it.
@@ -48,6 +50,7 @@ impl Scene {
         let stiffness = (0..self.tissues().len() as u16).map(|tissue| Parameter::Stiffness { tissue, factor: 1.0 });
         let friction =
             (0..).zip(&self.tool).map(|(tool, keys)| Parameter::Friction { tool, coefficient: keys.friction });
+        let shapes = (0..self.tool.len() as u16).map(|tool| Parameter::Shape { tool, of: tool });
         let others =
             [Parameter::Gravity(Vec3::from(self.world.gravity)), Parameter::Damping(1.0), Parameter::Supports(1.0)];
         let adaptivity = self.settings().adaptivity;
@@ -55,20 +58,22 @@ impl Scene {
             let values = [*split, *merge, *reach];
             Threshold::ALL.into_iter().zip(values).map(|(threshold, value)| Parameter::Resolution { threshold, value })
         });
-        others.into_iter().chain(stiffness).chain(friction).chain(resolution).collect()
+        others.into_iter().chain(stiffness).chain(friction).chain(shapes).chain(resolution).collect()
     }
 
-    /// The quantities called `name`, given `values`: "stiffness" and "friction" alone mean those of every tissue, or tool,
-    /// and a number stands for a name. Their ranges are not looked at.
+    /// The quantities called `name`, given `values`: "stiffness", "friction" and "shape" alone mean those of every
+    /// tissue, or tool, and a number stands for a name. Their ranges are not looked at.
     ///
     /// # Errors
-    /// In words: no such name, or another number of values.
+    /// In words: no such name, another number of values, or a shape that is none of a tool.
     pub fn parameters_named(&self, name: &str, values: &[Real]) -> Result<Vec<Parameter>, String> {
         let all = self.parameters();
         let is_meant = |parameter: &&Parameter| {
             let own = self.parameter_name(parameter);
             let number = match parameter {
-                Parameter::Stiffness { tissue: number, .. } | Parameter::Friction { tool: number, .. } => Some(*number),
+                Parameter::Stiffness { tissue: number, .. }
+                | Parameter::Friction { tool: number, .. }
+                | Parameter::Shape { tool: number, .. } => Some(*number),
                 _ => None,
             };
             let kind = own.split_once('.').map_or(own.as_str(), |(kind, _)| kind);
@@ -94,6 +99,10 @@ impl Scene {
                 Parameter::Resolution { threshold, .. } => Parameter::Resolution { threshold, value: value()? },
                 Parameter::Stiffness { tissue, .. } => Parameter::Stiffness { tissue, factor: value()? },
                 Parameter::Friction { tool, .. } => Parameter::Friction { tool, coefficient: value()? },
+                Parameter::Shape { tool, .. } => {
+                    let of = value()?;
+                    Parameter::shape(tool, of).ok_or_else(|| format!("{name} is {of}: give the number of a tool"))?
+                }
             })
         };
         meant.into_iter().map(wanted).collect()
@@ -113,7 +122,7 @@ impl Scene {
         for parameter in parameters {
             let name = || self.parameter_name(parameter);
             let range = ranges.of(body, parameter, set).ok_or_else(|| format!("there is no {}", name()))?;
-            if let Some(value) = parameter.values().iter().find(|value| !range.contains(value)) {
+            if let Some(value) = parameter.values().into_iter().find(|value| !range.contains(value)) {
                 return Err(format!("{} is {value}: {} to {} is allowed", name(), range.start(), range.end()));
             }
             match set.iter_mut().find(|set| set.is_same_quantity(parameter)) {

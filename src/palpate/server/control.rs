@@ -340,7 +340,7 @@ fn describe_parameters(shared: &Shared) -> Vec<proto::ParameterDescription> {
         let range = shared.ranges.of(&shared.body, now, &set)?;
         let (least, most) = (*range.start(), *range.end());
         let name = shared.scene.parameter_name(now);
-        Some(proto::ParameterDescription { name, values: now.values().to_vec(), least, most })
+        Some(proto::ParameterDescription { name, values: now.values(), least, most })
     };
     shared.scene.parameters().into_iter().filter_map(describe).collect()
 }

@@ -217,6 +217,7 @@ pub fn tool_state(tool: u32, t: &ToolState) -> proto::ToolState {
         force: f32s(&t.force),
         phase: phase(t.phase),
         opening: t.jaws.opening as f32,
+        shape: t.shape.map_or(0, |of| u32::from(of) + 1),
     }
 }
 
@@ -265,9 +266,10 @@ fn recorded_parameter(parameter: &Parameter) -> proto::RecordedParameter {
         Parameter::Supports(_) => Quantity::Supports(true),
         Parameter::Stiffness { tissue, .. } => Quantity::Stiffness(tissue.into()),
         Parameter::Friction { tool, .. } => Quantity::Friction(tool.into()),
+        Parameter::Shape { tool, .. } => Quantity::Shape(tool.into()),
         Parameter::Resolution { threshold, .. } => Quantity::Resolution(threshold as u32),
     };
-    proto::RecordedParameter { quantity: Some(quantity), values: parameter.values().to_vec() }
+    proto::RecordedParameter { quantity: Some(quantity), values: parameter.values() }
 }
 
 fn parameter_from_message(message: &proto::RecordedParameter) -> Option<Parameter> {
@@ -283,6 +285,7 @@ fn parameter_from_message(message: &proto::RecordedParameter) -> Option<Paramete
         Quantity::Supports(_) => Parameter::Supports(value()?),
         Quantity::Stiffness(tissue) => Parameter::Stiffness { tissue: tissue.try_into().ok()?, factor: value()? },
         Quantity::Friction(tool) => Parameter::Friction { tool: tool.try_into().ok()?, coefficient: value()? },
+        Quantity::Shape(tool) => Parameter::shape(tool.try_into().ok()?, value()?)?,
         Quantity::Resolution(number) => {
             Parameter::Resolution { threshold: *Threshold::ALL.get(number as usize)?, value: value()? }
         }
@@ -438,6 +441,7 @@ mod tests {
                 Parameter::Gravity(Vec3::new(numbers[0], numbers[1], numbers[2])),
                 Parameter::Stiffness { tissue: 3, factor: numbers[3] },
                 Parameter::Friction { tool: 7, coefficient: numbers[4] },
+                Parameter::Shape { tool: 6, of: 2 },
                 Parameter::Damping(numbers[5]),
                 Parameter::Supports(numbers[5]),
                 Parameter::Resolution { threshold: Threshold::Merge, value: numbers[6] },

@@ -124,8 +124,8 @@ class Simulation:
         """Sets parameters, each in a tick of its own: ``{"stiffness.nodule": 2.0, "gravity": [0, 0, -9.81]}``.
 
         Names: "gravity" [m/s²], "damping" (part of the scene's), "stiffness.TISSUE" (factor on what the scene gives),
-        "friction.TOOL"; "stiffness" and "friction" alone mean all. Raises ``ValueError`` with the name and the range of one that is
-        refused, and sets none then.
+        "friction.TOOL", "shape.TOOL" (the tool whose shape it has); "stiffness", "friction" and "shape" alone mean all. Raises
+        ``ValueError`` with the name and the range of one that is refused, and sets none then.
         """
     def step(self, pose: Optional[ArrayLike] = None, tool: ToolName = 0) -> Wrench:
         """One tick (1 ms), in which the tool gets a new pose, or nothing happens; the wrench after it."""

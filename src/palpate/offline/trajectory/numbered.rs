@@ -11,6 +11,7 @@ pub(super) fn numbered_name(parameter: &Parameter) -> String {
         Parameter::Supports(_) => "supports".into(),
         Parameter::Stiffness { tissue, .. } => format!("stiffness.{tissue}"),
         Parameter::Friction { tool, .. } => format!("friction.{tool}"),
+        Parameter::Shape { tool, .. } => format!("shape.{tool}"),
         Parameter::Resolution { threshold, .. } => format!("resolution.{}", threshold.name()),
     }
 }
@@ -24,6 +25,7 @@ pub(super) fn numbered(name: &str, values: &[Real]) -> Option<Parameter> {
         None if name == "supports" => Parameter::Supports(value()?),
         Some(("stiffness", tissue)) => Parameter::Stiffness { tissue: tissue.parse().ok()?, factor: value()? },
         Some(("friction", tool)) => Parameter::Friction { tool: tool.parse().ok()?, coefficient: value()? },
+        Some(("shape", tool)) => Parameter::shape(tool.parse().ok()?, value()?)?,
         Some(("resolution", name)) => Parameter::Resolution {
             threshold: Threshold::ALL.into_iter().find(|threshold| threshold.name() == name)?,
             value: value()?,

@@ -105,12 +105,13 @@ fn what_is_written_reads_back_the_same() {
         (60, Parameter::Damping(0.5)),
         (61, Parameter::Friction { tool: 0, coefficient: 0.7 }),
         (62, Parameter::Resolution { threshold: Threshold::Reach, value: 2.0 }),
+        (63, Parameter::Shape { tool: 0, of: 1 }),
     ];
     let set = Trajectory { parameters, ..again.clone() };
     set.write(&file).unwrap();
     assert_eq!(Trajectory::parse(&std::fs::read_to_string(&file).unwrap(), "t.csv", 1).unwrap(), set);
     assert_eq!(set.inputs(7).parameter, Some(Parameter::Stiffness { tissue: 1, factor: 0.3 }));
-    assert_eq!((set.inputs(8).parameter, set.last_tick()), (None, 62));
+    assert_eq!((set.inputs(8).parameter, set.last_tick()), (None, 63));
     // From a tick on; prices are told once.
     assert_eq!(again.inputs(40).budget, Budget::UNLIMITED);
     assert_eq!((again.inputs(41).budget, again.inputs(41).prices), (Budget::of(700), None));
