@@ -90,6 +90,7 @@ fn surface_vectors() -> Value {
             force: vec![0.0, 0.0, 0.25 * (sequence % 16) as f32],
             phase: ToolPhase::Engaged.into(),
             opening: 0.0,
+            shape: 0,
         };
         let frame = SurfaceFrame {
             topology: 77,

@@ -84,6 +84,7 @@ mod tests {
             force: vec![0.0, 0.0, 0.5],
             phase: ToolPhase::Engaged.into(),
             opening: 0.0,
+            shape: 0,
         };
         PlacedTool::new(&state, &[shape.clone(), shape.clone()]).unwrap()
     }

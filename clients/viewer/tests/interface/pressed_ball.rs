@@ -131,6 +131,7 @@ pub fn record_organs(path: &Path, rings: u32, frames: u64, organs: &[Organ]) {
             force: vec![0.0, 0.0, 0.05 * number as f32],
             phase: ToolPhase::Engaged.into(),
             opening: 0.0,
+            shape: 0,
         };
         let points: Vec<_> = positions.map(|x| code.on_grid(x.map(f64::from))).collect();
         let is_key = (number - 1) % KEY_INTERVAL == 0;
