@@ -39,7 +39,7 @@ impl ParameterRanges {
             Parameter::Gravity(_) => Some(GRAVITY),
             Parameter::Friction { tool, .. } => (usize::from(*tool) < self.tools).then_some(FRICTION),
             Parameter::Shape { tool, .. } => {
-                (usize::from(*tool) < self.tools).then(|| 0.0..=(self.tools as Real - 1.0))
+                (usize::from(*tool) < self.tools).then_some(0.0..=self.tools as Real - 1.0)
             }
             Parameter::Damping(_) => Some(DAMPING),
             Parameter::Supports(_) => Some(SUPPORTS),
