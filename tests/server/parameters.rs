@@ -90,6 +90,8 @@ fn what_cannot_be_set_is_refused_with_its_name_and_range_and_the_session_lists_w
         ("gravity", &[0.0, 0.0, -900.0], "gravity is -900: -100 to 100"),
         ("gravity", &[9.81], "gravity has 3 values, not 1"),
         ("friction.right", &[2.5], "friction.right is 2.5: 0 to 2"),
+        ("shape.left", &[2.0], "shape.left is 2: 0 to 1"),
+        ("shape.left", &[0.5], "shape.left is 0.5: give the number of a tool"),
         ("damping", &[0.0], "damping is 0: 0.1 to 1"),
         ("resolution.reach", &[11.0], "resolution.reach is 11: 0 to 10"),
         ("resolution", &[1.0], "no parameter of that name"),
@@ -103,6 +105,7 @@ fn what_cannot_be_set_is_refused_with_its_name_and_range_and_the_session_lists_w
     assert!(matches!(connection.set_parameters(both), Err(SdkError::Refused(_))));
     set(&connection, "friction", &[0.5]).unwrap();
     set(&connection, "gravity", &[0.0, 1.0, -2.0]).unwrap();
+    set(&connection, "shape.left", &[1.0]).unwrap();
     let listed = connection.session().unwrap().parameters;
     let listed: Vec<_> = listed.iter().map(|p| (&*p.name, &*p.values, p.least, p.most)).collect();
     assert_eq!(
@@ -114,6 +117,8 @@ fn what_cannot_be_set_is_refused_with_its_name_and_range_and_the_session_lists_w
             ("stiffness.cube", &[1.0], 0.05, 20.0),
             ("friction.left", &[0.5], 0.0, 2.0),
             ("friction.right", &[0.5], 0.0, 2.0),
+            ("shape.left", &[1.0], 0.0, 1.0),
+            ("shape.right", &[1.0], 0.0, 1.0),
             ("resolution.split", &[0.1], 1e-4, 10.0),
             ("resolution.merge", &[0.3], 0.0, 0.9),
             ("resolution.reach", &[1.4], 0.0, 10.0)
