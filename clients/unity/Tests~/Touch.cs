@@ -1,4 +1,5 @@
 using System;
+using System.Collections.Generic;
 using System.Threading;
 using Palpate;
 
@@ -22,6 +23,9 @@ static class Touch
                 var status = new ServerStatus();
                 tool.Status(ref status);
                 double most = 0, lowest = double.MaxValue;
+                // While it is held still and engaged: a machine that is busy elsewhere for 20 ms silences the hand.
+                var held = new List<double>();
+                var state = tool.State;
                 Vector force = new Vector(), torque;
                 // From 25 mm above the place down to it in a second; then it is held.
                 for (int step = 0; step < 1000; step++)
@@ -32,16 +36,22 @@ static class Touch
                     tool.SendPose(position, Rotation.None);
                     force = tool.Force(position, velocity, out torque);
                     most = Math.Max(most, force.Y);
+                    if (step >= 750 && tool.State.Phase == Phase.Engaged)
+                    {
+                        held.Add(force.Y);
+                        state = tool.State;
+                    }
                     if (view.Update())
                         lowest = Math.Min(lowest, Under(view, right, forward));
                     Thread.Sleep(2);
                 }
                 Console.WriteLine("library {0}", HapticTool.Version);
-                Console.WriteLine("{0} and {1}, {2} points", tool.State.Hold, tool.State.Phase, tool.State.ContactPoints);
+                Console.WriteLine("{0} and {1}, {2} points", state.Hold, state.Phase, state.ContactPoints);
                 Console.WriteLine("vertices {0}, triangles {1}", view.Positions.Length / 3, view.Indices.Length / 3);
                 Console.WriteLine("clients {0}", tool.Status(ref status) ? status.Clients.ToString() : "unknown");
                 Print("most", most);
-                Print("held", force.Y);
+                held.Sort();
+                Print("held", held.Count > 0 ? held[held.Count / 2] : 0);
                 Print("lowest", lowest);
             }
             // A tool that is not there is an error in plain words.
