@@ -43,6 +43,13 @@ pub fn schema_name(message: &str) -> String {
     format!("palpate.v1.{message}")
 }
 
+impl ToolState {
+    /// Number of the tool whose shape it has.
+    pub fn shape_of(&self) -> u32 {
+        self.shape.checked_sub(1).unwrap_or(self.tool)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -27,7 +27,7 @@ pub struct PlacedTool {
 impl PlacedTool {
     /// The one of the tools of these `shapes` that `state` moves; `None` where the state is not whole or not finite.
     pub fn new(state: &ToolState, shapes: &[Arc<ToolShape>]) -> Option<Self> {
-        let shape_of = state.shape.checked_sub(1).unwrap_or(state.tool) as usize;
+        let shape_of = state.shape_of() as usize;
         let shape = shapes.get(shape_of)?.clone();
         let finite = |numbers: &[f32]| numbers.iter().all(|number| number.is_finite());
         let position: [f32; 3] = state.position[..].try_into().ok().filter(|p: &[f32; 3]| finite(p))?;

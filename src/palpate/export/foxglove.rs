@@ -110,7 +110,7 @@ fn held(moment: &Moment, radii: &[f64]) -> SceneUpdate {
     let entities = moment.tools.iter().map(|tool| {
         let [position, force] = [&tool.position, &tool.force].map(|list| three(list));
         let orientation = <[f32; 4]>::try_from(&tool.orientation[..]).unwrap_or([0.0, 0.0, 0.0, 1.0]).map(f64::from);
-        let diameter = 2.0 * radii.get(tool.tool as usize).copied().unwrap_or_default();
+        let diameter = 2.0 * radii.get(tool.shape_of() as usize).copied().unwrap_or_default();
         let ball = SpherePrimitive {
             pose: Some(pose(position, orientation)),
             size: Some(Vector { x: diameter, y: diameter, z: diameter }),
