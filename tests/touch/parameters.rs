@@ -281,6 +281,10 @@ fn a_tool_that_takes_a_larger_shape_inside_the_body_has_to_come_from_outside_aga
     assert!(forces[600..1300].iter().all(|state| state.force == Vec3::zeros()));
     println!("{:?}, {:.3} and {:.3} N", forces[2400].phase, forces[499].force.z, forces[2400].force.z);
     assert!(forces[2400].phase == Phase::Engaged && forces[2400].force.z > 1.5 * forces[499].force.z);
+    // The same shape again is no change.
+    let again = Some(Parameter::Shape { tool: 0, of: 1 });
+    let state = run.advance(&Inputs { parameter: again, ..Inputs::default() }).tools[0].state;
+    assert!(state.phase == Phase::Engaged && state.force.z > 0.5, "{state:?}");
     // There is no such shape, and no such tool.
     for parameter in [Parameter::Shape { tool: 0, of: 3 }, Parameter::Shape { tool: 3, of: 0 }] {
         run.advance(&Inputs { parameter: Some(parameter), ..Inputs::default() });

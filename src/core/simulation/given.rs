@@ -42,10 +42,12 @@ impl Simulation {
 
     /// Gives a quantity another value; of a tissue or tool that is not there, nothing happens.
     pub(super) fn set(&mut self, parameter: Parameter) {
+        let has = |tool: u16| self.tools.get(usize::from(tool)).map(|state| state.shape.unwrap_or(tool));
+        let is_another = matches!(parameter, Parameter::Shape { tool, of } if has(tool) != Some(of));
         if self.assume(parameter) {
             match parameter {
                 Parameter::Supports(factor) => self.mesh.set_support_factor(&self.body, factor),
-                Parameter::Shape { tool, .. } => self.forget_contacts_of(usize::from(tool)),
+                Parameter::Shape { tool, .. } if is_another => self.forget_contacts_of(usize::from(tool)),
                 _ => {}
             }
             // The body finds another balance, and the hand need not feel how.
