@@ -15,7 +15,7 @@ use palpate_core::model::active_set::Change;
 use palpate_core::model::element_kernel::{Rates, Simd};
 use palpate_core::model::element_pool::CLASSES;
 use palpate_core::model::{ActiveMesh, Body, State};
-use palpate_core::simulation::{Budget, Inputs, Laps, Part, Simulation, Snapshot};
+use palpate_core::simulation::{Budget, Frame, Inputs, Laps, Part, Simulation, Snapshot};
 use palpate_proto::Message;
 use std::hint::black_box;
 use std::path::Path;
@@ -115,19 +115,19 @@ fn ticks(c: &mut Criterion) {
         inputs.tools[0] = pose(2_000_000_000 + tick, top + Vec3::new(0.0, 0.0, radius + height));
         let outputs = touched.advance(&inputs);
         if outputs.frame {
-            palpated.push(outputs.clone());
+            palpated.push(Frame::from(outputs));
         }
     }
     let mut encoder = SurfaceEncoder::new(Display::touched(&body).into(), 1);
     let mut turn = palpated.iter().cycle();
     frame.bench_function(format!("encode surface, {} vertices", vertices.len()), |b| {
         b.iter(|| {
-            let Some(outputs) = turn.next() else { unreachable!("frames come in a circle") };
-            let parts = encoder.frame(1, black_box(&outputs.skin), &outputs.levels, &[]).unwrap();
+            let Some(frame) = turn.next() else { unreachable!("frames come in a circle") };
+            let parts = encoder.frame(black_box(frame)).unwrap();
             parts.iter().map(|part| part.encode_to_vec().len()).sum::<usize>()
         });
     });
-    let outputs = &palpated[0];
+    let outputs = touched.outputs();
     frame.bench_function("encode wrench", |b| {
         b.iter(|| wire::wrench(0, 1, 1, black_box(&outputs.tools[0]), outputs.flags()).encode_to_vec());
     });

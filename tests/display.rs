@@ -95,7 +95,7 @@ fn it_arrives_whole_and_follows_the_touched_surface_into_the_dent() {
         if !outputs.frame {
             return;
         }
-        let frame = encoder.frame(outputs.tick, &outputs.skin, &outputs.levels, &[]).unwrap();
+        let frame = encoder.frame(&outputs.into()).unwrap();
         assert!(frame.iter().all(|part| part.encoded_len() <= MOST_MESSAGE_BYTES));
         let moment = frame.iter().filter_map(|part| decoder.receive(part).unwrap()).last().unwrap();
         assert_eq!(moment.levels.len(), vertices);
@@ -126,7 +126,7 @@ fn a_recording_of_it_replays_identical() {
     run(&loaded, &body, |inputs, o| {
         writer.tick(o.tick, inputs, &o.tools, o.flags(), o.frame.then_some(o.hash)).unwrap();
         if o.frame {
-            writer.frame(o.tick, &o.skin, &o.levels, &[]).unwrap();
+            writer.frame(&o.into()).unwrap();
         }
     });
     writer.finish().unwrap();

@@ -7,7 +7,7 @@ use palpate::realtime::sim_thread::{Measured, SimThread};
 use palpate::scene::LoadedScene;
 use palpate_core::contact::tool::{Coupling, PoseSample};
 use palpate_core::math::{Pose, Real, Vec3};
-use palpate_core::simulation::{Part, Prices, Simulation, Snapshot};
+use palpate_core::simulation::{Part, Prices, Simulation};
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -115,8 +115,7 @@ fn run(slowness: &dyn Fn(u64) -> Real, ticks: u64) -> (Measured, Found) {
     let body = Arc::new(loaded.build(&mut |_, _, _| {}).unwrap());
     let (settings, start) = (loaded.scene.settings(), loaded.scene.at_rest(&body));
     let simulation = Simulation::new(body.clone(), settings.clone(), start).unwrap();
-    let room = || Snapshot::with_room(&body, &settings);
-    let (ends, mut server) = mailboxes(1, body.surface().vertices.len(), room).unwrap();
+    let (ends, mut server) = mailboxes(&body, &settings).unwrap();
     let attach = Command::Attach { tool: 0, epoch: 1, period_ticks: 1, coupling: Coupling::RIGID };
     server.commands.push(attach).ok().unwrap();
     let stop = Arc::new(AtomicBool::new(false));

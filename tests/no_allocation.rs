@@ -4,7 +4,7 @@
 //! grows no faster than the body has nodes.
 
 use palpate::realtime::clock::Clock;
-use palpate::realtime::mailbox::{Command, Frame, PoseSlot, RecordTap, mailboxes};
+use palpate::realtime::mailbox::{Command, PoseSlot, RecordTap, mailboxes};
 use palpate::realtime::sim_thread::SimThread;
 use palpate::scene::LoadedScene;
 use palpate_body::prepare::{Recipe, Region, Shape, prepare};
@@ -13,7 +13,7 @@ use palpate_core::geometry::primitives::box_surface;
 use palpate_core::math::{Bounds, Pose, Real, Vec3};
 use palpate_core::model::body::{BodyParts, LabelParts, MixtureParts};
 use palpate_core::model::{Body, Material};
-use palpate_core::simulation::{Budget, Inputs, Parameter, Part, Settings, Simulation, Snapshot};
+use palpate_core::simulation::{Budget, Frame, Inputs, Parameter, Part, Settings, Simulation, Snapshot};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 use std::path::Path;
@@ -176,10 +176,8 @@ fn run_and_press(more: &[&str]) -> [u32; 2] {
     let loaded = LoadedScene::load(Path::new("cube"), &given).unwrap();
     let body = Arc::new(loaded.build(&mut |_, _, _| {}).unwrap());
     let (settings, start) = (loaded.scene.settings(), loaded.scene.at_rest(&body));
-    let vertices = body.surface().vertices.len();
     let simulation = Simulation::new(body.clone(), settings.clone(), start).unwrap();
-    let room = || Snapshot::with_room(&body, &settings);
-    let (sim_ends, mut ends) = mailboxes(2, vertices, room).unwrap();
+    let (sim_ends, mut ends) = mailboxes(&body, &settings).unwrap();
     let mut thread = SimThread::new(simulation, sim_ends);
     let stop = Arc::new(AtomicBool::new(false));
 
@@ -199,7 +197,7 @@ fn run_and_press(more: &[&str]) -> [u32; 2] {
                 let (ticks_in, ticks_out) = rtrb::RingBuffer::new(4096);
                 let (frames_in, frames_out) = rtrb::RingBuffer::new(128);
                 let (mut empty_in, empty_out) = rtrb::RingBuffer::new(128);
-                while empty_in.push(Box::new(Frame::empty(vertices))).is_ok() {}
+                while empty_in.push(Box::new(Frame::with_room(&body, &settings))).is_ok() {}
                 let tap = RecordTap {
                     start: start_in,
                     room: Some(Box::new(Snapshot::with_room(&body, &settings))),

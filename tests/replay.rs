@@ -158,8 +158,7 @@ impl Stage {
             let o = simulation.advance(&inputs);
             writer.tick(o.tick, &inputs, &o.tools, o.flags(), o.frame.then_some(o.hash)).unwrap();
             if o.frame {
-                let tools: Vec<_> = o.tools.iter().map(|t| t.state).collect();
-                writer.frame(o.tick, &o.skin, &o.levels, &tools).unwrap();
+                writer.frame(&o.into()).unwrap();
             }
         }
         assert_eq!(writer.finish().unwrap().ticks, ticks);

@@ -2,12 +2,12 @@
 //! up or lapsed.
 
 use palpate::realtime::clock::{Clock, Monotonic};
-use palpate::realtime::mailbox::{Command, Frame, RecordTap, mailboxes};
+use palpate::realtime::mailbox::{Command, RecordTap, mailboxes};
 use palpate::realtime::sim_thread::SimThread;
 use palpate::recording::{Recording, RecordingWriter};
 use palpate::scene::LoadedScene;
 use palpate_core::model::step_class::TICK_NS;
-use palpate_core::simulation::{Part, Simulation, Snapshot};
+use palpate_core::simulation::{Frame, Part, Simulation, Snapshot};
 use std::cell::RefCell;
 use std::path::Path;
 use std::rc::Rc;
@@ -99,17 +99,16 @@ fn recorded(name: &str, clock: impl Clock, stop: &AtomicBool) -> Recording {
     let (settings, start) = (loaded.scene.settings(), loaded.scene.at_rest(&body));
     let reset = start.body.clone();
     let simulation = Simulation::new(body.clone(), settings.clone(), start).unwrap();
-    let room = || Snapshot::with_room(&body, &settings);
-    let (ends, mut server) = mailboxes(1, body.surface().vertices.len(), room).unwrap();
+    let (ends, mut server) = mailboxes(&body, &settings).unwrap();
 
     let (start_in, mut start) = rtrb::RingBuffer::new(1);
     let (ticks_in, mut ticks) = rtrb::RingBuffer::new(4096);
     let (frames_in, _frames) = rtrb::RingBuffer::new(128);
     let (mut empty, empty_out) = rtrb::RingBuffer::new(128);
-    while empty.push(Box::new(Frame::empty(body.surface().vertices.len()))).is_ok() {}
+    while empty.push(Box::new(Frame::with_room(&body, &settings))).is_ok() {}
     let tap = RecordTap {
         start: start_in,
-        room: Some(Box::new(room())),
+        room: Some(Box::new(Snapshot::with_room(&body, &settings))),
         ticks: ticks_in,
         frames: frames_in,
         empty_frames: empty_out,

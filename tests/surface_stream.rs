@@ -103,9 +103,8 @@ fn watch(scene: &str, overrides: &[&str], ticks: u64, place: impl Fn(&Body, u64)
             let surface = Surface::from_parts(topology(body, &display, 3)).unwrap();
             (SurfaceEncoder::new(display, 3), SurfaceDecoder::new(Arc::new(surface)))
         });
-        let tools: Vec<_> = outputs.tools.iter().map(|t| t.state).collect();
         let mut moment = None;
-        for mut part in encoder.frame(outputs.tick, &outputs.skin, &outputs.levels, &tools).unwrap() {
+        for mut part in encoder.frame(&outputs.into()).unwrap() {
             seen.largest = seen.largest.max(part.encoded_len());
             moment = decoder.receive(&part).unwrap();
             seen.levels_bytes += part.levels.len() as u64;

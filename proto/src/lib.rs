@@ -29,7 +29,7 @@ pub use prost::Message;
 /// Major version of the contract: peers with another one cannot talk to each other.
 pub const VERSION_MAJOR: u32 = 1;
 /// Minor version: grows when something is added.
-pub const VERSION_MINOR: u32 = 9;
+pub const VERSION_MINOR: u32 = 10;
 /// Minor version since which control has a key for each request and asker: what whoever touches needs at least.
 pub const CONTROL_MINOR: u32 = 6;
 /// Minor version since which the surface stream is as it is now: what a viewer needs at least.

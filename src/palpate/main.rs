@@ -496,8 +496,7 @@ fn simulate(args: &SimulateArgs) -> anyhow::Result<ExitCode> {
                 outputs.frame.then_some(outputs.hash),
             )?;
             if outputs.frame {
-                let tools: Vec<_> = outputs.tools.iter().map(|t| t.state).collect();
-                recording.frame(outputs.tick, &outputs.skin, &outputs.levels, &tools)?;
+                recording.frame(&outputs.into())?;
             }
         }
         samples.write(simulation, outputs)?;

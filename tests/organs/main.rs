@@ -423,8 +423,7 @@ fn a_recording_of_two_organs_replays_identical() {
         let o = simulation.advance(&inputs);
         writer.tick(o.tick, &inputs, &o.tools, o.flags(), o.frame.then_some(o.hash)).unwrap();
         if o.frame {
-            let tools: Vec<_> = o.tools.iter().map(|t| t.state).collect();
-            writer.frame(o.tick, &o.skin, &o.levels, &tools).unwrap();
+            writer.frame(&o.into()).unwrap();
         }
     }
     writer.finish().unwrap();

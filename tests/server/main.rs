@@ -52,12 +52,12 @@ fn serve_one_level() -> Running {
 
 /// A server of a cube that has levels of these cells.
 fn serve_cells(cells: &str) -> Running {
-    serve_tools(cells, "tool=[{name=\"left\", radius=0.02}, {name=\"right\", radius=0.02}]")
+    serve_with(cells, "tool=[{name=\"left\", radius=0.02}, {name=\"right\", radius=0.02}]")
 }
 
-/// With these tools.
-fn serve_tools(cells: &str, tools: &str) -> Running {
-    let given = [format!("body.cells={cells}"), "world.gravity=[0,0,0]".to_owned(), tools.to_owned()];
+/// With this key set as well.
+fn serve_with(cells: &str, key: &str) -> Running {
+    let given = [format!("body.cells={cells}"), "world.gravity=[0,0,0]".to_owned(), key.to_owned()];
     let loaded = LoadedScene::load(Path::new("cube"), &given).unwrap();
     let body = Arc::new(loaded.build(&mut |_, _, _| {}).unwrap());
     let start = loaded.scene.at_rest(&body);

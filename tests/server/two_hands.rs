@@ -1,6 +1,6 @@
 //! Virtual Phantoms in one body over the real network: one that turns, and one of two killed in the middle of its press.
 
-use crate::{Running, serve, serve_cells, serve_tools, wait_for};
+use crate::{Running, serve, serve_cells, serve_with, wait_for};
 use palpate::recording::Recording;
 use palpate_core::contact::tool::{PoseSample, ToolEvent};
 use palpate_core::simulation::{Inputs, Simulation};
@@ -63,7 +63,7 @@ fn a_hand_that_turns_a_rough_ball_feels_its_torque_and_its_button_is_recorded() 
     let device = Device::by_name("PHANTOM Premium 1.5 6DOF").unwrap();
     // On a machine that was away the hand may have been let go of.
     let attempt = || {
-        let running = serve_tools("[[5,5,5]]", "tool=[{name=\"left\", radius=0.02, friction=0.8}]");
+        let running = serve_with("[[5,5,5]]", "tool=[{name=\"left\", radius=0.02, friction=0.8}]");
         let control = Connection::open(&running.endpoints).unwrap();
         control.control(Request::StartRecording(proto::StartRecording { path: "turn.mcap".into() })).unwrap();
         let options = trembling(&running.endpoints, "left", 0.0);

@@ -1,6 +1,6 @@
 //! Viewers of the surface: what each sees, whatever the others and its own network do.
 
-use super::{Running, above, move_tool, rigid, serve, stranger, wait_for};
+use super::{Running, above, move_tool, rigid, serve, serve_with, stranger, wait_for};
 use palpate_proto::surface::{KEY_INTERVAL, MOST_MESSAGE_BYTES, VERTICES_PER_PART};
 use palpate_proto::{Message, Session, SurfaceFrame, keys};
 use palpate_sdk::{Connection, Moment, SurfaceDecoder, SurfaceWatch, WatchCounters, WatchOptions};
@@ -146,6 +146,31 @@ fn whoever_asks_gets_the_newest_key_frame_and_can_decode_it() {
     let moment = moment.expect("a key frame needs nothing else");
     assert!(moment.sequence.is_multiple_of(KEY_INTERVAL) && moment.levels.len() == moment.positions.len());
     early.stop();
+    running.stop();
+}
+
+#[test]
+fn obstacles_are_told_and_shown_where_they_are_with_what_the_body_puts_on_them() {
+    // From 2 mm above the cube to 4 mm into it, and back.
+    let lid = "obstacle=[{name='lid', shape='ball', radius=0.02, position=[0.05,0.05,0.122], \
+               motion={displacement=[0.0,0.0,-0.006], period=0.6}}]";
+    let running = serve_with("[[5,5,5]]", lid);
+    let told = connect(&running).session().unwrap().obstacles;
+    let [lid] = &told[..] else { panic!("{told:?}") };
+    assert_eq!((lid.name.as_str(), &lid.position[..], lid.parts.len()), ("lid", &[0.05, 0.05, 0.122][..], 1));
+    let viewer = Viewer::watch(&connect(&running), WatchOptions::default());
+    let heights = |seen: &[Arc<Moment>]| -> Vec<[f32; 2]> {
+        seen.iter().map(|moment| [moment.obstacles[0].position[2], moment.obstacles[0].force[2]]).collect()
+    };
+    wait_for("it has been deep in and out", || {
+        let seen = heights(&viewer.seen());
+        seen.iter().any(|[z, _]| *z < 0.1165) && seen.iter().any(|[z, _]| *z > 0.1215)
+    });
+    for [z, newtons] in heights(&viewer.stop()) {
+        assert!((0.116 - 1e-6..0.122 + 1e-6).contains(&z), "{z}");
+        assert!(z < 0.1205 || newtons == 0.0, "{newtons} N at {z}");
+        assert!(z > 0.117 || newtons > 0.05, "{newtons} N at {z}");
+    }
     running.stop();
 }
 

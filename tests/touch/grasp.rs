@@ -68,7 +68,7 @@ fn forceps_lift_a_block_bear_its_weight_without_slipping_and_let_it_fall() {
     let felt = lifted(&mut simulation, 0.03, 3000);
     assert_even(&felt);
     let (early, late) = (felt[2500].state, felt[2999].state);
-    let (held, table) = (middle(&simulation), simulation.outputs().obstacles[0].force.norm());
+    let (held, table) = (middle(&simulation), simulation.outputs().obstacles[0].wrench.force.norm());
     println!("{:.4} N of {weight:.4}; risen by {:.2} mm", late.physical_force.z, 1e3 * (held - before).z);
     assert!((late.physical_force.z / -weight - 1.0).abs() < 0.01 && table == 0.0, "{table}");
     // It hangs a little lower than it stood, as soft as it is.

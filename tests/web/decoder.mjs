@@ -42,6 +42,7 @@ for (const { name, topology, frames } of JSON.parse(readFileSync(join(folder, 'i
             times.push(performance.now() - began);
             assert.equal(whole.tick, frame.tick);
             assert.deepEqual(whole.tools[0].force, [0, 0, 2.5]);
+            assert.deepEqual(whole.obstacles, [{ position: [0, 0.125, -0.5], force: [0, 0, -1.5] }]);
             assert.deepEqual(new Uint8Array(positions.buffer), read(frame.positions));
             assert.deepEqual(decoder.levels, read(frame.levels));
         }

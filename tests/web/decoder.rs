@@ -4,7 +4,7 @@
 use crate::random::Random;
 use palpate_proto::surface::{GridPoint, SurfaceCode, VERTICES_PER_PART};
 use palpate_proto::{
-    ControlRequest, Message, Organ, SurfaceFrame, SurfaceMaterial, SurfaceTopology, ToolPose, ToolState,
+    ControlRequest, Message, ObstacleState, Organ, SurfaceFrame, SurfaceMaterial, SurfaceTopology, ToolPose, ToolState,
     control_request::Request,
 };
 use std::io::Write;
@@ -95,6 +95,7 @@ fn write_vectors(folder: &Path, name: &str, side: u32, wild: bool) -> serde_json
                     force: vec![0.0, 0.0, 2.5],
                     ..Default::default()
                 }];
+                let obstacle = ObstacleState { position: vec![0.0, 0.125, -0.5], force: vec![0.0, 0.0, -1.5] };
                 let frame = SurfaceFrame {
                     topology: TOPOLOGY,
                     tick: 32 * sequence,
@@ -104,6 +105,7 @@ fn write_vectors(folder: &Path, name: &str, side: u32, wild: bool) -> serde_json
                     displacements: code.encode(part, reference, &now).unwrap(),
                     levels: code.encode_levels(part, &levels).unwrap(),
                     tools: if part == 0 { tools } else { vec![] },
+                    obstacles: if part == 0 { vec![obstacle] } else { vec![] },
                 };
                 put(format!("{name}-frame-{sequence}-{part}"), &frame.encode_to_vec())
             })

@@ -101,6 +101,7 @@ fn surface_vectors() -> Value {
             part: 0,
             displacements: code.encode(0, &reference, &now).unwrap(),
             levels: code.encode_levels(0, &levels()).unwrap(),
+            obstacles: vec![],
         };
         let positions: Vec<[f32; 3]> = now.iter().map(|point| code.position(*point)).collect();
         json!({ "message": hex(&frame), "sequence": sequence, "key": key, "grid": now, "positions": positions })

@@ -49,8 +49,8 @@ pub fn connect(
 #[pymethods]
 impl Connection {
     /// What the server simulates: name, version, tick, body, mass [kg], bounds and workspace [m], force_limit [N],
-    /// torque_limit [N·m], tools with name, shape, radius [m] and taken, and parameters that may be set, each with its
-    /// values, the least and the most.
+    /// torque_limit [N·m], tools with name, shape, radius [m] and taken, names of obstacles, and parameters that may be set, each
+    /// with its values, the least and the most.
     fn session<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let session = py.detach(|| self.0.session()).map_err(no_connection)?;
         let out = PyDict::new(py);
@@ -74,6 +74,7 @@ impl Connection {
             PyResult::Ok(out)
         });
         out.set_item("tools", tools.collect::<PyResult<Vec<_>>>()?)?;
+        out.set_item("obstacles", session.obstacles.into_iter().map(|obstacle| obstacle.name).collect::<Vec<_>>())?;
         let parameters = PyDict::new(py);
         for parameter in session.parameters {
             let told = PyDict::new(py);
@@ -437,8 +438,8 @@ impl Watch {
         table(py, self.0.surface().rest_positions.iter().copied())
     }
 
-    /// The newest frame: tick, sequence, topology, vertices (n, 3) [m], levels (n, or 0), and tools with position,
-    /// orientation, force [N] and phase; ``None`` before the first.
+    /// The newest frame: tick, sequence, topology, vertices (n, 3) [m], levels (n, or 0), tools with position,
+    /// orientation, force [N] and phase, and obstacles with position and the force on each [N]; ``None`` before the first.
     fn latest<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyDict>>> {
         let Some(moment) = self.0.latest() else { return Ok(None) };
         let out = PyDict::new(py);
@@ -457,6 +458,13 @@ impl Watch {
             PyResult::Ok(out)
         });
         out.set_item("tools", tools.collect::<PyResult<Vec<_>>>()?)?;
+        let obstacles = moment.obstacles.iter().map(|obstacle| {
+            let out = PyDict::new(py);
+            out.set_item("position", obstacle.position.clone())?;
+            out.set_item("force", obstacle.force.clone())?;
+            PyResult::Ok(out)
+        });
+        out.set_item("obstacles", obstacles.collect::<PyResult<Vec<_>>>()?)?;
         Ok(Some(out))
     }
 

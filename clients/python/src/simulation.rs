@@ -357,8 +357,7 @@ impl Simulation {
                 let hash = outputs.frame.then_some(outputs.hash);
                 writer.tick(outputs.tick, &inputs, &outputs.tools, outputs.flags(), hash).map_err(bad_file)?;
                 if outputs.frame {
-                    let tools: Vec<_> = outputs.tools.iter().map(|tool| tool.state).collect();
-                    writer.frame(outputs.tick, &outputs.skin, &outputs.levels, &tools).map_err(bad_file)?;
+                    writer.frame(&outputs.into()).map_err(bad_file)?;
                 }
                 rows.push(Row::of(outputs, tool));
             }

@@ -4,6 +4,7 @@ use crate::colour::Colouring;
 use crate::contact::PlacedTool;
 use crate::deformation::Deformation;
 use crate::history::History;
+use crate::obstacle::Obstacle;
 use crate::orbit::{Angle, Orbit, bounds};
 use crate::poke::{Felt, Poke, Press, Reach};
 use crate::scenes::{LocalServer, Scenes};
@@ -66,6 +67,8 @@ pub struct Body {
     pub edge: f32,
     /// The shapes of its tools, by number.
     pub tools: Vec<Arc<ToolShape>>,
+    /// Its obstacles, in the order of the session; `None` for one that makes no sense.
+    pub obstacles: Vec<Option<Obstacle>>,
 }
 
 /// A press of the mouse on the organ, as long as it lasts.
@@ -81,7 +84,10 @@ impl Body {
         let bounds = bounds(&subject.surface.rest_positions).into();
         let deformation = Arc::new(Deformation::new(&subject.surface));
         let tools = subject.tools.iter().map(|tool| Arc::new(ToolShape::new(tool))).collect();
-        Self { edge: deformation.edge(), deformation, tools, subject, bounds }
+        let edge = deformation.edge();
+        let mut body = Self { edge, deformation, tools, obstacles: Vec::new(), subject, bounds };
+        body.obstacles = body.subject.obstacles.iter().map(|of| Obstacle::new(of, body.centre())).collect();
+        body
     }
 
     /// Diagonal of the box at rest [m].

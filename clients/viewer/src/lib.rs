@@ -5,7 +5,7 @@
 //! | [`source`] | bytes from the wire or from a file to moments in time | drawing |
 //! | [`deformation`] | normals, strain, displacement of a surface | tools, colours |
 //! | [`colour`] | what a colour means | drawing |
-//! | [`tool_shape`], [`contact`] | what tools look like, where they are and where they touch | drawing |
+//! | [`tool_shape`], [`contact`], [`obstacle`] | what tools and obstacles look like, where they are, and where tools touch | drawing |
 //! | [`history`] | what the plots show | drawing |
 //! | [`orbit`], [`pick`] | where the picture is taken from, and what is under the pointer | OpenGL |
 //! | [`poke`] | a tool that the mouse holds, a client of its own | drawing |
@@ -30,6 +30,7 @@ pub mod colour;
 pub mod contact;
 pub mod deformation;
 pub mod history;
+pub mod obstacle;
 pub mod offscreen;
 pub mod orbit;
 pub mod painter;

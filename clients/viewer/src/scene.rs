@@ -3,9 +3,10 @@
 use crate::app::App;
 use crate::colour::Colouring;
 use crate::contact::PlacedTool;
+use crate::obstacle::{Form, Obstacle};
 use crate::shading::{Backdrop, Painted, Shaded, TISSUE, linear};
 use crate::source::{Picture, Subject};
-use crate::tool_shape::{Skin, ToolShape};
+use crate::tool_shape::Skin;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use three_d::{
@@ -17,6 +18,10 @@ use three_d::{
 const LONGEST_ARROW: f32 = 0.5;
 /// Steel.
 const TOOL: Srgba = Srgba::new_opaque(170, 178, 188);
+/// Bone.
+const OBSTACLE: Srgba = Srgba::new_opaque(222, 214, 196);
+/// Squares of the ground.
+const GROUND: [Srgba; 2] = [Srgba::new_opaque(206, 211, 216), Srgba::new_opaque(194, 200, 206)];
 /// A force.
 const FORCE: Srgba = Srgba::new_opaque(28, 96, 200);
 /// Where a tool touches tissue, which turns pale (linear).
@@ -36,6 +41,8 @@ pub struct Scene {
     /// Whether materials are shown, and no numbers by colours.
     painted: bool,
     tools: Vec<Vec<Mesh>>,
+    /// Those of each obstacle.
+    obstacles: Vec<Vec<Mesh>>,
     cylinder: Mesh,
     cone: Mesh,
 }
@@ -49,6 +56,7 @@ impl Scene {
             organs: None,
             painted: true,
             tools: Vec::new(),
+            obstacles: Vec::new(),
             cylinder: mesh(CpuMesh::cylinder(SIDES)),
             cone: mesh(CpuMesh::cone(SIDES)),
         }
@@ -65,7 +73,13 @@ impl Scene {
         if !self.organs.as_ref().is_some_and(same) {
             let groups = groups(&self.context, &body.subject, &app.shown_triangles());
             self.organs = Some((body.subject.clone(), app.hidden.clone(), groups));
-            self.tools = body.tools.iter().map(|shape| tool_meshes(&self.context, shape)).collect();
+            self.tools = body.tools.iter().map(|shape| skin_meshes(&self.context, &shape.skins)).collect();
+            let meshes = |of: &Option<Obstacle>| match of.as_ref().map(|of| &of.form) {
+                Some(Form::Parts(skins)) => skin_meshes(&self.context, skins),
+                Some(Form::Ground { middle }) => vec![ground_mesh(&self.context, *middle, body.size())],
+                None => Vec::new(),
+            };
+            self.obstacles = body.obstacles.iter().map(meshes).collect();
         }
         let Some((.., groups)) = &mut self.organs else { return };
         let positions: Vec<Vec3> = moment.positions.iter().map(|&position| position.into()).collect();
@@ -105,11 +119,27 @@ impl Scene {
                 Some(painted) if self.painted => group.mesh.render_with_material(painted, camera, &[]),
                 _ => {
                     let (gloss, wrap) = TISSUE;
-                    group.mesh.render_with_material(&Shaded { colour: Srgba::WHITE, gloss, wrap }, camera, &[]);
+                    group.mesh.render_with_material(
+                        &Shaded { colour: Srgba::WHITE, gloss, wrap, one_sided: false },
+                        camera,
+                        &[],
+                    );
                 }
             }
         }
         let Some(body) = app.body() else { return };
+        let states = &app.moment().obstacles;
+        for (i, (obstacle, meshes)) in body.obstacles.iter().zip(&mut self.obstacles).enumerate() {
+            let Some(obstacle) = obstacle else { continue };
+            let material = match obstacle.form {
+                Form::Ground { .. } => Shaded { colour: Srgba::WHITE, gloss: 0.0, wrap: 0.3, one_sided: true },
+                Form::Parts(_) => Shaded { colour: OBSTACLE, gloss: 0.2, wrap: 0.3, one_sided: false },
+            };
+            let position = obstacle.position(states.get(i));
+            for mesh in meshes {
+                draw(mesh, &material, position, vec3(1.0, 1.0, 1.0), obstacle.orientation, camera);
+            }
+        }
         let mut brush = Brush { scene: self, camera };
         for tool in app.tools() {
             brush.tool(&tool);
@@ -224,7 +254,7 @@ struct Brush<'a> {
 
 impl Brush<'_> {
     fn tool(&mut self, tool: &PlacedTool) {
-        let steel = Shaded { colour: TOOL, gloss: 1.0, wrap: 0.1 };
+        let steel = Shaded { colour: TOOL, gloss: 1.0, wrap: 0.1, one_sided: false };
         let meshes = self.scene.tools.get_mut(tool.shape_of).into_iter().flatten();
         for (mesh, skin) in meshes.zip(&tool.shape.skins) {
             let (moved, turn) = skin.turned(tool.opening);
@@ -234,7 +264,7 @@ impl Brush<'_> {
     }
 
     fn arrow(&mut self, arrow: &Arrow, radius: f32) {
-        let blue = Shaded { colour: FORCE, gloss: 0.2, wrap: 0.4 };
+        let blue = Shaded { colour: FORCE, gloss: 0.2, wrap: 0.4, one_sided: false };
         let length = arrow.way.magnitude();
         let turn = Quat::between_vectors(Vec3::unit_x(), arrow.way / length);
         let head = (4.0 * radius).min(0.6 * length);
@@ -258,8 +288,31 @@ fn draw(mesh: &mut Mesh, material: &Shaded, at: Vec3, scale: Vec3, turn: Quat, c
     mesh.render_with_material(material, camera, &[]);
 }
 
+/// The ground around `middle` [m] in squares of a round length; `size` [m]: how far it goes.
+fn ground_mesh(context: &Context, middle: Vec3, size: f32) -> Mesh {
+    let decade = 10f32.powf((0.2 * size).log10().floor());
+    let edge = [5.0, 2.0].into_iter().map(|of| of * decade).find(|edge| *edge <= 0.2 * size).unwrap_or(decade);
+    let squares = (size / edge).ceil() as i32;
+    let of_middle = |c: f32| (c / edge).round() as i32;
+    let (mut positions, mut colors) = (Vec::new(), Vec::new());
+    for (i, j) in (-squares..squares).flat_map(|i| (-squares..squares).map(move |j| (i, j))) {
+        let (i, j) = (i + of_middle(middle.x), j + of_middle(middle.y));
+        for (a, b) in [(0, 0), (1, 0), (1, 1), (0, 0), (1, 1), (0, 1)] {
+            positions.push(vec3((i + a) as f32 * edge, (j + b) as f32 * edge, 0.0));
+            colors.push(GROUND[(i + j).rem_euclid(2) as usize]);
+        }
+    }
+    let mesh = CpuMesh {
+        normals: Some(vec![Vec3::unit_z(); positions.len()]),
+        positions: Positions::F32(positions),
+        colors: Some(colors),
+        ..Default::default()
+    };
+    Mesh::new(context, &mesh)
+}
+
 /// One for each part.
-fn tool_meshes(context: &Context, shape: &ToolShape) -> Vec<Mesh> {
+fn skin_meshes(context: &Context, skins: &[Skin]) -> Vec<Mesh> {
     let mesh = |skin: &Skin| {
         let mesh = CpuMesh {
             positions: Positions::F32(skin.points.clone()),
@@ -269,5 +322,5 @@ fn tool_meshes(context: &Context, shape: &ToolShape) -> Vec<Mesh> {
         };
         Mesh::new(context, &mesh)
     };
-    shape.skins.iter().map(mesh).collect()
+    skins.iter().map(mesh).collect()
 }

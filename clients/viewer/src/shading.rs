@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 use three_d::{
-    DepthTest, EffectMaterialId, InnerSpace, Light, Material, MaterialType, Program, RenderStates, Srgba, Texture2D,
-    Vec3, Vec4, Viewer, WriteMask, vec3, vec4,
+    Cull, DepthTest, EffectMaterialId, InnerSpace, Light, Material, MaterialType, Program, RenderStates, Srgba,
+    Texture2D, Vec3, Vec4, Viewer, WriteMask, vec3, vec4,
 };
 
 /// Smooth surfaces under a key light beside the eye and a dim sky, in the colours of their vertices.
@@ -17,6 +17,8 @@ pub struct Shaded {
     pub gloss: f32,
     /// How far light reaches around into the shade, as it does in tissue, 0 to 1.
     pub wrap: f32,
+    /// From behind it is not there: the ground hides nothing that lies on it.
+    pub one_sided: bool,
 }
 
 /// As [`Shaded`], in a colour and the colours of a picture; the colours of the vertices cover them as far as their alpha says.
@@ -110,7 +112,8 @@ impl Material for Shaded {
     }
 
     fn render_states(&self) -> RenderStates {
-        RenderStates::default()
+        let cull = if self.one_sided { Cull::Back } else { Cull::None };
+        RenderStates { cull, ..RenderStates::default() }
     }
 
     fn material_type(&self) -> MaterialType {

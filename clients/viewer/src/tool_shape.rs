@@ -44,7 +44,7 @@ impl ToolShape {
     /// As `description` has it; parts that make no sense are left out, and without any it is a ball.
     pub fn new(description: &ToolDescription) -> Self {
         let ball = ToolPart { corners: vec![0.0; 3], rounding: description.radius, ..Default::default() };
-        let mut skins: Vec<Skin> = description.parts.iter().filter_map(Skin::of).collect();
+        let mut skins = Skin::all(&description.parts);
         if skins.is_empty() {
             skins.extend(Skin::of(&ball));
         }
@@ -105,6 +105,11 @@ impl Skin {
         };
         let turn = Quat::from_axis_angle(axis, Rad(closed + opening * (open - closed)));
         (point - turn.rotate_vector(point), turn)
+    }
+
+    /// Those of `parts` that make sense.
+    pub fn all(parts: &[ToolPart]) -> Vec<Self> {
+        parts.iter().filter_map(Skin::of).collect()
     }
 
     fn of(part: &ToolPart) -> Option<Self> {

@@ -6,7 +6,7 @@
 // | worker.js | the socket, decoded frames to this page, poses and wishes to the gateway |
 // | wire.js, surface.js | messages of the contract; frames to positions |
 // | deformation.js | normals, strain, displacement, colours |
-// | view.js, orbit.js, tools.js | the picture, the camera around it, what tools look like |
+// | view.js, orbit.js, tools.js, obstacles.js | the picture, the camera around it, what tools and obstacles look like |
 // | shading.js | light, colours, pictures on the organ |
 // | hand.js | a tool moved by mouse or finger, in the worker; the place that they mean |
 // | headset.js | a tool in each controller |
@@ -209,17 +209,17 @@ const heard = {
         }
     },
     session(now) {
-        const tools = (of) => JSON.stringify(of?.tools.map((tool) => ({ ...tool, taken: 0 })));
-        const changed = tools(now) !== tools(session);
+        const things = (of) => JSON.stringify([of?.tools.map((tool) => ({ ...tool, taken: 0 })), of?.obstacles]);
+        const changed = things(now) !== things(session);
         session = now;
         limit = session.limits?.force || limit;
         panel.setSession(session, session.body?.levels);
-        if (changed && surface) view.setTools(session.tools, limit);
+        if (changed && surface) view.setThings(session, limit);
     },
     surface(now) {
         surface = now;
         view.setSurface(surface);
-        view.setTools(session?.tools ?? [], limit);
+        view.setThings(session ?? { tools: [], obstacles: [] }, limit);
         panel.setLegend(colouring, surface.largestDisplacement);
         orbit.fit(surface.bounds);
         new Set(surface.materials.map(({ picture }) => picture)).forEach((number) => number > 0 && paint(surface, number));

@@ -81,11 +81,12 @@ export class Decoder {
         this.coded = new Array(surface.parts).fill(null); // levels of each part as they came
         this.sequence = -1;
         this.tools = [];
+        this.obstacles = [];
         this.#difference = new Int32Array(3 * surface.vertices);
     }
 
-    // Takes a part of a frame; `positions` (3 n) [m] are those of the frame that it makes whole. Gives tick, sequence and tools of
-    // that; null where there is none yet. Throws where it is no frame of this surface.
+    // Takes a part of a frame; `positions` (3 n) [m] are those of the frame that it makes whole. Gives tick, sequence, tools and
+    // obstacles of that; null where there is none yet. Throws where it is no frame of this surface.
     take(frame, positions) {
         const { part, sequence, key } = frame;
         if (frame.topology !== this.surface.topology || part >= this.surface.parts) {
@@ -104,11 +105,11 @@ export class Decoder {
         else this.points.set(this.keyPoints.subarray(...this.#range(part)), this.#range(part)[0]);
         if (frame.levels.length > 0) this.coded[part] = frame.levels;
         this.came[part] = true;
-        if (part === 0) this.tools = frame.tools;
+        if (part === 0) [this.tools, this.obstacles] = [frame.tools, frame.obstacles];
         if (this.came.includes(false)) return null;
         const { points } = this, { step } = this.surface;
         for (let i = 0; i < points.length; i++) positions[i] = points[i] * step;
-        return { tick: frame.tick, sequence, tools: this.tools };
+        return { tick: frame.tick, sequence, tools: this.tools, obstacles: this.obstacles };
     }
 
     // Of the coordinates of a part's vertices.

@@ -10,7 +10,7 @@ const SECTORS = 32;
 const ARROW = 0.45;
 
 // The skin of a convex part: for each direction of a grid around it, the point that lies farthest in that direction.
-function skin({ corners, rounding, disc, axis }) {
+export function skin({ corners, rounding, disc, axis }) {
     const points = [], normals = [], triangles = [];
     for (let ring = 0; ring <= RINGS; ring++) {
         for (let sector = 0; sector < SECTORS; sector++) {

@@ -5,6 +5,7 @@ import {
     BufferAttribute, BufferGeometry, Color, GridHelper, Group, Mesh, PerspectiveCamera, Quaternion, Scene, Vector3, WebGLRenderer,
 } from './vendor/three.min.js';
 import { Shading } from './shading.js';
+import { ObstacleModel } from './obstacles.js';
 import { ToolModel } from './tools.js';
 import { shapeOf } from './wire.js';
 
@@ -35,6 +36,8 @@ export class View {
         this.shading = new Shading();
         this.tools = new Map();
         this.descriptions = [];
+        this.obstacles = [];
+        this.obstacleStates = [[], []]; // before, now: (obstacles) { position }
         this.states = new Map(); // tool number: [before, now], each { position, orientation, force }
         this.arrived = 0;
         this.interval = 32;
@@ -67,6 +70,7 @@ export class View {
         }
         this.triangles = triangles;
         this.size = size;
+        this.centre = [0, 1, 2].map((i) => (bounds[i] + bounds[i + 3]) / 2);
         const geometry = new BufferGeometry();
         for (const name of ['position', 'next', 'normal', 'nextNormal']) {
             geometry.setAttribute(name, new BufferAttribute(new Float32Array(3 * vertices), 3));
@@ -88,14 +92,26 @@ export class View {
         this.states.clear();
     }
 
-    setTools(descriptions, limit) {
-        for (const tool of this.tools.values()) {
-            this.root.remove(tool.group);
-            tool.dispose();
+    // Tools and obstacles as the session describes them.
+    setThings({ tools: descriptions, obstacles }, limit) {
+        for (const thing of [...this.tools.values(), ...this.obstacles]) {
+            this.root.remove(thing.group);
+            thing.dispose();
         }
         this.tools.clear();
         [this.descriptions, this.limit] = [descriptions, limit];
         for (const { tool } of descriptions) this.#shape(tool, tool);
+        const model = (of) => new ObstacleModel(of, this.centre ?? [0, 0, 0], this.size ?? 0.3, this.shading);
+        this.obstacles = obstacles.map(model);
+        for (const { group } of this.obstacles) this.root.add(group);
+        this.#showGround(this.scene.background !== null);
+    }
+
+    // The measure below the organ is on the ground, where there is one.
+    #showGround(isShown) {
+        const grounds = this.obstacles.filter(({ isGround }) => isGround);
+        for (const { group } of grounds) group.visible = isShown;
+        if (this.grid) this.grid.visible = isShown && grounds.length === 0;
     }
 
     // Has `tool` look like the tool `of`.
@@ -112,7 +128,7 @@ export class View {
     }
 
     // The newest frame; gives the buffers of one that is not drawn any more.
-    setFrame({ colouring, positions, normals, colours, tools }, now) {
+    setFrame({ colouring, positions, normals, colours, tools, obstacles }, now) {
         if (!this.organ) return null;
         const { geometry } = this.organ, { position, normal, colour } = geometry.attributes;
         const old = { positions: position.array, normals: normal.array, colours: colour.array };
@@ -135,6 +151,7 @@ export class View {
         const gap = now - this.arrived;
         if (gap < LONGEST_BLEND) this.interval += 0.2 * (gap - this.interval);
         this.arrived = now;
+        this.obstacleStates = [this.obstacleStates[1], obstacles];
         const seen = new Set();
         for (const state of tools) {
             this.#shape(state.tool, shapeOf(state));
@@ -177,6 +194,11 @@ export class View {
             else if (frames) model.place(between(...frames, blend));
             else model.hide();
         }
+        const [before, after] = this.obstacleStates;
+        this.obstacles.forEach((model, i) => {
+            const to = after[i]?.position ?? [], from = before[i]?.position ?? to;
+            model.place(to.map((x, c) => from[c] + blend * (x - from[c])));
+        });
         this.renderer.render(this.scene, this.camera);
     }
 
@@ -214,7 +236,7 @@ export class View {
         this.root.updateMatrixWorld(true);
         this.scene.background = BACKGROUND;
         this.renderer.setClearAlpha(1);
-        if (this.grid) this.grid.visible = true;
+        this.#showGround(true);
         this.#resize();
     }
 
@@ -222,7 +244,7 @@ export class View {
     seeThrough() {
         this.scene.background = null;
         this.renderer.setClearAlpha(0);
-        if (this.grid) this.grid.visible = false;
+        this.#showGround(false);
     }
 }
 

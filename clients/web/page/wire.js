@@ -12,11 +12,15 @@ const TOOL = {
     1: ['tool', 'varint'], 2: ['name', 'string'], 3: ['shape', 'string'], 4: ['radius', 'double'], 5: ['length', 'double'],
     6: ['taken', 'varint'], 7: ['parts', PART, true],
 };
+const OBSTACLE = {
+    1: ['name', 'string'], 2: ['parts', PART, true], 3: ['position', 'double', true], 4: ['orientation', 'double', true],
+};
 const BODY = { 1: ['name', 'string'], 2: ['levels', 'varint'], 10: ['bounds', 'double', true], 12: ['organs', ORGAN, true] };
 const LIMITS = { 1: ['force', 'double'], 4: ['toolSpeed', 'double'], 5: ['workspace', 'double', true] };
 export const SESSION = {
     1: ['versionMajor', 'varint'], 2: ['versionMinor', 'varint'], 3: ['name', 'string'], 6: ['ticksPerFrame', 'varint'],
     7: ['body', BODY], 8: ['tools', TOOL, true], 9: ['limits', LIMITS],
+    13: ['obstacles', OBSTACLE, true],
 };
 const MATERIAL = { 1: ['name', 'string'], 2: ['triangles', 'varint'], 3: ['colour', 'float', true], 4: ['picture', 'varint'] };
 export const TOPOLOGY = {
@@ -28,9 +32,11 @@ const TOOL_STATE = {
     1: ['tool', 'varint'], 2: ['position', 'float', true], 3: ['orientation', 'float', true], 4: ['force', 'float', true],
     5: ['phase', 'varint'], 6: ['opening', 'float'], 7: ['shape', 'varint'],
 };
+const OBSTACLE_STATE = { 1: ['position', 'float', true], 2: ['force', 'float', true] };
 export const FRAME = {
     1: ['topology', 'varint'], 2: ['tick', 'varint'], 3: ['sequence', 'varint'], 5: ['tools', TOOL_STATE, true],
     6: ['key', 'varint'], 7: ['part', 'varint'], 8: ['displacements', 'bytes'], 9: ['levels', 'bytes'],
+    10: ['obstacles', OBSTACLE_STATE, true],
 };
 const DISTRIBUTION = { 1: ['p50', 'double'], 2: ['p99', 'double'], 4: ['max', 'double'] };
 export const STATUS = {

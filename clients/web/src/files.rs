@@ -31,6 +31,7 @@ pub(crate) const FILES: &[File] = &[
     script!("view.js"),
     script!("shading.js"),
     script!("orbit.js"),
+    script!("obstacles.js"),
     script!("tools.js"),
     script!("hand.js"),
     script!("headset.js"),

@@ -105,7 +105,7 @@ fn a_floor_carries_the_weight_and_the_body_lies_still() {
         let mut simulation = on(&body, floor(0.5), on_slope(0.0), level);
         settle(&mut simulation, 1500);
         for _ in 0..100 {
-            let force = simulation.advance(&Inputs::default()).obstacles[0].force;
+            let force = simulation.advance(&Inputs::default()).obstacles[0].wrench.force;
             assert!((force.z / -weight(&body) - 1.0).abs() < 1e-6, "{force} for {} N", weight(&body));
             assert!(force.xy().norm() < 1e-6 * weight(&body), "{force}");
         }
@@ -151,7 +151,8 @@ fn what_a_falling_body_loses_of_its_momentum_is_what_the_floor_gives() {
         let mut simulation = on(&body, Obstacle { pose: below, ..floor(0.3) }, on_slope(0.3), level);
         let (mut given, mut most) = (Vec3::zeros(), 0.0 as Real);
         for _ in 0..300 {
-            given += (on_slope(0.3) * body.mass() - simulation.advance(&Inputs::default()).obstacles[0].force) * TICK;
+            given +=
+                (on_slope(0.3) * body.mass() - simulation.advance(&Inputs::default()).obstacles[0].wrench.force) * TICK;
             most = most.max(momentum(&simulation).norm());
         }
         let off = (momentum(&simulation) - given).norm();
@@ -166,9 +167,9 @@ fn a_body_follows_a_floor_that_breathes_and_is_carried_along_by_friction() {
     for (body, level) in blocks() {
         let mut simulation = on(&body, Obstacle { motion, ..floor(0.5) }, on_slope(0.0), level);
         settle(&mut simulation, 1000);
-        let (start, mut before) = (centre(&simulation), simulation.outputs().obstacles[0].force);
+        let (start, mut before) = (centre(&simulation), simulation.outputs().obstacles[0].wrench.force);
         for tick in 0..2000 {
-            let force = simulation.advance(&Inputs::default()).obstacles[0].force;
+            let force = simulation.advance(&Inputs::default()).obstacles[0].wrench.force;
             // What a mass feels of the motion, 10/√3 of the displacement over the time of the rise squared, and its rate.
             assert!((force.z / -weight(&body) - 1.0).abs() < 0.03, "{tick}: {force} for {} N", weight(&body));
             assert!((force - before).norm() < 2e-3 * weight(&body), "{tick}: {force} after {before}");
@@ -193,7 +194,7 @@ fn a_body_lies_on_a_convex_table() {
     settle(&mut simulation, 700);
     let before = centre(&simulation);
     let mut mean = Vec3::zeros();
-    (0..200).for_each(|_| mean += simulation.advance(&Inputs::default()).obstacles[0].force / 200.0);
+    (0..200).for_each(|_| mean += simulation.advance(&Inputs::default()).obstacles[0].wrench.force / 200.0);
     let expected = on_slope(0.1) * body.mass();
     assert!((mean - expected).norm() < 1e-3 * weight(&body), "{mean} for {expected}");
     // Friction holds places of the surface, and what is between them and the nodes gives way a little.

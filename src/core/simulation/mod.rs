@@ -18,7 +18,7 @@ pub use crate::adaptation::MOST_FROZEN;
 pub use crate::model::step_class::TICK;
 pub use crate::stepping::work::{Budget, Laps, Part, Prices};
 pub use inputs::{Inputs, Settings};
-pub use outputs::{MOST_LEVELS, Outputs, Plan, TickFlags, ToolOutput};
+pub use outputs::{Frame, MOST_LEVELS, ObstacleOutput, Outputs, Plan, TickFlags, ToolOutput};
 pub use parameter::{DAMPING, FRICTION, GRAVITY, Parameter, STIFFNESS, SUPPORTS, Threshold};
 pub use ranges::ParameterRanges;
 pub use snapshot::Snapshot;
@@ -32,7 +32,7 @@ use crate::contact::obstacle::{Form, MOST_OBSTACLES, Obstacle};
 use crate::contact::safety;
 use crate::contact::shape::MOST_PARTS;
 use crate::contact::tool::{MOST_POINTS, MOST_TOOLS, Phase, ToolState};
-use crate::contact::wrench::{self, Wrench};
+use crate::contact::wrench;
 use crate::ids::ToolId;
 use crate::math::{Real, Vec3};
 use crate::model::active_mesh::{Loads, Stiffening};
@@ -165,7 +165,7 @@ impl Simulation {
             outputs: Outputs {
                 tick: start.tick,
                 tools: vec![ToolOutput::default(); tools],
-                obstacles: vec![Wrench::default(); obstacles],
+                obstacles: vec![ObstacleOutput::default(); obstacles],
                 frame: false,
                 skin: body.surface().vertices.clone(),
                 levels: vec![0; vertices],
@@ -503,10 +503,11 @@ impl Simulation {
             let own;
             (own, constraints) = constraints.split_at(points.len().min(constraints.len()));
             let (id, state) = (ToolId::at(self.tools.len() + i), of.state_at(self.moved_for, points));
+            let output = &mut self.outputs.obstacles[i];
+            output.position = state.pose.position;
             if !stood_still {
                 let middle = state.middle().pose;
-                (self.outputs.obstacles[i], _) =
-                    wrench::wrench_on(id, &middle, &self.constraints, &self.points_of_action);
+                (output.wrench, _) = wrench::wrench_on(id, &middle, &self.constraints, &self.points_of_action);
             }
             let shape = match &of.shape {
                 Form::Ground => None,

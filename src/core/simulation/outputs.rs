@@ -1,10 +1,12 @@
 //! What leaves a tick.
 
+use super::inputs::Settings;
 use crate::adaptation;
 use crate::contact::safety::Limited;
 use crate::contact::tool::ToolState;
 use crate::contact::wrench::Wrench;
 use crate::math::Vec3;
+use crate::model::Body;
 use crate::model::element_kernel::Extremes;
 
 /// What a tick says of one tool.
@@ -16,6 +18,15 @@ pub struct ToolOutput {
     pub contact_points: u32,
     /// Why the rendered force differs from the physical one.
     pub limited: Limited,
+}
+
+/// What a tick says of one obstacle.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ObstacleOutput {
+    /// Its reference point after the tick [m].
+    pub position: Vec3,
+    /// What the body puts on it, about that point.
+    pub wrench: Wrench,
 }
 
 /// What a tick says of itself with every wrench.
@@ -48,8 +59,8 @@ pub struct Outputs {
     pub tick: u64,
     /// Each tool, by id.
     pub tools: Vec<ToolOutput>,
-    /// What the body puts on each obstacle, about its reference point.
-    pub obstacles: Vec<Wrench>,
+    /// Each obstacle, in the order of the scene.
+    pub obstacles: Vec<ObstacleOutput>,
     /// The tick ends a frame: `skin`, `levels` and `hash` are those of this tick.
     pub frame: bool,
     /// Display vertices [m], (n_vertices); as of the last frame.
@@ -79,5 +90,57 @@ impl Outputs {
     /// What the tick says of itself with every wrench.
     pub fn flags(&self) -> TickFlags {
         TickFlags { restored: self.restored, substeps_dropped: self.plan.taken < self.plan.needed }
+    }
+}
+
+/// What viewers are shown of a tick that ends a frame.
+#[derive(Clone, Debug)]
+pub struct Frame {
+    /// The tick that ended it.
+    pub tick: u64,
+    /// Display vertices [m], (n_vertices).
+    pub skin: Vec<Vec3>,
+    /// Level of detail that displays each of them, (n_vertices).
+    pub levels: Vec<u8>,
+    /// Each tool, by id.
+    pub tools: Vec<ToolState>,
+    /// Each obstacle, in the order of the scene.
+    pub obstacles: Vec<ObstacleOutput>,
+}
+
+impl Frame {
+    /// One that any tick of `body` with `settings` fits into.
+    pub fn with_room(body: &Body, settings: &Settings) -> Self {
+        let vertices = body.surface().vertices.len();
+        Self {
+            tick: 0,
+            skin: vec![Vec3::zeros(); vertices],
+            levels: vec![0; vertices],
+            tools: vec![ToolState::default(); settings.tools.len()],
+            obstacles: vec![ObstacleOutput::default(); settings.obstacles.len()],
+        }
+    }
+
+    /// Takes over what `outputs` say, for which it has room.
+    pub fn fill(&mut self, outputs: &Outputs) {
+        self.tick = outputs.tick;
+        self.skin.copy_from_slice(&outputs.skin);
+        self.levels.copy_from_slice(&outputs.levels);
+        for (to, from) in self.tools.iter_mut().zip(&outputs.tools) {
+            *to = from.state;
+        }
+        self.obstacles.copy_from_slice(&outputs.obstacles);
+    }
+}
+
+impl From<&Outputs> for Frame {
+    fn from(outputs: &Outputs) -> Self {
+        Self {
+            tick: outputs.tick,
+            skin: outputs.skin.clone(),
+            levels: outputs.levels.clone(),
+            tools: outputs.tools.iter().map(|tool| tool.state).collect(),
+            obstacles: outputs.obstacles.clone(),
+        }
     }
 }

@@ -3,10 +3,12 @@
 //! No side ever waits for another. A full ring is an ordinary answer: the entry is dropped and counted.
 
 use palpate_core::adaptation::Adapted;
-use palpate_core::contact::tool::{Coupling, MOST_TOOLS, PoseSample, ToolState};
-use palpate_core::math::Vec3;
+use palpate_core::contact::tool::{Coupling, MOST_TOOLS, PoseSample};
+use palpate_core::model::Body;
 use palpate_core::model::step_class::TICK_NS;
-use palpate_core::simulation::{Budget, Inputs, MOST_LEVELS, Parameter, Plan, Prices, Snapshot, TickFlags, ToolOutput};
+use palpate_core::simulation::{
+    Budget, Frame, Inputs, MOST_LEVELS, Parameter, Plan, Prices, Settings, Snapshot, TickFlags, ToolOutput,
+};
 use rustix::event::{EventfdFlags, eventfd};
 use rustix::fd::OwnedFd;
 use std::sync::Arc;
@@ -132,31 +134,6 @@ impl TickTiming {
     }
 }
 
-/// A frame of the surface.
-#[derive(Clone, Debug)]
-pub struct Frame {
-    /// The tick that ended it.
-    pub tick: u64,
-    /// Display vertices [m].
-    pub skin: Vec<Vec3>,
-    /// Level of detail that displays each.
-    pub levels: Vec<u8>,
-    /// Tools.
-    pub tools: [ToolState; MOST_TOOLS],
-}
-
-impl Frame {
-    /// Room for a surface of `vertices`.
-    pub fn empty(vertices: usize) -> Self {
-        Self {
-            tick: 0,
-            skin: vec![Vec3::zeros(); vertices],
-            levels: vec![0; vertices],
-            tools: [ToolState::default(); MOST_TOOLS],
-        }
-    }
-}
-
 /// Ticks dropped because a reader was too slow, by reader.
 #[derive(Debug, Default)]
 pub struct Dropped {
@@ -216,16 +193,12 @@ pub struct ServerEnds {
     pub others: Arc<AtomicU32>,
 }
 
-/// Both sides, for `tools` tools, a surface of `vertices` and snapshots that fit into `room`.
+/// Both sides, for a simulation of `body` with `settings`.
 ///
 /// # Errors
 /// When the system has no eventfd to give.
-pub fn mailboxes(
-    tools: usize,
-    vertices: usize,
-    room: impl Fn() -> Snapshot,
-) -> std::io::Result<(SimulationEnds, ServerEnds)> {
-    let (pose_in, pose_out) = (0..tools).map(|_| triple_buffer::triple_buffer(&None)).unzip();
+pub fn mailboxes(body: &Body, settings: &Settings) -> std::io::Result<(SimulationEnds, ServerEnds)> {
+    let (pose_in, pose_out) = (0..settings.tools.len()).map(|_| triple_buffer::triple_buffer(&None)).unzip();
     // One request may set the stiffness of every tissue of every organ.
     let (command_in, command_out) = rtrb::RingBuffer::new(256);
     let (retired_in, retired_out) = rtrb::RingBuffer::new(4);
@@ -233,7 +206,8 @@ pub fn mailboxes(
     let (report_in, report_out) = rtrb::RingBuffer::new(64);
     // The status looks in every tenth of a second.
     let (timing_in, timing_out) = rtrb::RingBuffer::new(8192);
-    let (frame_in, frame_out) = triple_buffer::triple_buffer(&Frame::empty(vertices));
+    let (frame_in, frame_out) = triple_buffer::triple_buffer(&Frame::with_room(body, settings));
+    let room = || Snapshot::with_room(body, settings);
     let (mut copy_in, mut copy_out) = triple_buffer::triple_buffer(&room());
     // A clone keeps what is in a list, not its room: each of the three gets its own, and none counts as news.
     for _ in 0..3 {

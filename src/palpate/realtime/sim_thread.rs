@@ -1,7 +1,7 @@
 //! The simulation thread: gather inputs, advance, hand out, sleep.
 
 use super::clock::Clock;
-use super::mailbox::{Command, Frame, RecordTap, RecordedTick, SimulationEnds, TickReport, TickTiming};
+use super::mailbox::{Command, RecordTap, RecordedTick, SimulationEnds, TickReport, TickTiming};
 use super::pacer::{Begin, Pacer};
 use palpate_core::contact::tool::{MOST_TOOLS, ToolEvent};
 use palpate_core::model::{ActiveMesh, State};
@@ -257,15 +257,6 @@ fn all_tools(outputs: &Outputs) -> [ToolOutput; MOST_TOOLS] {
     tools
 }
 
-fn fill(frame: &mut Frame, outputs: &Outputs) {
-    frame.tick = outputs.tick;
-    frame.skin.copy_from_slice(&outputs.skin);
-    frame.levels.copy_from_slice(&outputs.levels);
-    for (to, from) in frame.tools.iter_mut().zip(&outputs.tools) {
-        *to = from.state;
-    }
-}
-
 fn hand_out(ends: &mut SimulationEnds, outputs: &Outputs, began: u64) {
     let report = TickReport { tick: outputs.tick, began, tools: all_tools(outputs), flags: outputs.flags() };
     if ends.reports.push(report).is_err() {
@@ -274,7 +265,7 @@ fn hand_out(ends: &mut SimulationEnds, outputs: &Outputs, began: u64) {
     // The eventfd's counter is far from full, so this never blocks.
     let _ = rustix::io::write(&ends.wake, &1u64.to_ne_bytes());
     if outputs.frame {
-        fill(ends.frames.input_buffer_mut(), outputs);
+        ends.frames.input_buffer_mut().fill(outputs);
         ends.frames.publish();
     }
 }
@@ -295,7 +286,7 @@ fn record(tap: &mut Option<Box<RecordTap>>, ends: &SimulationEnds, inputs: &Inpu
     if outputs.frame {
         // A frame that nobody gave room for is left out: a replay does not need it.
         let kept = tap.empty_frames.pop().is_ok_and(|mut frame| {
-            fill(&mut frame, outputs);
+            frame.fill(outputs);
             tap.frames.push(frame).is_ok()
         });
         if !kept {

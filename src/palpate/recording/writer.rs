@@ -5,10 +5,9 @@ use crate::scene::Scene;
 use crate::wire;
 use crate::wire::surface::SurfaceEncoder;
 use mcap::records::MessageHeader;
-use palpate_core::contact::tool::{Phase, ToolState};
-use palpate_core::math::Vec3;
+use palpate_core::contact::tool::Phase;
 use palpate_core::model::{Body, State};
-use palpate_core::simulation::{Inputs, Snapshot, TICK, TickFlags, ToolOutput};
+use palpate_core::simulation::{Frame, Inputs, Snapshot, TICK, TickFlags, ToolOutput};
 use palpate_proto::keys::topics;
 use palpate_proto::{self as proto, Message};
 use std::collections::BTreeMap;
@@ -141,19 +140,13 @@ impl RecordingWriter {
         Ok(())
     }
 
-    /// Adds a frame's surface: touched vertices [m] (vertices), their levels (vertices), and the tools.
+    /// Adds what is shown of a tick.
     ///
     /// # Errors
     /// Those of the file system, or when there is no memory.
-    pub fn frame(
-        &mut self,
-        tick: u64,
-        skin: &[Vec3],
-        levels: &[u8],
-        tools: &[ToolState],
-    ) -> Result<(), RecordingError> {
-        let coded = self.surface.frame(tick, skin, levels, tools);
-        let parts = coded.map_err(|e| RecordingError::Content {
+    pub fn frame(&mut self, frame: &Frame) -> Result<(), RecordingError> {
+        let tick = frame.tick;
+        let parts = self.surface.frame(frame).map_err(|e| RecordingError::Content {
             path: self.path.display().to_string(),
             what: format!("the surface of tick {tick}: {e}"),
         })?;

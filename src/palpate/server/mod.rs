@@ -271,9 +271,7 @@ impl Server {
         let simulation = Simulation::new(body.clone(), scene.settings(), start).map_err(ServerError::Simulation)?;
         let display = Arc::new(scene.display(&body).map_err(ServerError::Simulation)?);
         let reset = simulation.reset_state().clone();
-        let (sim_ends, ends) = mailboxes(scene.tool.len(), body.surface().vertices.len(), || {
-            Snapshot::with_room(&body, simulation.settings())
-        })?;
+        let (sim_ends, ends) = mailboxes(&body, simulation.settings())?;
         let ServerEnds { poses, commands, retired, reports, wake, timings, frames, copies, dropped, others } = ends;
 
         // The force session first: zenoh's threads inherit the class of the thread that opens it.

@@ -5,10 +5,10 @@
 
 use super::health::Weight;
 use super::{Shared, lock};
-use crate::realtime::mailbox::{Command, Frame, RecordTap, RecordedTick};
+use crate::realtime::mailbox::{Command, RecordTap, RecordedTick};
 use crate::realtime::scheduling;
 use crate::recording::RecordingWriter;
-use palpate_core::simulation::{Snapshot, TICKS_PER_FRAME};
+use palpate_core::simulation::{Frame, Snapshot, TICKS_PER_FRAME};
 use palpate_proto as proto;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -127,15 +127,15 @@ fn begin(shared: &Shared, path: &Path) -> Result<(RecordingWriter, Ends), String
 }
 
 fn tap(shared: &Shared) -> (Box<RecordTap>, Ends) {
-    let vertices = shared.body.surface().vertices.len();
+    let settings = shared.scene.settings();
     let (start_in, start) = rtrb::RingBuffer::new(1);
     let (ticks_in, ticks) = rtrb::RingBuffer::new(WAITING_TICKS);
     let (frames_in, frames) = rtrb::RingBuffer::new(WAITING_FRAMES);
     let (mut empty_frames, empty_out) = rtrb::RingBuffer::new(WAITING_FRAMES);
-    while empty_frames.push(Box::new(Frame::empty(vertices))).is_ok() {}
+    while empty_frames.push(Box::new(Frame::with_room(&shared.body, &settings))).is_ok() {}
     let tap = RecordTap {
         start: start_in,
-        room: Some(Box::new(Snapshot::with_room(&shared.body, &shared.scene.settings()))),
+        room: Some(Box::new(Snapshot::with_room(&shared.body, &settings))),
         ticks: ticks_in,
         frames: frames_in,
         empty_frames: empty_out,
@@ -211,7 +211,7 @@ fn round(
         writer.tick(tick.tick, &tick.inputs, &tick.tools[..tools], tick.flags, tick.hash)?;
     }
     while let Ok(frame) = ends.frames.pop() {
-        writer.frame(frame.tick, &frame.skin, &frame.levels, &frame.tools[..tools])?;
+        writer.frame(&frame)?;
         let _ = ends.empty_frames.push(frame);
     }
     Ok(idle)

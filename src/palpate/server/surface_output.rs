@@ -6,8 +6,8 @@
 use super::health::Weight;
 use super::queries::{Answer, Desk};
 use super::{ServerError, Shared, lock, network};
-use crate::realtime::mailbox::Frame;
 use crate::wire::surface::{SurfaceEncoder, pictures, topology};
+use palpate_core::simulation::Frame;
 use palpate_proto::surface::EVERY;
 use palpate_proto::{self as proto, Message, keys};
 use std::sync::atomic::Ordering;
@@ -48,8 +48,7 @@ pub(super) async fn publish(
                 continue;
             }
             let frame = frames.read();
-            let tools = &frame.tools[..shared.scene.tool.len()];
-            match encoder.frame(frame.tick, &frame.skin, &frame.levels, tools) {
+            match encoder.frame(frame) {
                 Ok(parts) => {
                     streams.send(parts, &newest_key).await;
                     shared.counters.surface_frames.fetch_add(1, Ordering::Relaxed);

@@ -7,7 +7,7 @@ use palpate_core::contact::safety::Limited;
 use palpate_core::contact::tool::{Coupling, MOST_TOOLS, Phase, PoseSample, ToolEvent, ToolState};
 use palpate_core::feedback::LocalModel;
 use palpate_core::math::{Bounds, Pose, Real, Vec3, normalized_quaternion};
-use palpate_core::simulation::{Budget, Inputs, Parameter, Prices, Threshold, TickFlags, ToolOutput};
+use palpate_core::simulation::{Budget, Inputs, ObstacleOutput, Parameter, Prices, Threshold, TickFlags, ToolOutput};
 use palpate_proto as proto;
 use palpate_proto::Message;
 
@@ -219,6 +219,11 @@ pub fn tool_state(tool: u32, t: &ToolState) -> proto::ToolState {
         opening: t.jaws.opening as f32,
         shape: t.shape.map_or(0, |of| u32::from(of) + 1),
     }
+}
+
+/// An obstacle as viewers see it.
+pub fn obstacle_state(obstacle: &ObstacleOutput) -> proto::ObstacleState {
+    proto::ObstacleState { position: f32s(&obstacle.position), force: f32s(&obstacle.wrench.force) }
 }
 
 /// What tick `tick` consumed, as a recording keeps it.

@@ -2,7 +2,10 @@
 
 use crate::scene::Scene;
 use crate::scene::tool_keys::{ToolKeys, ToolKind};
+use palpate_core::contact::Shape;
 use palpate_core::contact::jaws::Hinge;
+use palpate_core::contact::obstacle::{Form, Obstacle};
+use palpate_core::contact::shape::Part;
 use palpate_core::contact::tool::MOST_TOOLS;
 use palpate_core::math::Bounds;
 use palpate_core::model::{Body, Organ};
@@ -33,6 +36,7 @@ pub fn describe(scene: &Scene, body: &Body) -> proto::Session {
             organs: organs(body, &scene.shown_counts(body)),
         }),
         tools: (0..).zip(scene.tool.iter().take(MOST_TOOLS)).map(|(number, keys)| tool(number, keys)).collect(),
+        obstacles: scene.settings().obstacles.iter().map(obstacle).collect(),
         limits: Some(proto::Limits {
             force: scene.safety.force_limit,
             torque: scene.safety.torque_limit,
@@ -64,21 +68,6 @@ pub fn organs(body: &Body, counts: &[[usize; 2]]) -> Vec<proto::Organ> {
 
 fn tool(tool: u32, keys: &ToolKeys) -> proto::ToolDescription {
     let (kind, shape) = (keys.kind(), keys.shape());
-    let parts = shape.parts().iter().map(|part| {
-        let (corners, disc) = part.hull();
-        proto::ToolPart {
-            corners: corners.iter().flatten().copied().collect(),
-            rounding: part.radius(),
-            disc: disc.map_or(0.0, |(radius, _)| radius),
-            axis: disc.map_or_else(Vec::new, |(_, axis)| axis.iter().copied().collect()),
-            hinge: part.hinge().map(|Hinge { axis, point, closed, open }| proto::ToolHinge {
-                axis: axis.iter().copied().collect(),
-                point: point.iter().copied().collect(),
-                closed: *closed,
-                open: *open,
-            }),
-        }
-    });
     proto::ToolDescription {
         tool,
         name: keys.name.clone(),
@@ -92,14 +81,46 @@ fn tool(tool: u32, keys: &ToolKeys) -> proto::ToolDescription {
             ToolKind::Ball | ToolKind::Convex | ToolKind::Compound | ToolKind::Plane => 0.0,
         },
         taken: false,
-        parts: parts.collect(),
+        parts: parts(&shape),
         grip: shape.grip(),
     }
+}
+
+fn obstacle(obstacle: &Obstacle) -> proto::Obstacle {
+    proto::Obstacle {
+        name: obstacle.name.clone(),
+        parts: match &obstacle.shape {
+            Form::Ground => Vec::new(),
+            Form::Parts(shape) => parts(shape),
+        },
+        position: obstacle.pose.position.iter().copied().collect(),
+        orientation: obstacle.pose.orientation.to_vec(),
+    }
+}
+
+fn parts(shape: &Shape) -> Vec<proto::ToolPart> {
+    let part = |part: &Part| {
+        let (corners, disc) = part.hull();
+        proto::ToolPart {
+            corners: corners.iter().flatten().copied().collect(),
+            rounding: part.radius(),
+            disc: disc.map_or(0.0, |(radius, _)| radius),
+            axis: disc.map_or_else(Vec::new, |(_, axis)| axis.iter().copied().collect()),
+            hinge: part.hinge().map(|Hinge { axis, point, closed, open }| proto::ToolHinge {
+                axis: axis.iter().copied().collect(),
+                point: point.iter().copied().collect(),
+                closed: *closed,
+                open: *open,
+            }),
+        }
+    };
+    shape.parts().iter().map(part).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::obstacle_keys::ObstacleKeys;
 
     fn described(toml: &str) -> proto::ToolDescription {
         tool(3, &toml::from_str(&format!("name = 'probe'\n{toml}")).unwrap())
@@ -122,6 +143,22 @@ mod tests {
         let convex = described(&format!("shape = 'convex'\nrounding = 0.001\n{points}"));
         assert_eq!((convex.parts[0].corners.len(), convex.parts[0].rounding), (12, 0.001));
         assert!(convex.radius > 0.02 && convex.parts[0].axis.is_empty());
+    }
+
+    #[test]
+    fn obstacles_are_described_by_what_they_are_made_of_and_the_ground_by_its_frame() {
+        let described = |toml: &str| {
+            let keys: ObstacleKeys = toml::from_str(&format!("name = 'it'\n{toml}")).unwrap();
+            obstacle(&keys.obstacle())
+        };
+        let wall = described("normal = [1.0, 0.0, 0.0]\nposition = [0.1, 0.0, 0.2]");
+        assert!(wall.parts.is_empty() && wall.position == [0.1, 0.0, 0.2]);
+        // The shortest turn from +z to +x: a quarter about +y.
+        let half = std::f64::consts::FRAC_1_SQRT_2;
+        let expected = [0.0, half, 0.0, half];
+        assert!(wall.orientation.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-9), "{:?}", wall.orientation);
+        let rib = described("shape = 'capsule'\nradius = 0.01\nlength = 0.1");
+        assert_eq!((&rib.parts[0].corners[..], rib.parts[0].rounding), (&[0.0, 0.0, 0.0, 0.0, 0.0, 0.1][..], 0.01));
     }
 
     #[test]

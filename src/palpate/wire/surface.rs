@@ -1,12 +1,13 @@
 //! The surface on its way to viewers and into recordings; how its bytes are coded stands in [`palpate_proto::surface`].
 
 use super::session::organs;
-use super::tool_state;
+use super::{obstacle_state, tool_state};
 use crate::display::{Display, Look};
 use palpate_body::geometry::textured::Picture;
-use palpate_core::contact::tool::{Phase, ToolState};
+use palpate_core::contact::tool::Phase;
 use palpate_core::math::{Bounds, Real, Vec3};
 use palpate_core::model::Body;
+use palpate_core::simulation::Frame;
 use palpate_proto as proto;
 use palpate_proto::surface::{CodeError, GridPoint, KEY_INTERVAL, SurfaceCode};
 use std::sync::Arc;
@@ -151,18 +152,13 @@ impl SurfaceEncoder {
         Self { topology, display, code, sequence: 0, key, now }
     }
 
-    /// The frame of `tick` in parts, with the touched vertices at `skin` [m] (vertices), their `levels` (vertices), and of
-    /// `tools` those that somebody holds. Every [`KEY_INTERVAL`]-th, and the first, is a key frame.
+    /// The `frame` in parts, with all obstacles and those tools that somebody holds. Every [`KEY_INTERVAL`]-th, and the first, is
+    /// a key frame.
     ///
     /// # Errors
     /// [`CodeError::Compression`] when there is no memory.
-    pub fn frame(
-        &mut self,
-        tick: u64,
-        skin: &[Vec3],
-        levels: &[u8],
-        tools: &[ToolState],
-    ) -> Result<Vec<proto::SurfaceFrame>, CodeError> {
+    pub fn frame(&mut self, frame: &Frame) -> Result<Vec<proto::SurfaceFrame>, CodeError> {
+        let Frame { tick, skin, levels, tools, obstacles } = frame;
         let sequence = self.sequence;
         self.sequence += 1;
         let (shown, levels) = (self.display.positions(skin), self.display.levels(levels));
@@ -171,12 +167,14 @@ impl SurfaceEncoder {
         let reference = if is_key { self.code.rest() } else { &self.key.1[..] };
         let held = tools.iter().enumerate().filter(|(_, t)| t.phase != Phase::Detached);
         let mut held: Vec<_> = held.map(|(i, t)| tool_state(i as u32, t)).collect();
+        let mut obstacles: Vec<_> = obstacles.iter().map(obstacle_state).collect();
         let frame = |part: usize| {
             Ok(proto::SurfaceFrame {
                 topology: self.topology,
-                tick,
+                tick: *tick,
                 sequence,
                 tools: std::mem::take(&mut held),
+                obstacles: std::mem::take(&mut obstacles),
                 key: if is_key { sequence } else { self.key.0 },
                 part: part as u32,
                 displacements: self.code.encode(part, reference, &self.now)?,

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use palpate_proto::surface::{CodeError, GridPoint};
-use palpate_proto::{SurfaceFrame, ToolState};
+use palpate_proto::{ObstacleState, SurfaceFrame, ToolState};
 
 use super::Surface;
 use crate::ClientError;
@@ -23,6 +23,8 @@ pub struct Moment {
     pub levels: Vec<u8>,
     /// Tools that somebody holds.
     pub tools: Vec<ToolState>,
+    /// Obstacles, in the order of the session; empty before 1.10.
+    pub obstacles: Vec<ObstacleState>,
 }
 
 /// Makes moments of the frames of one surface, which may come with gaps, as long as a frame's key frame came before it.
@@ -96,6 +98,7 @@ impl SurfaceDecoder {
         self.came[part] = true;
         if part == 0 {
             self.under_way.tools.clone_from(&frame.tools);
+            self.under_way.obstacles.clone_from(&frame.obstacles);
         }
         if !self.came.iter().all(|came| *came) {
             return Ok(None);
@@ -139,6 +142,7 @@ mod tests {
             displacements: code.encode(0, &reference, &risen(sequence)).unwrap(),
             levels: code.encode_levels(0, &[0, 1, 2]).unwrap(),
             tools: vec![ToolState::default()],
+            obstacles: vec![ObstacleState { position: vec![0.0, 0.0, sequence as f32], force: vec![] }],
             ..Default::default()
         }
     }
@@ -154,6 +158,7 @@ mod tests {
             assert_eq!((moment.tick, moment.sequence, moment.topology), (32 * sequence, sequence, 4));
             assert!((moment.positions[1][2] - 1e-4 * sequence as f32).abs() < 1e-6, "{:?}", moment.positions);
             assert_eq!((moment.levels, moment.tools.len()), (vec![0, 1, 2], 1));
+            assert_eq!(moment.obstacles[0].position[2], sequence as f32);
         }
     }
 

@@ -222,8 +222,8 @@ class Connection:
 
     def session(self) -> "dict[str, Any]":
         """What the server simulates: name, version, tick, body, mass [kg], bounds and workspace [m], force_limit [N],
-        torque_limit [N·m], tools with name, shape, radius [m] and taken, and parameters that may be set, each with its
-        values, the least and the most."""
+        torque_limit [N·m], tools with name, shape, radius [m] and taken, names of obstacles, and parameters that may be set, each
+        with its values, the least and the most."""
     def set_parameters(self, parameters: "dict[str, Union[float, Sequence[float]]]") -> None:
         """Sets parameters of the running simulation, all of them or none: ``{"stiffness.nodule": 2.0, "gravity": [0, 0, -9.81]}``.
 
@@ -299,8 +299,8 @@ class Watch:
     def rest_vertices(self) -> NDArray[np.float32]:
         """(n, 3) [m] at rest."""
     def latest(self) -> "Optional[dict[str, Any]]":
-        """The newest frame: tick, sequence, topology, vertices (n, 3) [m], levels (n, or 0), and tools with position,
-        orientation, force [N] and phase; ``None`` before the first."""
+        """The newest frame: tick, sequence, topology, vertices (n, 3) [m], levels (n, or 0), tools with position,
+        orientation, force [N] and phase, and obstacles with position and the force on each [N]; ``None`` before the first."""
     @property
     def counters(self) -> "dict[str, int]":
         """Frames decoded and lost, undecodable messages, bytes."""

@@ -9,7 +9,7 @@ pub use live::{Link, Live, LiveView};
 pub use picture::Picture;
 pub use recording::{Frame, Recording};
 
-use palpate_sdk::proto::ToolState;
+use palpate_sdk::proto::{Obstacle, ObstacleState, ToolState};
 use palpate_sdk::{SdkError, Session, Surface, ToolDescription};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -29,6 +29,8 @@ pub struct Subject {
     pub levels: usize,
     /// Its tools; their place in the list is their number.
     pub tools: Vec<ToolDescription>,
+    /// Rigid things that no hand moves.
+    pub obstacles: Vec<Obstacle>,
     /// The largest force that a tool renders [N].
     pub force_limit: f32,
     /// What simulates or has simulated it, for people.
@@ -46,6 +48,8 @@ pub struct Moment {
     pub levels: Vec<u8>,
     /// What every tool does.
     pub tools: Vec<ToolState>,
+    /// Where the obstacles are; those that it does not say are where they begin.
+    pub obstacles: Vec<ObstacleState>,
 }
 
 /// Why there is nothing to see.
@@ -88,6 +92,7 @@ impl Subject {
             pictures,
             levels: body.levels as usize,
             tools: session.tools,
+            obstacles: session.obstacles,
             force_limit: session.limits.unwrap_or_default().force as f32,
             made_by,
         })
@@ -96,8 +101,8 @@ impl Subject {
 
 impl From<palpate_sdk::Moment> for Moment {
     fn from(decoded: palpate_sdk::Moment) -> Self {
-        let palpate_sdk::Moment { tick, positions, levels, tools, .. } = decoded;
-        Self { tick, positions, levels, tools }
+        let palpate_sdk::Moment { tick, positions, levels, tools, obstacles, .. } = decoded;
+        Self { tick, positions, levels, tools, obstacles }
     }
 }
 
@@ -129,8 +134,18 @@ impl Moment {
                 ..tool.clone()
             }
         });
+        let obstacles = self.obstacles.iter().zip(&next.obstacles).map(|(a, b)| ObstacleState {
+            position: mix_all(&a.position, &b.position),
+            force: mix_all(&a.force, &b.force),
+        });
         let tick = self.tick + (t * next.tick.saturating_sub(self.tick) as f32).round() as u64;
-        Moment { tick, positions, levels: nearer.levels.clone(), tools: tools.collect() }
+        Moment {
+            tick,
+            positions,
+            levels: nearer.levels.clone(),
+            tools: tools.collect(),
+            obstacles: obstacles.collect(),
+        }
     }
 }
 
@@ -167,7 +182,8 @@ mod tests {
             force: vec![0.0, 0.0, x],
             ..Default::default()
         };
-        Moment { tick, positions: vec![[x; 3]; 2], levels: vec![tick as u8; 2], tools: vec![tool] }
+        let obstacles = vec![ObstacleState { position: vec![0.0, 0.0, x], force: vec![] }];
+        Moment { tick, positions: vec![[x; 3]; 2], levels: vec![tick as u8; 2], tools: vec![tool], obstacles }
     }
 
     #[test]
@@ -177,6 +193,7 @@ mod tests {
         let quarter = a.towards(&b, 0.25);
         assert_eq!((quarter.tick, quarter.positions[1], quarter.levels[0]), (40, [0.25; 3], 32));
         assert_eq!(forces(&quarter.tools), [0.25]);
+        assert_eq!(quarter.obstacles[0].position, [0.0, 0.0, 0.25]);
         // Two quaternions of opposite sign are neighbours: the tool does not turn the long way round.
         let turned = &quarter.tools[0].orientation;
         assert!(turned[2] > 0.1 && turned[3] > 0.9, "{turned:?}");

@@ -3,8 +3,8 @@
 use palpate_sdk::proto::keys::topics;
 use palpate_sdk::proto::surface::{KEY_INTERVAL, SurfaceCode};
 use palpate_sdk::proto::{
-    BodyDescription, Limits, Message, Organ, RecordingStart, Session, SurfaceFrame, SurfaceTopology, ToolDescription,
-    ToolPart, ToolPhase, ToolState,
+    BodyDescription, Limits, Message, Obstacle, ObstacleState, Organ, RecordingStart, Session, SurfaceFrame,
+    SurfaceTopology, ToolDescription, ToolPart, ToolPhase, ToolState,
 };
 use std::collections::BTreeMap;
 use std::f32::consts::{PI, TAU};
@@ -92,9 +92,17 @@ pub fn record_organs(path: &Path, rings: u32, frames: u64, organs: &[Organ]) {
         parts: vec![shaft],
         ..Default::default()
     };
+    // It rises as the tool sinks.
+    let floor = Obstacle {
+        name: "floor".into(),
+        parts: vec![],
+        position: vec![0.0, 0.0, f64::from(-height(0))],
+        orientation: vec![0.0, 0.0, 0.0, 1.0],
+    };
     let session = Session {
         body: Some(BodyDescription { name: "ball".into(), levels: 2, ..Default::default() }),
         tools: vec![probe],
+        obstacles: vec![floor],
         limits: Some(Limits { force: 3.3, ..Default::default() }),
         ..Default::default()
     };
@@ -133,6 +141,7 @@ pub fn record_organs(path: &Path, rings: u32, frames: u64, organs: &[Organ]) {
             opening: 0.0,
             shape: 0,
         };
+        let floor = ObstacleState { position: vec![0.0, 0.0, -height(number)], force: vec![0.0; 3] };
         let points: Vec<_> = positions.map(|x| code.on_grid(x.map(f64::from))).collect();
         let is_key = (number - 1) % KEY_INTERVAL == 0;
         let reference = if is_key { code.rest() } else { &key.1 };
@@ -150,6 +159,7 @@ pub fn record_organs(path: &Path, rings: u32, frames: u64, organs: &[Organ]) {
                 part,
                 displacements,
                 levels: Vec::new(),
+                obstacles: if part == 0 { vec![floor.clone()] } else { vec![] },
             };
             say(topics::SURFACE, TICKS * number, frame.encode_to_vec());
         }

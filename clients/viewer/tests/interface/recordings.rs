@@ -20,9 +20,11 @@ fn any_time_of_a_recording_is_found_and_lies_between_its_frames() {
         let expected = height(0) + frame * (height(1) - height(0));
         assert!((moment.positions[0][2] - expected).abs() < 1e-6, "{seconds} s: {:?}", moment.positions[0]);
         assert!((moment.tools[0].force[2] - 0.05 * frame).abs() < 1e-5);
+        assert!((moment.obstacles[0].position[2] + expected).abs() < 1e-6);
     }
     let subject = recording.subject();
     assert_eq!((subject.name.as_str(), subject.levels, subject.made_by.as_str()), ("ball", 2, "palpate 7"));
+    assert_eq!(subject.obstacles[0].name, "floor");
     assert_eq!((subject.tools[0].shape.as_str(), subject.tools[0].radius), ("capsule", 0.01));
 }
 
