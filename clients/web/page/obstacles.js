@@ -34,7 +34,7 @@ export class ObstacleModel {
         geometry.setAttribute('normal', new BufferAttribute(new Float32Array(corners.map((_, i) => (i % 3 === 2 ? 1 : 0))), 3));
         const ground = new Mesh(geometry, this.material);
         ground.position.set(x, y, 0);
-        const lines = new GridHelper(2 * half, cells, 0x39444f, 0x2d3740);
+        const lines = new GridHelper(2 * half, cells, 0x64717e, 0x4d5965);
         lines.rotation.x = Math.PI / 2;
         lines.position.set(x, y, 5e-4 * size);
         this.group.add(ground, lines);
