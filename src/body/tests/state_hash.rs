@@ -95,6 +95,7 @@ fn changes(snapshot: &Snapshot) -> BTreeMap<&'static str, Snapshot> {
         points: _,
         obstacle_points: _,
         meetings: _,
+        moved: _,
     } = snapshot;
     let State {
         nodes: _,
@@ -165,6 +166,7 @@ fn changes(snapshot: &Snapshot) -> BTreeMap<&'static str, Snapshot> {
     change("an obstacle's points", &|s| s.obstacle_points[0][0].anchor.x += 1e-12);
     change("a meeting less", &|s| _ = s.meetings.pop());
     change("meetings", &|s| s.meetings[0].gap += 1e-12);
+    change("what moved", &|s| s.moved += 1e-12);
     changed
 }
 

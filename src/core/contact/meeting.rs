@@ -7,42 +7,38 @@
 
 use super::closing::Closing;
 use super::detection::MOST_STRETCH;
+use super::facing::{self, Now, Patch, Seen};
 use super::friction::SLIPS;
 use super::outside::boxes;
 use super::rigid::Found;
 use super::tool::MOST_POINTS;
-use super::touchable::{FASTEST_SURFACE, MARGIN, Touchable, area_vector, weights_in_triangle};
-use crate::ids::{OrganId, ToolId, Triangle, Vertex};
-use crate::math::{Bounds, Real, Vec3, from_parry, to_parry};
+use super::touchable::MARGIN;
+use crate::ids::{OrganId, ToolId, Vertex};
+use crate::math::{Bounds, Real, Vec3};
 use crate::model::active_mesh::skin;
-use crate::model::body::patches::{Extent, SAME_SIDE};
 use crate::model::constraint::{Constraint, Foot, Held, Pushed};
 use crate::model::meeting::{MOST_MEETINGS, Meeting};
 use crate::model::organ::MOST_ORGANS;
 use crate::model::step_class::{TICK, step_of};
 use crate::model::{ActiveMesh, Body, Friction};
-use crate::visited::Visited;
-use parry3d_f64::query::PointQuery;
-use parry3d_f64::shape::Triangle as Flat;
-use std::ops::Range;
 
-/// Patches that are this far from another organ [m] are followed, so that all that come with up to 1 m/s within [`LOOKS`] ticks are
-/// known before they touch.
+/// Patches that are this far from another organ, or another place of their own, [m] are followed at most, so that all that come with up to
+/// 1 m/s within [`LOOKS`] ticks are known before they touch; where all is slower, only nearer ones.
 const NEAR: Real = 10e-3;
-/// Ticks in which all patches are looked at once for what they come near to: with fewer each takes longer, with more fast ones are found
-/// late.
+/// Ticks in which all patches are looked at once for what they come near to, at the soonest: with fewer each takes longer, with more fast
+/// ones are found late.
 const LOOKS: u64 = 8;
 /// And for what they come near to on their own organ, which every body has: [`NEAR`] less [`MARGIN`] in so many ticks is 0.5 m/s. With
 /// fewer each tick takes longer; with more slower folds are found late, and one that is through is not found any more.
 const LOOKS_AT_ITSELF: u64 = 16;
-/// Least cosine between the normal of a triangle and what comes against that of a patch: an edge's patches, whose normals are between
-/// those of its sides, meet what lies flat against a side, and not what is beside it.
-const FACING: Real = 0.1;
-/// Steps from triangle to triangle that a place takes within a tick at most.
-const MOST_STEPS: usize = 4;
-/// A way this much off a triangle's normal is along it, but for rounding.
-const STRAIGHT: Real = 1e-6;
-
+/// And at the latest, when all is slow: two frames.
+const LATEST: u64 = 64;
+/// What two places come nearer to each other by at most [m] between two looks, if these are later than the soonest: so deep is what was
+/// beside a patch, and turned to it since. With less, slow motion takes longer.
+const LATE: Real = MARGIN / 4.0;
+/// How much faster than now all may move until the next look: what speeds up by more within some ticks is found late, as what comes with
+/// more than 1 m/s is, and with more each look takes longer.
+const FASTER: Real = 2.0;
 /// Coulomb's coefficients of friction between organs: of each two of them, and of each with itself where it is folded.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Between([[Real; MOST_ORGANS]; MOST_ORGANS]);
@@ -77,6 +73,21 @@ pub struct Organs<'a> {
     pub id: ToolId,
 }
 
+impl<'a> Organs<'a> {
+    fn now(&self) -> Now<'a> {
+        Now { body: self.body, mesh: self.mesh }
+    }
+}
+
+/// How far a body has come.
+#[derive(Clone, Copy, Debug)]
+pub struct Moved {
+    /// What display vertices moved by at most in the last tick, but for what moved them all alike [m].
+    pub by: Real,
+    /// Since it was where it begins.
+    pub ticks: u64,
+}
+
 /// Receives what is found.
 #[derive(Debug)]
 pub struct Met<'a> {
@@ -89,97 +100,50 @@ pub struct Met<'a> {
 /// Memory that looking for meetings needs and no one keeps.
 #[derive(Debug)]
 pub struct Workspace {
-    /// Display vertices [m], (n_vertices); only those that are placed count.
-    vertices: Vec<Vec3>,
-    placed: Visited,
-    /// Of each patch the vertex in its middle [m].
-    middles: Vec<Vec3>,
-    /// Patches that the one which looks does not meet.
-    beside: Visited,
-    /// Patches that may be near the place that is looked from, and the squared distances of their middles [m²].
-    candidates: Vec<(u32, Real)>,
+    surface: facing::Workspace,
     before: Vec<Meeting>,
+    /// What may overlap at rest [m]: half of what display vertices are apart.
+    overlap: Real,
 }
 
 impl Workspace {
     /// For `body`.
     pub fn new(body: &Body) -> Self {
-        let patches = body.patches().count() as usize;
+        let areas = body.vertex_area();
         Self {
-            vertices: body.surface().vertices.clone(),
-            placed: Visited::new(body.surface().vertices.len()),
-            middles: Vec::with_capacity(patches),
-            beside: Visited::new(patches),
-            candidates: Vec::with_capacity(patches),
+            surface: facing::Workspace::new(body),
             before: Vec::with_capacity(MOST_MEETINGS),
+            overlap: 0.5 * (areas.iter().sum::<Real>() / areas.len().max(1) as Real).sqrt(),
         }
-    }
-
-    /// Another tick begins.
-    fn begin(&mut self, body: &Body, mesh: &ActiveMesh) {
-        self.placed.clear();
-        self.middles.clear();
-        let patches = 0..body.patches().count();
-        self.middles.extend(patches.map(|i| mesh.vertex(body.patches().middle(i))));
-    }
-
-    /// Where display vertex `v` is [m].
-    fn at(&mut self, mesh: &ActiveMesh, v: Vertex) -> Vec3 {
-        if self.placed.visit(v.index()) {
-            self.vertices[v.index()] = mesh.vertex(v);
-        }
-        self.vertices[v.index()]
-    }
-
-    /// Readies a look from `place` [m] at the `patches`.
-    fn measure(&mut self, body: &Body, place: Vec3, patches: Range<u32>) {
-        self.candidates.clear();
-        for i in patches {
-            let away = (self.middles[i as usize] - place).norm_squared();
-            let far = NEAR + MOST_STRETCH * body.patches().extent(i).reach;
-            if away <= far * far && !self.beside.contains(i as usize) {
-                self.candidates.push((i, away));
-            }
-        }
-    }
-
-    /// Places those of all triangles that share a corner with one.
-    fn place_around(&mut self, body: &Body, mesh: &ActiveMesh, t: Triangle) {
-        let around = body.triangle(t).into_iter().flat_map(|v| body.triangles_around(v));
-        for v in around.flat_map(|t| body.triangle(*t)) {
-            self.at(mesh, v);
-        }
-    }
-
-    /// The displayed surface, which takes less where it has been placed.
-    fn shown<'a>(&'a self, body: &'a Body, mesh: &'a ActiveMesh) -> Touchable<'a> {
-        Touchable { body, mesh, vertices: &self.vertices, near: &self.placed }
     }
 }
 
-/// Appends the constraints between `organs` at the start of tick `tick` to `out`; `memory` holds the meetings of the last tick and
-/// receives this tick's, by patch and other organ. No more than `room` of them are new.
-pub fn meet(organs: &Organs, tick: u64, room: u32, memory: &mut Vec<Meeting>, out: Met, work: &mut Workspace) {
-    let (Organs { body, mesh, .. }, Met { found, feet }) = (*organs, out);
-    std::mem::swap(memory, &mut work.before);
+/// Appends the constraints between `organs`, which have `moved`, at the start of a tick to `out`; `memory` holds the meetings of the last
+/// tick and receives this tick's, by patch and other organ. No more than `room` of them are new.
+pub fn meet(organs: &Organs, moved: Moved, room: u32, memory: &mut Vec<Meeting>, out: Met, work: &mut Workspace) {
+    let (now, Met { found, feet }) = (organs.now(), out);
+    let Workspace { surface: work, before, overlap } = work;
+    std::mem::swap(memory, before);
     memory.clear();
-    work.begin(body, mesh);
-    for k in 0..work.before.len() {
-        let m = work.before[k];
-        if !(tick + u64::from(m.patch)).is_multiple_of(rest(m.gap)) {
+    work.begin(now);
+    let nearer = Nearer { by: 2.0 * FASTER * moved.by, overlap: *overlap };
+    let looks = if moved.ticks < LATEST { LOOKS } else { nearer.looks() };
+    for &m in &*before {
+        if !(moved.ticks + u64::from(m.patch)).is_multiple_of(nearer.rest(m.gap)) {
             memory.push(m);
             continue;
         }
-        let seen = Patch::of(organs, m.patch, work).and_then(|patch| patch.follow(organs, m.triangle, work));
-        if let Some(seen) = seen.filter(|seen| seen.gap < NEAR) {
+        let seen = Patch::of(now, m.patch, work).and_then(|patch| patch.follow(now, m.triangle, work));
+        if let Some(seen) = seen.filter(|seen| seen.gap < nearer.within(looks.max(LOOKS_AT_ITSELF))) {
             let Seen { triangle, weights, gap, normal, share, .. } = seen;
             memory.push(Meeting { triangle, weights, gap, normal, share, ..m });
         }
     }
     let mut room = Room { left: room, memory };
-    look_at_others(organs, tick, &mut room, work);
-    look_at_themselves(organs, tick, &mut room, work);
-    let on = &work.shown(body, mesh);
+    look_at_others(organs, Look { tick: moved.ticks, every: looks, near: nearer.within(looks) }, &mut room, work);
+    let looks = looks.max(LOOKS_AT_ITSELF);
+    look_at_themselves(organs, Look { tick: moved.ticks, every: looks, near: nearer.within(looks) }, &mut room, work);
+    let on = &work.shown(now);
     for m in memory.iter_mut() {
         m.held = m.gap < MARGIN;
         if m.held {
@@ -215,279 +179,131 @@ impl Room<'_> {
     }
 }
 
+/// Which patches look, and how far.
+#[derive(Clone, Copy, Debug)]
+struct Look {
+    tick: u64,
+    /// Each in so many ticks.
+    every: u64,
+    /// [m].
+    near: Real,
+}
+
+impl Look {
+    /// Whether patch `i` does.
+    fn is_of(self, i: u32) -> bool {
+        (u64::from(i) + self.tick).is_multiple_of(self.every)
+    }
+}
+
 /// Finds what some of the patches come near to on other organs.
-fn look_at_others(organs: &Organs, tick: u64, room: &mut Room, work: &mut Workspace) {
+fn look_at_others(organs: &Organs, look: Look, room: &mut Room, work: &mut facing::Workspace) {
+    let near = look.near;
     let Organs { body, mesh, .. } = *organs;
     let patches = body.patches();
     if body.organs().len() == 1 {
         return;
     }
     let boxes = boxes(body, mesh);
-    let window = window(&boxes, body.organs().len());
+    let window = window(&boxes, near, body.organs().len());
     work.beside.clear();
-    for i in (0..patches.count()).filter(|i| (u64::from(*i) + tick).is_multiple_of(LOOKS)) {
+    for i in (0..patches.count()).filter(|i| look.is_of(*i)) {
         let far = MOST_STRETCH * patches.extent(i).reach;
         if room.is_full() || !window.grown(far).contains(&work.middles[i as usize]) {
             continue;
         }
-        let Some(patch) = Patch::of(organs, i, work).filter(|patch| window.contains(&patch.place)) else {
+        let Some(patch) = Patch::of(organs.now(), i, work).filter(|patch| window.contains(&patch.place)) else {
             continue;
         };
         let own = patches.organ(i);
         for other in (0..body.organs().len()).map(OrganId::at).filter(|other| *other != own) {
             let Some(place) = room.place(i, other) else { continue };
-            if room.is_full() || !boxes[other.index()].grown(NEAR).contains(&patch.place) {
+            if room.is_full() || !boxes[other.index()].grown(near).contains(&patch.place) {
                 continue;
             }
-            if let Some(seen) = patch.look(organs, patches.of_organ(other), false, work) {
-                room.insert(place, seen.met_anew(i, other));
+            if let Some(seen) = patch.look(organs.now(), near, patches.of_organ(other), false, work) {
+                room.insert(place, met_anew(seen, i, other));
             }
         }
     }
 }
 
 /// Finds what some of the patches come near to on their own organ.
-fn look_at_themselves(organs: &Organs, tick: u64, room: &mut Room, work: &mut Workspace) {
+fn look_at_themselves(organs: &Organs, look: Look, room: &mut Room, work: &mut facing::Workspace) {
     let patches = organs.body.patches();
-    for i in (0..patches.count()).filter(|i| (u64::from(*i) + tick).is_multiple_of(LOOKS_AT_ITSELF)) {
+    for i in (0..patches.count()).filter(|i| look.is_of(*i)) {
         let own = patches.organ(i);
         let Some(place) = room.place(i, own).filter(|_| !room.is_full()) else { continue };
         work.beside.clear();
         patches.beside(i).iter().for_each(|of| _ = work.beside.visit(*of as usize));
-        let seen = Patch::of(organs, i, work).and_then(|patch| patch.look(organs, patches.of_organ(own), true, work));
+        let seen = Patch::of(organs.now(), i, work)
+            .and_then(|patch| patch.look(organs.now(), look.near, patches.of_organ(own), true, work));
         if let Some(seen) = seen {
-            room.insert(place, seen.met_anew(i, own));
+            room.insert(place, met_anew(seen, i, own));
         }
     }
 }
 
-/// Ticks, a power of two, within which what is this far from another organ [m] does not come to be a constraint.
-fn rest(gap: Real) -> u64 {
-    let ticks = ((gap - MARGIN) / (FASTEST_SURFACE * TICK)).max(1.0) as u64;
-    1 << ticks.min(LOOKS).ilog2()
+fn met_anew(seen: Seen, patch: u32, other: OrganId) -> Meeting {
+    Meeting {
+        patch,
+        other,
+        triangle: seen.triangle,
+        weights: seen.weights,
+        gap: seen.gap,
+        share: seen.share,
+        held: false,
+        normal: seen.normal,
+        force: Vec3::zeros(),
+        multiplier: 0.0,
+        tangential: Vec3::zeros(),
+        // All that they overlap by is closed gradually.
+        slack: Real::INFINITY,
+        stretch: Vec3::zeros(),
+    }
 }
 
-/// Around all places where the boxes of two of so many organs are near each other [m].
-fn window(boxes: &[Bounds; MOST_ORGANS], organs: usize) -> Bounds {
+/// How fast what is apart comes together.
+#[derive(Clone, Copy, Debug)]
+struct Nearer {
+    /// How much nearer two places come within a tick at most [m].
+    by: Real,
+    /// What may overlap at rest [m].
+    overlap: Real,
+}
+
+impl Nearer {
+    /// What is farther apart [m], or overlaps by more, comes to be a constraint in so many ticks at the soonest.
+    fn within(self, ticks: u64) -> Real {
+        let least = MARGIN.max(self.overlap);
+        (least + self.by * ticks as Real).min(least.max(NEAR))
+    }
+
+    /// Ticks, a power of two, within which what is this far apart [m] does not come to be a constraint.
+    fn rest(self, gap: Real) -> u64 {
+        1 << self.ticks(gap - MARGIN).clamp(1, LATEST).ilog2()
+    }
+
+    /// Ticks, a power of two, in which all patches are to be looked at.
+    fn looks(self) -> u64 {
+        1 << self.ticks(LATE).clamp(LOOKS, LATEST).ilog2()
+    }
+
+    /// Until two places are this much nearer [m].
+    fn ticks(self, way: Real) -> u64 {
+        (way / self.by.max(Real::MIN_POSITIVE)) as u64
+    }
+}
+
+/// Around all places where the boxes of two of so many organs are `near` each other [m].
+fn window(boxes: &[Bounds; MOST_ORGANS], near: Real, organs: usize) -> Bounds {
     let pairs = (0..organs).flat_map(|i| (0..i).map(move |j| (i, j)));
     let shared = pairs.map(|(i, j)| {
-        let (a, b) = (boxes[i].grown(NEAR), boxes[j].grown(NEAR));
+        let (a, b) = (boxes[i].grown(near), boxes[j].grown(near));
         Bounds::new(a.low.sup(&b.low), a.high.inf(&b.high))
     });
     let is_any = |shared: &Bounds| (0..3).all(|c| shared.low[c] <= shared.high[c]);
     shared.filter(is_any).fold(Bounds::NOTHING, |all, shared| all.joined(&shared))
-}
-
-/// A patch where it is now.
-struct Patch {
-    /// Its mean place [m].
-    place: Vec3,
-    /// Outward unit normal in its middle.
-    normal: Vec3,
-    /// Of the disc that is as large [m].
-    radius: Real,
-}
-
-/// A display triangle where it is now.
-struct Face {
-    triangle: Triangle,
-    /// [m].
-    corners: [Vec3; 3],
-    /// Outward, twice as long as the triangle is large [m²].
-    area: Vec3,
-}
-
-impl Face {
-    fn new(triangle: Triangle, corners: [Vec3; 3]) -> Self {
-        Self { triangle, corners, area: (corners[1] - corners[0]).cross(&(corners[2] - corners[0])) }
-    }
-
-    /// Its place that is nearest to `p` [m].
-    fn nearest(&self, p: Vec3) -> Vec3 {
-        let [a, b, c] = self.corners.map(to_parry);
-        from_parry(Flat::new(a, b, c).project_local_point(to_parry(p), false).point)
-    }
-}
-
-/// The place of another organ that is next to a patch.
-struct Seen {
-    squared: Real,
-    triangle: Triangle,
-    weights: [Real; 3],
-    gap: Real,
-    normal: Vec3,
-    /// How much of the patch meets it.
-    share: Real,
-}
-
-impl Seen {
-    fn met_anew(self, patch: u32, other: OrganId) -> Meeting {
-        Meeting {
-            patch,
-            other,
-            triangle: self.triangle,
-            weights: self.weights,
-            gap: self.gap,
-            share: self.share,
-            held: false,
-            normal: self.normal,
-            force: Vec3::zeros(),
-            multiplier: 0.0,
-            tangential: Vec3::zeros(),
-            // All that they overlap by is closed gradually.
-            slack: Real::INFINITY,
-            stretch: Vec3::zeros(),
-        }
-    }
-}
-
-impl Patch {
-    /// `None` where it has no normal.
-    fn of(organs: &Organs, i: u32, work: &mut Workspace) -> Option<Self> {
-        let Organs { body, mesh, .. } = *organs;
-        let (all, middle) = (body.patches().of(i), body.patches().middle(i));
-        let mut normal = Vec3::zeros();
-        for t in body.triangles_around(middle) {
-            let [a, b, c] = body.triangle(*t).map(|v| work.at(mesh, v));
-            normal += (b - a).cross(&(c - a));
-        }
-        let place = all.iter().map(|(v, w)| work.at(mesh, *v) * *w).sum();
-        Some(Self { place, normal: normal.try_normalize(0.0)?, radius: body.patches().radius(i) })
-    }
-
-    /// What is next to it beside what was next to it a tick ago.
-    fn follow(&self, organs: &Organs, was: Triangle, work: &mut Workspace) -> Option<Seen> {
-        let Organs { body, mesh, .. } = *organs;
-        let mut best: Option<Seen> = None;
-        let mut at = was;
-        for _ in 0..MOST_STEPS {
-            work.place_around(body, mesh, at);
-            let on = work.shown(body, mesh);
-            let face = |t: Triangle| Face::new(t, body.triangle(t).map(|v| on.vertex(v)));
-            self.consider(&face(at), false, &mut best);
-            for t in body.triangle(at).iter().flat_map(|v| body.triangles_around(*v)) {
-                self.consider(&face(*t), false, &mut best);
-            }
-            match best.as_ref().map(|seen| seen.triangle) {
-                Some(next) if next != at => at = next,
-                _ => break,
-            }
-        }
-        best.and_then(|seen| self.met(organs, seen, work))
-    }
-
-    /// What is next to it on the `patches`, if it is near; of its `own` organ only what faces it across what is outside of it.
-    fn look(&self, organs: &Organs, patches: Range<u32>, own: bool, work: &mut Workspace) -> Option<Seen> {
-        let Organs { body, mesh, .. } = *organs;
-        let mut best: Option<Seen> = None;
-        work.measure(body, self.place, patches.clone());
-        // From the nearest middle on: what is found there leaves most of the rest too far.
-        let first =
-            (0..work.candidates.len()).min_by(|i, j| work.candidates[*i].1.total_cmp(&work.candidates[*j].1))?;
-        work.candidates.swap(0, first);
-        for k in 0..work.candidates.len() {
-            let far = best.as_ref().map_or(NEAR, |seen| seen.squared.sqrt().min(NEAR));
-            self.near(organs, k, far, work, |face| self.consider(&face, own, &mut best));
-        }
-        let seen = best?;
-        work.place_around(body, mesh, seen.triangle);
-        let seen = self.met(organs, seen, work).filter(|seen| seen.gap.abs() < NEAR)?;
-        // Behind what faces it, but outside: on the far side of a thin organ.
-        (seen.gap >= 0.0 || !self.is_outside(organs, &seen, work)).then_some(seen)
-    }
-
-    /// Whether the patch is in front of the triangle of the candidates that is nearest of all, whichever way it faces, where that is nearer
-    /// than what was `seen`.
-    fn is_outside(&self, organs: &Organs, seen: &Seen, work: &mut Workspace) -> bool {
-        let mut nearest = (seen.squared * (1.0 - STRAIGHT), false);
-        for k in 0..work.candidates.len() {
-            self.near(organs, k, seen.squared.sqrt(), work, |face| {
-                let away = self.place - face.nearest(self.place);
-                if away.norm_squared() < nearest.0 {
-                    nearest = (away.norm_squared(), face.area.dot(&away) > 0.0);
-                }
-            });
-        }
-        nearest.1
-    }
-
-    /// Calls `with` each triangle of candidate `k` of which some place may be no farther than `far` [m].
-    fn near(&self, organs: &Organs, k: usize, far: Real, work: &mut Workspace, mut with: impl FnMut(Face)) {
-        let Organs { body, mesh, .. } = *organs;
-        let (i, away) = work.candidates[k];
-        let Extent { reach, edge } = body.patches().extent(i);
-        if away > (far + MOST_STRETCH * reach).powi(2) {
-            return;
-        }
-        let most = (far + MOST_STRETCH * edge).powi(2);
-        for t in body.patches().triangles(i) {
-            let corners = body.triangle(*t);
-            if (work.at(mesh, corners[0]) - self.place).norm_squared() <= most {
-                with(Face::new(*t, corners.map(|v| work.at(mesh, v))));
-            }
-        }
-    }
-
-    /// Takes the place of the `face` that is nearest for the `best` where it faces the patch and is nearer; `across` what is outside where
-    /// both are in front of each other.
-    fn consider(&self, face: &Face, across: bool, best: &mut Option<Seen>) {
-        let facing = -face.area.dot(&self.normal);
-        if facing <= 0.0 || facing * facing <= FACING * FACING * face.area.norm_squared() {
-            return;
-        }
-        // None of its places is nearer than its plane, but for rounding.
-        let height = face.area.dot(&(self.place - face.corners[0]));
-        if across && height <= 0.0 {
-            return;
-        }
-        let plane = height * height * (1.0 + STRAIGHT);
-        if best.as_ref().is_some_and(|seen| plane >= seen.squared * face.area.norm_squared()) {
-            return;
-        }
-        let nearest = face.nearest(self.place);
-        let squared = (self.place - nearest).norm_squared();
-        if across && self.normal.dot(&(nearest - self.place)) <= 0.0 {
-            return;
-        }
-        if best.as_ref().is_none_or(|seen| squared < seen.squared)
-            && let Some(weights) = weights_in_triangle(&face.corners, nearest)
-        {
-            let normal = Vec3::zeros();
-            *best = Some(Seen { squared, triangle: face.triangle, weights, gap: 0.0, normal, share: 1.0 });
-        }
-    }
-
-    /// How the patch is to the place that was `seen` to be nearest; `None` where it is beyond the edge of what faces it.
-    fn met(&self, organs: &Organs, seen: Seen, work: &Workspace) -> Option<Seen> {
-        let on = &work.shown(organs.body, organs.mesh);
-        let normal = smooth_normal(on, seen.triangle, seen.weights)?;
-        let away = self.place - on.displayed(seen.triangle, seen.weights);
-        let flat = area_vector(on, seen.triangle).try_normalize(0.0)?;
-        let height = flat.dot(&away);
-        let (distance, aside) = (away.norm(), (away - flat * height).norm());
-        if height > 0.0 && aside > STRAIGHT * height {
-            // Over a sharp edge the way to it is the normal.
-            let out = away / distance;
-            let normal = if out.dot(&normal) > SAME_SIDE { normal } else { out };
-            return Some(Seen { gap: distance, normal, ..seen });
-        }
-        // A patch whose middle is beyond an edge, but behind it, lies on it with less and less until all of it has slid off.
-        let share = 1.0 - aside / self.radius;
-        (share > 0.0).then_some(Seen { gap: height, normal, share, ..seen })
-    }
-}
-
-/// Outward unit normal of the surface that the triangles stand for, at the place of one with these weights: it turns continuously but at
-/// edges, where those around a corner that belong to another side do not count.
-fn smooth_normal(on: &Touchable, t: Triangle, weights: [Real; 3]) -> Option<Vec3> {
-    let flat = area_vector(on, t).try_normalize(0.0)?;
-    let mut sum = Vec3::zeros();
-    for (v, w) in on.body.triangle(t).into_iter().zip(weights) {
-        let around = on.body.triangles_around(v).iter().map(|t| area_vector(on, *t));
-        let side: Vec3 = around.filter(|area| area.dot(&flat) > SAME_SIDE * area.norm()).sum();
-        sum += side.try_normalize(0.0)? * w;
-    }
-    sum.try_normalize(0.0)
 }
 
 /// Appends the constraint of `m`.

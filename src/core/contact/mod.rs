@@ -6,6 +6,7 @@ mod ahead;
 mod closing;
 mod density;
 pub mod detection;
+mod facing;
 pub mod friction;
 pub mod ground;
 mod hinge;

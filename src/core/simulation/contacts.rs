@@ -3,7 +3,7 @@
 use super::Simulation;
 use super::room::{self, Room, part_of};
 use crate::contact::ground::{self, Ground};
-use crate::contact::meeting::{self, Met, Organs};
+use crate::contact::meeting::{self, Met, Moved, Organs};
 use crate::contact::obstacle::Form;
 use crate::contact::outside::{boxes, is_apart, is_outside};
 use crate::contact::rigid::{Found, Rigid};
@@ -42,7 +42,7 @@ impl Simulation {
     }
 
     /// Whether looking for meetings counts as a search: a single organ that is not folded takes little, in every tick alike.
-    fn looks_for_meetings(&self) -> bool {
+    pub(super) fn looks_for_meetings(&self) -> bool {
         self.body.organs().len() > 1 || !self.meetings.is_empty()
     }
 
@@ -83,7 +83,8 @@ impl Simulation {
         let organs = Organs { body: &self.body, mesh: &self.mesh, friction: &self.settings.organ_friction, id };
         let found = Found { constraints: &mut self.constraints, points_of_action: &mut self.points_of_action };
         let out = Met { found, feet: &mut self.feet };
-        meeting::meet(&organs, self.tick, room.of(Part::PatchPoint), &mut self.meetings, out, &mut self.meeting);
+        let moved = Moved { by: self.moved, ticks: self.moved_for };
+        meeting::meet(&organs, moved, room.of(Part::PatchPoint), &mut self.meetings, out, &mut self.meeting);
         if self.looks_for_meetings() {
             room::lap_points(laps, self.meetings.len(), Part::PatchPoint);
         }

@@ -60,6 +60,8 @@ pub struct Simulation {
     path: Simd,
     tick: u64,
     frozen: u32,
+    /// As [`Snapshot::moved`].
+    moved: Real,
     /// As [`Snapshot::moved_for`].
     moved_for: u64,
     prices: Prices,
@@ -144,6 +146,7 @@ impl Simulation {
             path: Simd::best(),
             tick: start.tick,
             frozen: start.frozen,
+            moved: start.moved,
             moved_for: start.moved_for,
             prices: start.prices,
             entangled: start.entangled,
@@ -450,9 +453,14 @@ impl Simulation {
         self.outputs.element_evaluations = 0;
         if moves {
             self.outputs.element_evaluations = work::evaluations(&self.mesh);
+            let looks = self.looks_for_meetings();
+            if looks {
+                self.mesh.note_places();
+            }
             let world = World { path: self.path, body: &self.body, gravity: self.settings.gravity };
             let pushing = Pushing { constraints: &mut self.constraints, feet: &self.feet, class: contact };
             self.outputs.extremes = step::tick(&world, &mut self.mesh, pushing, &mut self.stepping, laps);
+            self.moved = if looks { self.mesh.most_moved() } else { Real::INFINITY };
             self.mesh.decay_residuals();
             laps.lap(Part::Fixed, 0);
             self.mesh.reclass_over_limit(&self.body);

@@ -4,6 +4,7 @@ use super::given::most_parameters;
 use super::parameter::Parameter;
 use super::{Settings, Simulation};
 use crate::contact::tool::{MOST_POINTS, ToolState};
+use crate::math::Real;
 use crate::model::active_mesh::Stiffening;
 use crate::model::constraint::PointMemory;
 use crate::model::meeting::{MOST_MEETINGS, Meeting};
@@ -18,6 +19,9 @@ pub struct Snapshot {
     pub tick: u64,
     /// Ticks in a row until now in which the body stood still.
     pub frozen: u32,
+    /// What display vertices moved by at most in the last tick, but for what moved them all alike [m]; infinite where that was not asked
+    /// for, as nothing meets.
+    pub moved: Real,
     /// Ticks for which supports and obstacles have followed their [motion](crate::model::Periodic) since it began: those that were
     /// simulated since the start, or the last return to it.
     pub moved_for: u64,
@@ -53,6 +57,7 @@ impl Snapshot {
         Self {
             tick: 0,
             frozen: 0,
+            moved: Real::INFINITY,
             moved_for: 0,
             prices: Prices::COMMON,
             entangled: 0,
@@ -105,7 +110,7 @@ impl Simulation {
     fn save_rest_into(&self, snapshot: &mut Snapshot) {
         snapshot.tick = self.tick;
         snapshot.frozen = self.frozen;
-        snapshot.moved_for = self.moved_for;
+        (snapshot.moved, snapshot.moved_for) = (self.moved, self.moved_for);
         snapshot.prices = self.prices;
         snapshot.entangled = self.entangled;
         snapshot.parameters.clear();
@@ -125,6 +130,7 @@ impl Simulation {
         let mut hash = xxhash_rust::xxh3::Xxh3::new();
         hash.update(&self.tick.to_le_bytes());
         hash.update(&self.frozen.to_le_bytes());
+        hash.update(&self.moved.to_le_bytes());
         hash.update(&self.moved_for.to_le_bytes());
         hash.update(bytemuck::cast_slice(&self.prices.0));
         hash.update(&self.entangled.to_le_bytes());
@@ -146,7 +152,7 @@ impl Simulation {
     pub fn load(&mut self, snapshot: &Snapshot) {
         (self.tick, self.frozen, self.entangled) = (snapshot.tick, snapshot.frozen, snapshot.entangled);
         self.prices = snapshot.prices;
-        self.moved_for = snapshot.moved_for;
+        (self.moved, self.moved_for) = (snapshot.moved, snapshot.moved_for);
         self.move_supports();
         self.assume_all(&snapshot.parameters, &snapshot.stiffening);
         self.mesh.restore(&self.body, &snapshot.body);

@@ -159,6 +159,24 @@ impl ActiveMesh {
         &self.extrapolated
     }
 
+    /// Notes where all nodes are, for [`Self::most_moved`].
+    pub fn note_places(&mut self) {
+        let Self { active, interface, motion, noted, .. } = self;
+        active.iter().chain(&*interface).for_each(|slot| noted[slot.index()] = motion.position[slot.index()]);
+    }
+
+    /// What a display vertex has moved by at most since then, but for what moved them all alike, and fades by in a tick at most [m].
+    ///
+    /// Velocities would tell more than that: what is pushed and held swings within a tick.
+    pub fn most_moved(&self) -> Real {
+        let all = || self.active.iter().chain(&self.interface);
+        let of = |slot: &Slot| vec3(&self.motion.position[slot.index()]) - vec3(&self.noted[slot.index()]);
+        let mean = all().map(of).sum::<Vec3>() / (all().count().max(1) as Real);
+        let most = all().map(|slot| (of(slot) - mean).norm_squared()).fold(0.0, Real::max).sqrt();
+        let fades = |v: &Vertex| faded(vec3(&self.geomorph[v.index()]).norm(), self.size);
+        self.lever * most + self.morphing.iter().map(fades).fold(0.0, Real::max)
+    }
+
     /// No display vertex moves by more than this when no node moves by more than one.
     pub fn lever(&self) -> Real {
         self.lever
@@ -219,16 +237,12 @@ impl ActiveMesh {
 
     /// Fades what changes of resolution have left, by one tick.
     pub fn decay_geomorph(&mut self) {
-        let (least, most) = (SLOWEST_GEOMORPH * self.size, FASTEST_GEOMORPH * self.size);
         let Self { morphing, geomorph, size, .. } = self;
         morphing.retain(|v| {
             let geomorph = &mut geomorph[v.index()];
             let away = vec3(geomorph).norm();
             if away > 1e-9 {
-                let far = (away - FAR_GEOMORPH * *size).max(0.0);
-                let near = ((away - far) * (1.0 - GEOMORPH_KEPT)).min(most).max(least).min(away);
-                let faded = near + far * (1.0 - GEOMORPH_KEPT);
-                let kept = 1.0 - faded / away;
+                let kept = 1.0 - faded(away, *size) / away;
                 geomorph[..3].iter_mut().for_each(|x| *x *= kept);
             } else if away > 0.0 {
                 geomorph[..3].fill(0.0);
@@ -236,6 +250,14 @@ impl ActiveMesh {
             *geomorph != [0.0; 4]
         });
     }
+}
+
+/// What fades in a tick of an offset of `away` [m] on a body of `size` [m].
+fn faded(away: Real, size: Real) -> Real {
+    let (least, most) = (SLOWEST_GEOMORPH * size, FASTEST_GEOMORPH * size);
+    let far = (away - FAR_GEOMORPH * size).max(0.0);
+    let near = ((away - far) * (1.0 - GEOMORPH_KEPT)).min(most).max(least).min(away);
+    near + far * (1.0 - GEOMORPH_KEPT)
 }
 
 /// Weight that a vertex may have below zero and count as one of its element.

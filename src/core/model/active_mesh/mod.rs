@@ -106,6 +106,8 @@ pub struct ActiveMesh {
     embedded: Vec<Embedding>,
     /// By display vertex: offset [m] of the displayed from the embedded place; what a change of resolution leaves, faded to zero.
     pub geomorph: Vec<Padded>,
+    /// By slot: where the node was when its place was noted.
+    noted: Vec<Padded>,
     morphing: Vec<Vertex>,
     extrapolated: Vec<Vertex>,
     lever: Real,
@@ -231,6 +233,7 @@ impl ActiveMesh {
             free: list(),
             embedded: vec![nowhere; vertices],
             geomorph: vec![[0.0; 4]; vertices],
+            noted: vec![[0.0; 4]; slots],
             morphing: Vec::with_capacity(vertices),
             extrapolated: Vec::with_capacity(vertices),
             lever: 1.0,
