@@ -174,7 +174,10 @@ impl ActiveMesh {
         let mean = all().map(of).sum::<Vec3>() / (all().count().max(1) as Real);
         let most = all().map(|slot| (of(slot) - mean).norm_squared()).fold(0.0, Real::max).sqrt();
         let fades = |v: &Vertex| faded(vec3(&self.geomorph[v.index()]).norm(), self.size);
-        self.lever * most + self.morphing.iter().map(fades).fold(0.0, Real::max)
+        // Not by the lever: what that was before is no part of the state.
+        let lever = |v: &Vertex| self.embedded[v.index()].weights.iter().map(|w| w.abs()).sum::<Real>();
+        let lever = self.extrapolated.iter().map(lever).fold(MOST_LEVER, Real::max);
+        lever * most + self.morphing.iter().map(fades).fold(0.0, Real::max)
     }
 
     /// No display vertex moves by more than this when no node moves by more than one.
@@ -262,6 +265,8 @@ fn faded(away: Real, size: Real) -> Real {
 
 /// Weight that a vertex may have below zero and count as one of its element.
 pub const MOST_ASIDE: Real = 0.2;
+/// Sum of the weights' amounts that a vertex may have which counts as one of its element: of four that sum to one, three below zero.
+const MOST_LEVER: Real = 1.0 + 2.0 * 3.0 * MOST_ASIDE;
 /// Part of the geomorph offset of a place that is left after a tick: a time constant of 285 ms, slow enough for the eye.
 const GEOMORPH_KEPT: Real = 0.9965;
 /// What a place moves by at most in a tick because of it, over the body's size: 1e-3 in a frame cannot be seen.
