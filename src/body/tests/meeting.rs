@@ -184,6 +184,28 @@ fn organs_that_collide_keep_both_momenta_to_rounding_and_gain_no_energy() {
     }
 }
 
+/// Where all is still, patches look around seldom: what is thrown then is known all the same.
+#[test]
+fn organs_that_are_thrown_together_after_they_have_lain_still_are_found_in_time() {
+    for (gap, speed) in [(0.5e-3, 1.0), (2.5e-3, 1.0), (2.5e-3, 0.3), (6e-3, 1.0)] {
+        let other = Block { position: Vec3::new(0.004, 0.001, 0.05 + gap), cells: &[5], ..SOFT };
+        let mut simulation = simulation(&[SOFT, other], 0.0, 0.2, Vec3::zeros());
+        (0..300).for_each(|_| _ = simulation.advance(&Inputs::default()));
+        let body = simulation.body().clone();
+        simulation.mesh_mut().change_motion(|n, _, v| {
+            *v = Vec3::z() * if body.organ_of(n) == OrganId(0) { 0.5 * speed } else { -0.5 * speed };
+        });
+        let (before, mut most, mut deepest) = (energy(&simulation), 0.0 as Real, 0.0 as Real);
+        for _ in 0..300 {
+            simulation.advance(&Inputs::default());
+            most = most.max(energy(&simulation));
+            deepest = simulation.meetings().iter().map(|m| m.gap).fold(deepest, Real::min);
+        }
+        println!("{speed} m/s, {:.1} mm apart: {:.2} mm deep, energy {:.4}", gap * 1e3, -deepest * 1e3, most / before);
+        assert!((-1e-3..-1e-5).contains(&deepest) && most < 1.0001 * before);
+    }
+}
+
 #[test]
 fn an_organ_that_lies_on_another_weighs_on_it_and_both_lie_still() {
     for (size, modulus, nu) in [(0.05, 3e4, 0.35), (0.02, 1e4, 0.45), (0.1, 5e4, 0.2)] {

@@ -22,8 +22,8 @@ use crate::model::organ::MOST_ORGANS;
 use crate::model::step_class::{TICK, step_of};
 use crate::model::{ActiveMesh, Body, Friction};
 
-/// Patches that are this far from another organ, or another place of their own, [m] are followed at most, so that all that come with up to
-/// 1 m/s within [`LOOKS`] ticks are known before they touch; where all is slower, only nearer ones.
+/// Patches that are this far from another organ, or another place of their own, [m] are followed, so that all that come with up to 1 m/s
+/// within [`LOOKS`] ticks are known before they touch.
 const NEAR: Real = 10e-3;
 /// Ticks in which all patches are looked at once for what they come near to, at the soonest: with fewer each takes longer, with more fast
 /// ones are found late.
@@ -37,7 +37,7 @@ const LATEST: u64 = 64;
 /// beside a patch, and turned to it since. With less, slow motion takes longer.
 const LATE: Real = MARGIN / 4.0;
 /// How much faster than now all may move until the next look: what speeds up by more within some ticks is found late, as what comes with
-/// more than 1 m/s is, and with more each look takes longer.
+/// more than 1 m/s is, and with more each tick takes longer.
 const FASTER: Real = 2.0;
 /// Coulomb's coefficients of friction between organs: of each two of them, and of each with itself where it is folded.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -102,19 +102,12 @@ pub struct Met<'a> {
 pub struct Workspace {
     surface: facing::Workspace,
     before: Vec<Meeting>,
-    /// What may overlap at rest [m]: half of what display vertices are apart.
-    overlap: Real,
 }
 
 impl Workspace {
     /// For `body`.
     pub fn new(body: &Body) -> Self {
-        let areas = body.vertex_area();
-        Self {
-            surface: facing::Workspace::new(body),
-            before: Vec::with_capacity(MOST_MEETINGS),
-            overlap: 0.5 * (areas.iter().sum::<Real>() / areas.len().max(1) as Real).sqrt(),
-        }
+        Self { surface: facing::Workspace::new(body), before: Vec::with_capacity(MOST_MEETINGS) }
     }
 }
 
@@ -122,11 +115,11 @@ impl Workspace {
 /// tick and receives this tick's, by patch and other organ. No more than `room` of them are new.
 pub fn meet(organs: &Organs, moved: Moved, room: u32, memory: &mut Vec<Meeting>, out: Met, work: &mut Workspace) {
     let (now, Met { found, feet }) = (organs.now(), out);
-    let Workspace { surface: work, before, overlap } = work;
+    let Workspace { surface: work, before } = work;
     std::mem::swap(memory, before);
     memory.clear();
     work.begin(now);
-    let nearer = Nearer { by: 2.0 * FASTER * moved.by, overlap: *overlap };
+    let nearer = Nearer(2.0 * FASTER * moved.by);
     let looks = if moved.ticks < LATEST { LOOKS } else { nearer.looks() };
     for &m in &*before {
         if !(moved.ticks + u64::from(m.patch)).is_multiple_of(nearer.rest(m.gap)) {
@@ -134,15 +127,14 @@ pub fn meet(organs: &Organs, moved: Moved, room: u32, memory: &mut Vec<Meeting>,
             continue;
         }
         let seen = Patch::of(now, m.patch, work).and_then(|patch| patch.follow(now, m.triangle, work));
-        if let Some(seen) = seen.filter(|seen| seen.gap < nearer.within(looks.max(LOOKS_AT_ITSELF))) {
+        if let Some(seen) = seen.filter(|seen| seen.gap < NEAR) {
             let Seen { triangle, weights, gap, normal, share, .. } = seen;
             memory.push(Meeting { triangle, weights, gap, normal, share, ..m });
         }
     }
     let mut room = Room { left: room, memory };
-    look_at_others(organs, Look { tick: moved.ticks, every: looks, near: nearer.within(looks) }, &mut room, work);
-    let looks = looks.max(LOOKS_AT_ITSELF);
-    look_at_themselves(organs, Look { tick: moved.ticks, every: looks, near: nearer.within(looks) }, &mut room, work);
+    look_at_others(organs, Look { tick: moved.ticks, every: looks }, &mut room, work);
+    look_at_themselves(organs, Look { tick: moved.ticks, every: looks.max(LOOKS_AT_ITSELF) }, &mut room, work);
     let on = &work.shown(now);
     for m in memory.iter_mut() {
         m.held = m.gap < MARGIN;
@@ -179,14 +171,12 @@ impl Room<'_> {
     }
 }
 
-/// Which patches look, and how far.
+/// Which patches look.
 #[derive(Clone, Copy, Debug)]
 struct Look {
     tick: u64,
     /// Each in so many ticks.
     every: u64,
-    /// [m].
-    near: Real,
 }
 
 impl Look {
@@ -198,14 +188,13 @@ impl Look {
 
 /// Finds what some of the patches come near to on other organs.
 fn look_at_others(organs: &Organs, look: Look, room: &mut Room, work: &mut facing::Workspace) {
-    let near = look.near;
     let Organs { body, mesh, .. } = *organs;
     let patches = body.patches();
     if body.organs().len() == 1 {
         return;
     }
     let boxes = boxes(body, mesh);
-    let window = window(&boxes, near, body.organs().len());
+    let window = window(&boxes, body.organs().len());
     work.beside.clear();
     for i in (0..patches.count()).filter(|i| look.is_of(*i)) {
         let far = MOST_STRETCH * patches.extent(i).reach;
@@ -218,10 +207,10 @@ fn look_at_others(organs: &Organs, look: Look, room: &mut Room, work: &mut facin
         let own = patches.organ(i);
         for other in (0..body.organs().len()).map(OrganId::at).filter(|other| *other != own) {
             let Some(place) = room.place(i, other) else { continue };
-            if room.is_full() || !boxes[other.index()].grown(near).contains(&patch.place) {
+            if room.is_full() || !boxes[other.index()].grown(NEAR).contains(&patch.place) {
                 continue;
             }
-            if let Some(seen) = patch.look(organs.now(), near, patches.of_organ(other), false, work) {
+            if let Some(seen) = patch.look(organs.now(), NEAR, patches.of_organ(other), false, work) {
                 room.insert(place, met_anew(seen, i, other));
             }
         }
@@ -237,7 +226,7 @@ fn look_at_themselves(organs: &Organs, look: Look, room: &mut Room, work: &mut f
         work.beside.clear();
         patches.beside(i).iter().for_each(|of| _ = work.beside.visit(*of as usize));
         let seen = Patch::of(organs.now(), i, work)
-            .and_then(|patch| patch.look(organs.now(), look.near, patches.of_organ(own), true, work));
+            .and_then(|patch| patch.look(organs.now(), NEAR, patches.of_organ(own), true, work));
         if let Some(seen) = seen {
             room.insert(place, met_anew(seen, i, own));
         }
@@ -263,22 +252,11 @@ fn met_anew(seen: Seen, patch: u32, other: OrganId) -> Meeting {
     }
 }
 
-/// How fast what is apart comes together.
+/// How much nearer two places come within a tick at most [m].
 #[derive(Clone, Copy, Debug)]
-struct Nearer {
-    /// How much nearer two places come within a tick at most [m].
-    by: Real,
-    /// What may overlap at rest [m].
-    overlap: Real,
-}
+struct Nearer(Real);
 
 impl Nearer {
-    /// What is farther apart [m], or overlaps by more, comes to be a constraint in so many ticks at the soonest.
-    fn within(self, ticks: u64) -> Real {
-        let least = MARGIN.max(self.overlap);
-        (least + self.by * ticks as Real).min(least.max(NEAR))
-    }
-
     /// Ticks, a power of two, within which what is this far apart [m] does not come to be a constraint.
     fn rest(self, gap: Real) -> u64 {
         1 << self.ticks(gap - MARGIN).clamp(1, LATEST).ilog2()
@@ -291,15 +269,15 @@ impl Nearer {
 
     /// Until two places are this much nearer [m].
     fn ticks(self, way: Real) -> u64 {
-        (way / self.by.max(Real::MIN_POSITIVE)) as u64
+        (way / self.0.max(Real::MIN_POSITIVE)) as u64
     }
 }
 
-/// Around all places where the boxes of two of so many organs are `near` each other [m].
-fn window(boxes: &[Bounds; MOST_ORGANS], near: Real, organs: usize) -> Bounds {
+/// Around all places where the boxes of two of so many organs are near each other [m].
+fn window(boxes: &[Bounds; MOST_ORGANS], organs: usize) -> Bounds {
     let pairs = (0..organs).flat_map(|i| (0..i).map(move |j| (i, j)));
     let shared = pairs.map(|(i, j)| {
-        let (a, b) = (boxes[i].grown(near), boxes[j].grown(near));
+        let (a, b) = (boxes[i].grown(NEAR), boxes[j].grown(NEAR));
         Bounds::new(a.low.sup(&b.low), a.high.inf(&b.high))
     });
     let is_any = |shared: &Bounds| (0..3).all(|c| shared.low[c] <= shared.high[c]);
