@@ -1,6 +1,6 @@
 //! Safety of the hand: the rendered force is bounded, changes at a bounded rate, and rises and falls on ramps.
 
-use super::tool::{Phase, TRANSITION_TICKS, ToolState, Wrench};
+use super::tool::{Phase, ToolState, Wrench};
 use crate::math::{Real, is_finite};
 
 /// Bounds on what is rendered. The slew limit is a net set well above what tissue does (a hard tap changes the force
@@ -14,11 +14,6 @@ pub struct ForceLimits {
     /// Fastest change of the force [N/s]; the torque changes at `slew · torque/force` at most.
     pub slew: Real,
 }
-
-/// Part of the force by which it may change in the first tick while the tool settles, and the least such change [N]; in
-/// the last it is five times as much, 5 % or 10 mN: less than what a hand can tell.
-const TRANSITION_CHANGE: Real = 0.01;
-const LEAST_TRANSITION_CHANGE: Real = 0.002;
 
 /// Why the rendered force differs from the physical one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -52,15 +47,8 @@ pub fn render(tool: &mut ToolState, physical: &Wrench, limits: &ForceLimits, tic
         torque *= factor;
         limited.clamped = true;
     }
-    let mut slew = limits.slew;
-    if tool.transition > 0 {
-        tool.transition -= 1;
-        // Ever faster, so that nothing is left to catch up with in the end.
-        let faster = 1.0 + Real::from(TRANSITION_TICKS - tool.transition.min(TRANSITION_TICKS)) / 8.0;
-        slew = slew.min(faster * (TRANSITION_CHANGE * tool.force.norm()).max(LEAST_TRANSITION_CHANGE) / tick);
-    }
     for (now, before, rate) in
-        [(&mut force, tool.force, slew), (&mut torque, tool.torque, slew * limits.torque / limits.force)]
+        [(&mut force, tool.force, limits.slew), (&mut torque, tool.torque, limits.slew * limits.torque / limits.force)]
     {
         let change = *now - before;
         let size = change.norm();
@@ -70,7 +58,7 @@ pub fn render(tool: &mut ToolState, physical: &Wrench, limits: &ForceLimits, tic
         }
     }
     // Of jaws apart from the wrench, as their motor is another, with the limits of a torque.
-    let (grip, change) = (physical.grip * scale, slew * limits.torque / limits.force * tick);
+    let (grip, change) = (physical.grip * scale, limits.slew * limits.torque / limits.force * tick);
     let bounded = grip.max(-limits.torque).min(limits.torque);
     let rendered = bounded.max(tool.jaws.torque - change).min(tool.jaws.torque + change);
     (limited.clamped, limited.slew) = (limited.clamped || bounded != grip, limited.slew || rendered != bounded);

@@ -148,8 +148,6 @@ pub struct ToolState {
     pub speed_limited: bool,
     /// Part of the physical force that is rendered, 0..=1.
     pub ramp: Real,
-    /// Ticks for which the rendered force follows slowly, after the resolution has changed under the tool.
-    pub transition: u32,
     /// Force of the contact on the tool [N], last tick.
     pub physical_force: Vec3,
     /// Moment about the reference point [N·m], last tick.
@@ -169,9 +167,6 @@ pub struct Following {
     pub engage_ticks: u32,
 }
 
-/// Ticks in which a change of resolution under a tool rings down.
-pub const TRANSITION_TICKS: u32 = 32;
-
 /// Ticks without wrenches from which a client lets the force fall, and at which it has none: the contract's law for clients.
 const CLIENT_FADE: (u32, u32) = (20, 70);
 
@@ -182,12 +177,6 @@ impl ToolState {
     /// True when the tool pushes the body.
     pub fn touches(&self) -> bool {
         matches!(self.phase, Phase::Engaged | Phase::Holding)
-    }
-
-    /// The resolution has changed under the tool: lighter or heavier nodes find their balance within some ticks, and the
-    /// hand need not feel them do it.
-    pub fn begin_transition(&mut self) {
-        self.transition = self.transition.max(TRANSITION_TICKS);
     }
 
     /// `ticks` pass in which the machine was away. Poses age, and the hand has heard nothing: its client has let the force

@@ -50,8 +50,6 @@ impl Simulation {
                 Parameter::Shape { tool, .. } if is_another => self.forget_contacts_of(usize::from(tool)),
                 _ => {}
             }
-            // The body finds another balance, and the hand need not feel how.
-            self.tools.iter_mut().filter(|tool| tool.touches()).for_each(|tool| tool.begin_transition());
         }
     }
 

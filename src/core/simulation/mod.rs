@@ -398,7 +398,6 @@ impl Simulation {
             let adapted = &self.outputs.adapted;
             if adapted.splits + adapted.merges > 0 {
                 self.detection.follow_change(&self.body, &self.mesh);
-                self.begin_transitions();
                 laps.lap(Part::Change, 0);
             }
         }
@@ -407,16 +406,6 @@ impl Simulation {
         laps.lap(Part::PatchPoint, 0);
         self.mesh.reclass_part(&self.body, ticks % RECLASS_TICKS, RECLASS_TICKS);
         laps.lap(Part::Fixed, 0);
-    }
-
-    /// Tools that touch what now hangs on other elements follow their force slowly for a while.
-    fn begin_transitions(&mut self) {
-        for (tool, points) in self.tools.iter_mut().zip(&self.points) {
-            let mut corners = points.iter().flat_map(|p| self.body.corners_of_point(p.point));
-            if corners.any(|v| self.mesh.reembedded().contains(&v)) {
-                tool.begin_transition();
-            }
-        }
     }
 
     /// Time that the tick may take [ns].

@@ -12,7 +12,7 @@ pub use writer::RecordingWriter;
 
 /// Version of what `RecordingStart`, with the body in it, `TickInputs`, the hashes and the surface mean. A change of the
 /// physics does not change it: replay says where the result differs.
-pub const FORMAT: u32 = 30;
+pub const FORMAT: u32 = 31;
 
 /// Why a recording cannot be written or read.
 #[derive(Debug, thiserror::Error)]

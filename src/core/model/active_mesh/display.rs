@@ -37,11 +37,6 @@ impl Embedding {
 }
 
 impl ActiveMesh {
-    /// Display vertices that the last change hung on another element.
-    pub fn reembedded(&self) -> &[Vertex] {
-        &self.work.reembedded
-    }
-
     /// Display vertices that it looked at: all others hang as before, on nodes that it left where they were.
     pub fn revisited(&self) -> &[Vertex] {
         &self.work.revisited
@@ -99,7 +94,6 @@ impl ActiveMesh {
     /// would jump by from where the nodes were goes into the geomorph offset. Only those that may hang elsewhere now, or on a node that
     /// has moved, are looked at.
     pub(super) fn reattach(&mut self, body: &Body) {
-        self.work.reembedded.clear();
         let may_hang_elsewhere = self.find_shifted(body);
         let revisited = std::mem::take(&mut self.work.revisited);
         // Those on it are looked at again.
@@ -117,9 +111,6 @@ impl ActiveMesh {
             let jump = place - vec3(&self.place(now));
             let geomorph = &mut self.geomorph[v.index()];
             let faded = *geomorph == [0.0; 4];
-            if now.element != before.element {
-                self.work.reembedded.push(v);
-            }
             // What has not moved but by rounding stays exactly where it is.
             if jump.norm_squared() > 1e-24 {
                 (0..3).for_each(|c| geomorph[c] += jump[c]);

@@ -165,7 +165,6 @@ struct Work {
     /// Display vertices that may hang elsewhere, or on what has moved.
     revisited: Vec<Vertex>,
     noted_vertices: Visited,
-    reembedded: Vec<Vertex>,
     concerned: Vec<Element>,
     concerned_stars: Vec<Node>,
     /// Forces of one element on its nodes [N].
@@ -277,7 +276,6 @@ impl ActiveMesh {
                 moved_slots: Visited::new(slots),
                 revisited: Vec::with_capacity(vertices),
                 noted_vertices: Visited::new(vertices),
-                reembedded: Vec::with_capacity(vertices),
                 concerned: Vec::with_capacity(body.element_count()),
                 concerned_stars: Vec::with_capacity(if plain { 0 } else { body.node_count() }),
                 weighed: Vec::with_capacity(4.max(1 + body.stars().most_neighbours())),
