@@ -47,7 +47,8 @@ fn contact_radius(depth: Real) -> Real {
     (RADIUS * depth).sqrt()
 }
 
-fn on_its_bottom(size: Vec3) -> Vec<Region> {
+/// What holds a block of this `size` [m].
+pub fn on_its_bottom(size: Vec3) -> Vec<Region> {
     vec![Region { bounds: Bounds::new(Vec3::zeros(), Vec3::new(size.x, size.y, 0.0)), stiffness: None, exact: false }]
 }
 

@@ -18,6 +18,7 @@
 //! | [`compare`] | the tables: rows, weights |
 //! | [`press`] | a punch pressed deep into a cube, under every law |
 //! | [`indentation`] | a ball in a block against the continuum: the dent below the mesh's size |
+//! | [`slides`] | tools that slide over a block: how even the force is |
 //! | [`relax`] | bodies brought to rest |
 //! | [`trial`] | a body of the core with one ball |
 //! | [`touch`] | the core under a tool: error against cost, a cut budget |
@@ -44,6 +45,7 @@ pub mod printed;
 pub mod relax;
 pub mod report;
 pub mod rows;
+pub mod slides;
 pub mod stability;
 pub mod touch;
 pub mod trial;
@@ -64,7 +66,7 @@ pub struct Study {
 }
 
 /// All studies, in the order in which they run.
-pub const STUDIES: [Study; 9] = [
+pub const STUDIES: [Study; 10] = [
     Study { name: "claims", about: "the paper, claim by claim: as printed, and as shipped", work: claims::claims },
     Study { name: "depth", about: "force against depth of a punch, under every law", work: press::depth },
     Study { name: "rows", about: "interface rows: hosts against moving least squares", work: compare::rows_compared },
@@ -84,6 +86,7 @@ pub const STUDIES: [Study; 9] = [
         about: "a ball in a block: the dent below the mesh's size",
         work: indentation::indentation,
     },
+    Study { name: "slides", about: "tools that slide over a block: how even the force is", work: slides::slides },
     Study { name: "overload", about: "the work budget cut tenfold in a press", work: touch::overload },
     Study {
         name: "stability",

@@ -1,4 +1,4 @@
-//! A body of the core with one ball, as the studies run it: a hand without limits, and the shipped stepping, contact and
+//! A body of the core with one tool, as the studies run it: a hand without limits, and the shipped stepping, contact and
 //! adaptation.
 
 use super::levels::Levels;
@@ -18,8 +18,8 @@ use std::sync::Arc;
 /// What a body is tried with.
 #[derive(Clone, Debug)]
 pub struct Trial {
-    /// Radius of the ball [m].
-    pub radius: Real,
+    /// What is held.
+    pub shape: Shape,
     /// Field [m/s²].
     pub gravity: Vec3,
     /// When to refine and coarsen; `None` keeps the active nodes.
@@ -29,12 +29,12 @@ pub struct Trial {
 impl Trial {
     /// A ball of `radius` [m], no gravity.
     pub fn ball(radius: Real, adaptivity: Option<Adaptivity>) -> Self {
-        Self { radius, gravity: Vec3::zeros(), adaptivity }
+        Self { shape: Shape::ball(radius), gravity: Vec3::zeros(), adaptivity }
     }
 
     /// In the field `gravity` [m/s²], without a tool that matters, on fixed active nodes.
     pub fn hanging(gravity: Vec3) -> Self {
-        Self { radius: 0.01, gravity, adaptivity: None }
+        Self { gravity, ..Self::ball(0.01, None) }
     }
 
     /// `body` at rest on one level, the ball not yet held.
@@ -58,7 +58,7 @@ impl Trial {
     fn on(&self, body: &Arc<Body>, state: State) -> Result<Simulation> {
         let settings = Settings {
             gravity: self.gravity,
-            tools: vec![Tool { name: "ball".into(), shape: Shape::ball(self.radius), friction: 0.0, pivot: None }],
+            tools: vec![Tool { name: "tool".into(), shape: self.shape.clone(), friction: 0.0, pivot: None }],
             obstacles: vec![],
             organ_friction: Default::default(),
             support_motions: vec![],
@@ -83,7 +83,11 @@ pub fn detached() -> Inputs {
 
 /// The ball is held with its centre at `position` [m]; `sequence` counts up.
 pub fn held_at(sequence: u32, position: Vec3) -> Inputs {
-    let pose = Pose { position, ..Pose::default() };
+    posed(sequence, Pose { position, ..Pose::default() })
+}
+
+/// The tool is held at `pose`; `sequence` counts up.
+pub fn posed(sequence: u32, pose: Pose) -> Inputs {
     with(ToolEvent::Pose(PoseSample { sequence, time_ns: 0, pose, buttons: 0, opening: 0.0 }))
 }
 
