@@ -122,7 +122,7 @@ fn nodule(rest: Material, contrast: Real) -> Vec<Inclusion> {
     let Bounds { low, high } = liver_surface(0.008).bounds();
     let place = Reach::Ball((low + high) / 2.0, 0.02);
     let (youngs_modulus, poisson_ratio) = (contrast * rest.youngs_modulus(), rest.poisson_ratio());
-    vec![Inclusion { place: place.into(), youngs_modulus, poisson_ratio, density: rest.density }]
+    vec![Inclusion { place: place.into(), youngs_modulus, poisson_ratio, density: rest.density, neo_hookean: 0.0 }]
 }
 
 /// The lowest part of the liver, up to `height` [m].
@@ -184,7 +184,13 @@ fn a_heavy_place_gives_every_level_its_mass_centre_and_inertia() {
     let (radius, denser) = (0.012, 15_000.0);
     let place = |density: Real| {
         let at = Moments::of_surface(&liver_surface(0.008)).centre + Vec3::new(0.02, 0.0, 0.0);
-        vec![Inclusion { place: Reach::Ball(at, radius).into(), youngs_modulus: 4e3, poisson_ratio: 0.45, density }]
+        vec![Inclusion {
+            place: Reach::Ball(at, radius).into(),
+            youngs_modulus: 4e3,
+            poisson_ratio: 0.45,
+            density,
+            neo_hookean: 0.0,
+        }]
     };
     let shape = || Shape::closed(liver_surface(0.008), vec![0.019, 0.012]);
     let of = |density| Recipe { inclusions: place(density), shape: shape(), ..recipe(soft, 1.0, below(0.04), 0.15) };
@@ -231,8 +237,8 @@ fn files_that_are_no_prepared_bodies_are_refused_with_what_to_do() {
         (bytes[..10].to_vec(), "cut off"),
         (bytes[..bytes.len() - 1].to_vec(), "cut off"),
         ([bytes.clone(), vec![0]].concat(), "added to"),
-        (changed(8, 9), "format 9, this palpate reads format 7: update palpate"),
-        (changed(8, 0), "format 0, this palpate reads format 7: prepare it again"),
+        (changed(8, 9), "format 9, this palpate reads format 8: update palpate"),
+        (changed(8, 0), "format 0, this palpate reads format 8: prepare it again"),
         (changed(bytes.len() / 2, bytes[bytes.len() / 2] ^ 1), "checksum"),
     ] {
         let e = refused(&bytes);

@@ -59,13 +59,13 @@ impl Slider {
         if self.length > 0.0 { Shape::capsule(self.radius, self.length) } else { Shape::ball(self.radius) }
     }
 
-    /// Force of the continuum [N]: Hertz's ball on a layer that is bonded below (Dimitriadis 2002), softened by large strain; `None` where
+    /// Force of the continuum [N]: Hertz's ball on a layer that is bonded below (Dimitriadis 2002), softened as large strain softens the material; `None` where
     /// no closed form is known.
-    fn continuum(&self, poisson_ratio: Real) -> Option<Real> {
+    fn continuum(&self, material: &Material) -> Option<Real> {
         if self.length > 0.0 {
             return None;
         }
-        let (nu, contact) = (poisson_ratio, (self.radius * self.depth).sqrt());
+        let (nu, contact) = (material.poisson_ratio(), (self.radius * self.depth).sqrt());
         let hertz = 4.0 / 3.0 * YOUNGS_MODULUS / (1.0 - nu * nu) * contact * self.depth;
         let chi = contact / SIZE.z;
         let alpha = -(1.2876 - 1.4678 * nu + 1.3442 * nu * nu) / (1.0 - nu);
@@ -74,14 +74,14 @@ impl Slider {
         let fourth = 16.0 * alpha / PI.powi(4) * (alpha.powi(3) + 3.0 * PI * PI / 5.0 * beta);
         let layer = 1.0 - 2.0 * alpha / PI * chi + second * chi.powi(2) - 8.0 / PI.powi(3) * third * chi.powi(3)
             + fourth * chi.powi(4);
-        Some(hertz * layer / (1.0 + Material::softening(nu, contact / self.radius)))
+        Some(hertz * layer / (1.0 + material.softening(contact / self.radius)))
     }
 }
 
 /// What it slides on.
 #[derive(Clone, Copy, Debug)]
 struct Ground {
-    poisson_ratio: Real,
+    material: Material,
     elements: Elements,
     /// Of the finest level [m].
     spacing: Real,
@@ -94,13 +94,21 @@ impl Ground {
         format!("{:.1} mm{}", 1e3 * self.spacing, if self.adaptive { ", adaptive" } else { "" })
     }
 
+    fn words(&self) -> &'static str {
+        match self.elements {
+            Elements::Tetrahedra if self.material.neo_hookean > 0.0 => "tetrahedra, neo-Hookean",
+            Elements::Tetrahedra => "tetrahedra",
+            Elements::Smoothed => "smoothed",
+        }
+    }
+
     fn body(&self) -> Result<Arc<Body>> {
         let coarser = [3.2, 1.8].map(|wider| wider * self.spacing);
         let spacings = coarser.into_iter().filter(|s| self.adaptive && *s < 0.5 * SIZE.z).chain([self.spacing]);
         let recipe = Recipe {
             name: "block".into(),
             shape: prepare::Shape::closed(box_surface(SIZE, [40, 40, 20]), spacings.collect()),
-            material: Material::from_young(YOUNGS_MODULUS, self.poisson_ratio, 1000.0),
+            material: self.material,
             inclusions: vec![],
             holds: on_its_bottom(SIZE),
             elements: self.elements,
@@ -160,22 +168,25 @@ fn evenness(felt: &[(Real, Real)], continuum: Option<Real>) -> Evenness {
 /// # Errors
 /// When a picture cannot be written.
 pub fn slides(out: &Path, progress: Progress) -> Result<String> {
+    let (plain, smoothed) = (Elements::Tetrahedra, Elements::Smoothed);
+    let green = |nu| Material::from_young(YOUNGS_MODULUS, nu, 1000.0);
     let of = [
-        (0.3, Elements::Tetrahedra),
-        (0.45, Elements::Tetrahedra),
-        (0.45, Elements::Smoothed),
-        (0.49, Elements::Smoothed),
+        (green(0.3), plain),
+        (green(0.45), plain),
+        (green(0.45).as_neo_hookean(), plain),
+        (green(0.45), smoothed),
+        (green(0.49), smoothed),
     ];
     let spacings = [0.0125, 0.008].into_iter().flat_map(|spacing| [false, true].map(|adaptive| (spacing, adaptive)));
     let grounds: Vec<Ground> = of
         .into_iter()
-        .flat_map(|(poisson_ratio, elements)| {
-            spacings.clone().map(move |(spacing, adaptive)| Ground { poisson_ratio, elements, spacing, adaptive })
+        .flat_map(|(material, elements)| {
+            spacings.clone().map(move |(spacing, adaptive)| Ground { material, elements, spacing, adaptive })
         })
         .collect();
     let mut runs = Vec::new();
     for ground in &grounds {
-        progress(&format!("{} at ν = {}, {}", ground.name(), ground.poisson_ratio, words(ground.elements)));
+        progress(&format!("{} at ν = {:.2}, {}", ground.name(), ground.material.poisson_ratio(), ground.words()));
         let body = ground.body()?;
         let felt: Vec<_> =
             SLIDERS.par_iter().map(|slider| slide(&body, ground.adaptive, slider)).collect::<Result<_>>()?;
@@ -184,8 +195,8 @@ pub fn slides(out: &Path, progress: Progress) -> Result<String> {
     let mut rows = Vec::new();
     for (ground, felt) in grounds.iter().zip(&runs) {
         for (slider, felt) in SLIDERS.iter().zip(felt) {
-            let e = evenness(felt, slider.continuum(ground.poisson_ratio));
-            let mut row = vec![format!("{}", ground.poisson_ratio), words(ground.elements).into(), ground.name()];
+            let e = evenness(felt, slider.continuum(&ground.material));
+            let mut row = vec![format!("{:.2}", ground.material.poisson_ratio()), ground.words().into(), ground.name()];
             row.extend([slider.name.into(), format!("{:.1}", 1e3 * e.mean)]);
             row.extend([e.bias.map_or("–".into(), |bias| format!("{bias:+.1}"))]);
             row.extend([format!("{:.1}", e.apart), format!("{:.2}", e.step)]);
@@ -197,7 +208,7 @@ pub fn slides(out: &Path, progress: Progress) -> Result<String> {
         .enumerate()
         .map(|(k, slider)| {
             let shown = |ground: &Ground| {
-                ground.poisson_ratio == 0.45 && (ground.adaptive || ground.elements == Elements::Tetrahedra)
+                ground.material == green(0.45) && (ground.adaptive || ground.elements == Elements::Tetrahedra)
             };
             let curve = |(ground, felt): (&Ground, &Vec<Vec<(Real, Real)>>)| {
                 let mean = evenness(&felt[k], None).mean;
@@ -237,13 +248,6 @@ pub fn slides(out: &Path, progress: Progress) -> Result<String> {
     table(out, "slides-table", &header, &rows)
 }
 
-fn words(elements: Elements) -> &'static str {
-    match elements {
-        Elements::Tetrahedra => "tetrahedra",
-        Elements::Smoothed => "smoothed",
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -253,12 +257,12 @@ mod tests {
         let of = |depth: Real| {
             let pressed = ball("", 0.01, depth);
             let hertz = 4.0 / 3.0 * YOUNGS_MODULUS / (1.0 - 0.35 * 0.35) * pressed.radius.sqrt() * depth.powf(1.5);
-            pressed.continuum(0.35).unwrap() / hertz
+            pressed.continuum(&Material::from_young(YOUNGS_MODULUS, 0.35, 1000.0)).unwrap() / hertz
         };
         assert!((of(1e-9) - 1.0).abs() < 1e-4);
         // Contact radius 1 mm: the layer gives 1.4 %, large strain takes 4 %.
         assert!((0.96..0.99).contains(&of(1e-4)), "{}", of(1e-4));
-        assert!(SLIDERS[3].continuum(0.35).is_none());
+        assert!(SLIDERS[3].continuum(&Material::from_young(YOUNGS_MODULUS, 0.35, 1000.0)).is_none());
     }
 
     #[test]

@@ -16,8 +16,13 @@ const CONTRAST: Real = 10.0;
 
 fn block(nodule: bool) -> Arc<Body> {
     let place = Reach::Ball(Vec3::new(BLOCK.x / 2.0, BLOCK.y / 2.0, BLOCK.z - DEPTH), RADIUS);
-    let inclusion =
-        Inclusion { place: place.into(), youngs_modulus: CONTRAST * SOFT, poisson_ratio: 0.45, density: 1050.0 };
+    let inclusion = Inclusion {
+        place: place.into(),
+        youngs_modulus: CONTRAST * SOFT,
+        poisson_ratio: 0.45,
+        density: 1050.0,
+        neo_hookean: 0.0,
+    };
     let recipe = Recipe {
         name: "block".into(),
         shape: Shape::closed(box_surface(BLOCK, [16, 12, 8]), vec![0.016, 0.009, 0.005]),

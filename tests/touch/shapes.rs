@@ -333,7 +333,7 @@ fn a_ball_that_slides_over_an_adaptive_face_that_cuts_elements_keeps_its_force()
 fn a_wide_ball_that_slides_in_small_strain_keeps_its_force_whatever_the_size_of_elements() {
     let (radius, depth): (Real, Real) = (0.04, 0.75e-3);
     let hertz = 4.0 / 3.0 * 1e4 / (1.0 - 0.35 * 0.35) * radius.sqrt() * depth.powf(1.5);
-    let continuum = hertz / (1.0 + Material::softening(0.35, (depth / radius).sqrt()));
+    let continuum = hertz / (1.0 + Material::from_young(1e4, 0.35, 1.0).softening((depth / radius).sqrt()));
     for (i, spacing) in [0.0125, 0.0085].into_iter().enumerate() {
         let cover = covered(&[0.03, spacing], 40, radius);
         for (k, beside) in TRACKS.into_iter().enumerate() {

@@ -36,11 +36,14 @@ pub struct Inclusion {
     pub poisson_ratio: Real,
     /// Density [kg/m³].
     pub density: Real,
+    /// As [`Material::neo_hookean`].
+    pub neo_hookean: Real,
 }
 
 impl Inclusion {
     fn material(&self) -> Material {
-        Material::from_young(self.youngs_modulus, self.poisson_ratio, self.density)
+        let material = Material::from_young(self.youngs_modulus, self.poisson_ratio, self.density);
+        Material { neo_hookean: self.neo_hookean, ..material }
     }
 }
 
@@ -214,12 +217,12 @@ mod tests {
     use palpate_core::geometry::primitives::box_surface;
     use palpate_core::math::Bounds;
 
-    const BASE: Material = Material { lambda: 2e4, mu: 1e4, phi: 2.0, psi: 1.0, density: 1000.0 };
+    const BASE: Material = Material { lambda: 2e4, mu: 1e4, phi: 2.0, psi: 1.0, density: 1000.0, neo_hookean: 0.0 };
 
     /// A place that is stiffer than [`BASE`] by `factor`.
     fn stiff(place: Reach, factor: Real) -> Inclusion {
         let (youngs_modulus, poisson_ratio) = (factor * BASE.youngs_modulus(), BASE.poisson_ratio());
-        Inclusion { place: place.into(), youngs_modulus, poisson_ratio, density: 1500.0 }
+        Inclusion { place: place.into(), youngs_modulus, poisson_ratio, density: 1500.0, neo_hookean: 0.0 }
     }
 
     fn levels() -> Vec<Level> {

@@ -1,26 +1,31 @@
 //! A body on an obstacle: it carries the weight, holds and slides by Coulomb's law, and is followed where it moves.
 
-use palpate_body::prepare::{self, Recipe, prepare};
+use palpate_body::prepare::{self, Elements, Recipe, prepare};
 use palpate_core::contact::obstacle::{Form, Obstacle};
 use palpate_core::contact::safety::ForceLimits;
 use palpate_core::contact::tool::{Coupling, Following, Part, PoseSample, Shape, Tool, ToolEvent, ToolState};
 use palpate_core::feedback::relaxed::Probe;
 use palpate_core::geometry::primitives::box_mesh;
 use palpate_core::ids::Slot;
-use palpate_core::math::{Pose, Real, Vec3};
+use palpate_core::math::{Mat3, Pose, Real, Vec3};
+use palpate_core::model::energy::{deformation_gradient, energy};
 use palpate_core::model::{Body, Material, Periodic};
 use palpate_core::simulation::{Inputs, Settings, Simulation, Snapshot, TICK};
 use std::sync::Arc;
 
 fn block(size: Vec3, cells: &[u32], youngs_modulus: Real, poisson_ratio: Real) -> Arc<Body> {
+    block_of(Material::from_young(youngs_modulus, poisson_ratio, 1000.0), Elements::Tetrahedra, 0.15, size, cells)
+}
+
+fn block_of(material: Material, elements: Elements, damping_ratio: Real, size: Vec3, cells: &[u32]) -> Arc<Body> {
     let recipe = Recipe {
         name: "block".into(),
         shape: prepare::Shape::meshes(cells.iter().map(|n| box_mesh(size, [*n; 3]))),
-        material: Material::from_young(youngs_modulus, poisson_ratio, 1000.0),
+        material,
         inclusions: vec![],
         holds: vec![],
-        elements: Default::default(),
-        damping_ratio: 0.15,
+        elements,
+        damping_ratio,
     };
     prepare(&recipe, &mut |_, _, _| {}).unwrap().into()
 }
@@ -30,10 +35,14 @@ fn floor(friction: Real) -> Obstacle {
 }
 
 fn on(body: &Arc<Body>, obstacle: Obstacle, gravity: Vec3, level: usize) -> Simulation {
+    between(body, vec![obstacle], gravity, level)
+}
+
+fn between(body: &Arc<Body>, obstacles: Vec<Obstacle>, gravity: Vec3, level: usize) -> Simulation {
     let settings = Settings {
         gravity,
         tools: vec![],
-        obstacles: vec![obstacle],
+        obstacles,
         organ_friction: Default::default(),
         support_motions: vec![],
         following: Following { speed: 1.0, engage_ticks: 10 },
@@ -244,5 +253,93 @@ fn a_body_on_a_floor_that_moves_goes_on_from_a_snapshot_to_the_same_bits() {
         let force = simulation.advance(&Inputs::default()).obstacles[0];
         assert_eq!(again.advance(&Inputs::default()).obstacles[0], force);
         assert_eq!(again.hash(), simulation.hash());
+    }
+}
+
+/// Force over the area at rest [Pa] of `material` that is squeezed to `stretch` and free across, by its closed form.
+fn squeezed(material: &Material, stretch: Real) -> Real {
+    let (lambda, mu) = (material.lambda, material.mu);
+    if material.neo_hookean == 0.0 {
+        // S = E (stretch² − 1)/2, and across E free of stress.
+        return material.youngs_modulus() * stretch * 0.5 * (stretch * stretch - 1.0);
+    }
+    let swelling = |across: Real| (lambda + mu) * (stretch * across * across - 1.0) - mu;
+    // μ across + swelling · stretch · across = 0, by halving.
+    let (mut low, mut high) = (1.0, 2.0);
+    for _ in 0..60 {
+        let middle = 0.5 * (low + high);
+        *(if mu + swelling(middle) * stretch < 0.0 { &mut low } else { &mut high }) = middle;
+    }
+    mu * stretch + swelling(low) * low * low
+}
+
+/// Both laws as a textbook has them, in the large: also on smoothed elements and for a mixture of both.
+#[test]
+fn a_block_between_smooth_plates_pushes_back_as_the_closed_form_of_its_law_says() {
+    let (size, down) = (Vec3::new(0.04, 0.04, 0.04), [1.0, 0.0, 0.0, 0.0]);
+    for (nu, elements) in [(0.3, Elements::Tetrahedra), (0.45, Elements::Tetrahedra), (0.45, Elements::Smoothed)] {
+        let green = Material::from_young(2e4, nu, 1000.0);
+        let mut forces = Vec::new();
+        for material in [green, green.as_neo_hookean()] {
+            let body = block_of(material, elements, 0.15, size, &[4]);
+            let motion = Periodic { displacement: Vec3::z() * -0.2 * size.z, period: 4000, parts: [0.4, 0.6, 0.0] };
+            let at = Pose { position: Vec3::z() * size.z, orientation: down };
+            let plate = Obstacle { name: "plate".into(), pose: at, motion: Some(motion), ..floor(0.0) };
+            let mut simulation = between(&body, vec![floor(0.0), plate], Vec3::zeros(), 0);
+            (0..3000).for_each(|_| _ = simulation.advance(&Inputs::default()));
+            let force = simulation.advance(&Inputs::default()).obstacles[1].wrench.force.z;
+            // The plates' patches give way a little.
+            let mesh = simulation.mesh();
+            let face = |z: Real| {
+                let on_it = mesh.active().iter().filter(|s| (body.rest(mesh.node(**s)).z - z).abs() < 1e-9);
+                let heights: Vec<Real> = on_it.map(|s| mesh.position(*s).z).collect();
+                heights.iter().sum::<Real>() / heights.len() as Real
+            };
+            let stretch = (face(size.z) - face(0.0)) / size.z;
+            assert!((0.8..0.82).contains(&stretch));
+            let expected = -squeezed(&material, stretch) * size.x * size.y;
+            println!(
+                "nu {nu}, {elements:?}, neo-Hookean {}: {force:.4} N of {expected:.4} at {stretch:.4}",
+                material.neo_hookean
+            );
+            assert!((force / expected - 1.0).abs() < 0.02);
+            forces.push(force);
+        }
+        assert!(forces[1] > 1.4 * forces[0], "the neo-Hookean law does not soften as much");
+    }
+}
+
+/// Struck so that it squeezes itself and shears as it swings; twice as hard, the default law bursts and the other does not.
+#[test]
+fn an_undamped_block_keeps_its_energy_in_the_large_and_a_neo_hookean_one_is_not_burst() {
+    let (plain, smoothed) = (Elements::Tetrahedra, Elements::Smoothed);
+    for (elements, neo_hookean, nu, scale) in [
+        (plain, 0.0, 0.4, 0.5),
+        (plain, 0.5, 0.4, 1.0),
+        (plain, 1.0, 0.3, 0.5),
+        (plain, 1.0, 0.3, 1.0),
+        (plain, 1.0, 0.49, 1.0),
+        (smoothed, 0.0, 0.4, 0.5),
+        (smoothed, 1.0, 0.4, 0.5),
+    ] {
+        let material = Material { neo_hookean, ..Material::from_young(2e4, nu, 1000.0) };
+        let body = block_of(material, elements, 0.0, Vec3::repeat(0.04), &[4]);
+        let mut simulation = between(&body, vec![], Vec3::zeros(), 0);
+        let rate = Mat3::new(-60.0, 50.0, 0.0, 0.0, 30.0, 0.0, 0.0, 0.0, 30.0) * scale;
+        simulation.mesh_mut().change_motion(|_, x, v| *v = rate * (*x - body.centre_of_mass()));
+        let energy = |s: &Simulation| energy(s.body(), s.mesh(), Vec3::zeros()).total();
+        let (start, mut least, mut most) = (energy(&simulation), Real::INFINITY, 0.0 as Real);
+        let mut squeezed = 1.0 as Real;
+        for _ in 0..1000 {
+            simulation.advance(&Inputs::default());
+            let now = energy(&simulation) / start;
+            (least, most) = (least.min(now), most.max(now));
+            let det = |e| deformation_gradient(&body, simulation.mesh(), e).determinant();
+            squeezed = body.elements().map(det).fold(squeezed, Real::min);
+        }
+        println!(
+            "{elements:?}, neo-Hookean {neo_hookean}, nu {nu}: energy {least:.4} to {most:.4}, least det F {squeezed:.2}"
+        );
+        assert!(least > if scale < 1.0 { 0.97 } else { 0.8 } && most < 1.05, "{least} to {most}");
     }
 }

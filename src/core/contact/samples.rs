@@ -17,10 +17,10 @@ use super::touchable::{Touchable, area_vector};
 use super::view::{LEAST_FACING, View, part_before};
 use crate::ids::{Triangle, Vertex};
 use crate::math::{Real, Vec3};
+use crate::model::Row;
 use crate::model::active_mesh::contact_row::{self, DEVIATION, Surroundings, support};
 use crate::model::constraint::{Constraint, Friction, Held, MOST_POINTS, PointMemory, Pushed};
 use crate::model::step_class::TICK;
-use crate::model::{Material, Row};
 use std::f64::consts::PI;
 
 /// What samples need and no one keeps.
@@ -248,7 +248,7 @@ impl Samples {
                 // Large strain makes it wider, and softens what gives way as under a ball.
                 let firm = patch(material.half_space());
                 let as_ball = 2.0 * firm.half_width / (2.0 * firm.half_width + firm.straight()[0]);
-                let softening = as_ball * Material::softening(nu, firm.half_width / radius);
+                let softening = as_ball * material.softening(firm.half_width / radius);
                 let compliance = material.half_space() * (1.0 + softening);
                 let mut ends = known_samples().enumerate().filter(|(i, _)| part.is_outermost(*i));
                 let grows = !part.is_ball() && (pressed.force <= 0.0 || ends.any(|(_, m)| m.multiplier > 0.0));

@@ -19,6 +19,8 @@ pub struct ElementConstants<G = [[Real; 3]; 3]> {
     pub mu: Real,
     /// Factor on the shear moduli of the Maxwell branches over μ.
     pub branch: Real,
+    /// As [`Material::neo_hookean`](super::Material::neo_hookean).
+    pub neo_hookean: Real,
 }
 
 /// The law of the kernel for one element, on matrices: what the kernel is tested against, and what weighs an element that is
@@ -29,12 +31,13 @@ impl<G: AsRef<[[Real; 3]]>> ElementConstants<G> {
         ends.zip(self.gradient.as_ref()).map(|(x, g)| (x - origin) * Vec3::from(*g).transpose()).sum()
     }
 
-    /// Second Piola–Kirchhoff stress at `f` times its part of the volume [N·m]: elastic, and that of Maxwell branches of these
-    /// `moduli` over μ with what they remember. Viscosity and the term against collapse are not in it.
+    /// Second Piola–Kirchhoff stress at `f` times its part of the volume [N·m]: that of St. Venant and Kirchhoff's law, and that of Maxwell
+    /// branches of these `moduli` over μ with what they remember. Viscosity, the neo-Hookean law and the term against collapse are not in it.
     pub fn stress(&self, f: &Mat3, moduli: impl Iterator<Item = Real>, history: &History) -> Mat3 {
         let (lambda, mu) = (self.lambda, self.mu);
         let doubled = f.transpose() * f - Mat3::identity();
-        let mut s = doubled * mu + Mat3::identity() * (0.5 * lambda * doubled.trace());
+        let green = 1.0 - self.neo_hookean;
+        let mut s = (doubled * mu + Mat3::identity() * (0.5 * lambda * doubled.trace())) * green;
         for (modulus, held) in moduli.zip(&history.branch) {
             let d = symmetric(*held) * 2.0;
             s += (d - Mat3::identity() * (d.trace() / 3.0)) * (mu * self.branch * modulus);
@@ -43,15 +46,17 @@ impl<G: AsRef<[[Real; 3]]>> ElementConstants<G> {
     }
 
     /// Forces on its nodes but for the first [N], on which minus their sum acts, at the deformation gradient `f` and the stress
-    /// `s`, with the term against collapse.
+    /// `s`, with the neo-Hookean law and the term against collapse.
     pub fn forces(&self, f: &Mat3, s: &Mat3) -> impl Iterator<Item = Vec3> {
         let mut p = f * s;
         let det = f.determinant();
-        if det < COLLAPSE_ONSET {
+        if det < COLLAPSE_ONSET || self.neo_hookean > 0.0 {
             let rows: [Vec3; 3] = std::array::from_fn(|r| f.row(r).transpose());
             let cofactor = [rows[1].cross(&rows[2]), rows[2].cross(&rows[0]), rows[0].cross(&rows[1])];
-            let squeeze = COLLAPSE_STIFFNESS * (self.lambda + 2.0 * self.mu) * (det - COLLAPSE_ONSET);
-            p += Mat3::from_rows(&cofactor.map(|c| c.transpose())) * squeeze;
+            let squeeze = COLLAPSE_STIFFNESS * (self.lambda + 2.0 * self.mu) * (det - COLLAPSE_ONSET).min(0.0);
+            let swelling = self.neo_hookean * ((self.lambda + self.mu) * (det - 1.0) - self.mu);
+            p += Mat3::from_rows(&cofactor.map(|c| c.transpose())) * (squeeze + swelling);
+            p += f * (self.neo_hookean * self.mu);
         }
         self.gradient.as_ref().iter().map(move |g| -(p * Vec3::from(*g)))
     }

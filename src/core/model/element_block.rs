@@ -22,6 +22,8 @@ pub(super) struct Block {
     pub mu: Row,
     /// Factor on the shear moduli of the Maxwell branches over μ.
     pub branch: Row,
+    /// As [`ElementConstants::neo_hookean`].
+    pub neo_hookean: Row,
     /// `2E` at the last evaluation: xx, yy, zz, yz, xz, xy. Twice the strain saves nine halvings; it is exact.
     pub strain: [Row; 6],
     /// `J` at the last evaluation.
@@ -42,6 +44,7 @@ const UNUSED: Block = Block {
     lambda: [0.0; LANES],
     mu: [0.0; LANES],
     branch: [0.0; LANES],
+    neo_hookean: [0.0; LANES],
     strain: [[0.0; LANES]; 6],
     det: [1.0; LANES],
     limit: [Real::INFINITY; LANES],
@@ -136,12 +139,13 @@ impl Blocks {
         b.lambda[lane] = constants.lambda;
         b.mu[lane] = constants.mu;
         b.branch[lane] = constants.branch;
+        b.neo_hookean[lane] = constants.neo_hookean;
         self.write_history(at, history);
     }
 
     /// Leaves a lane without weight, and on nodes that are there.
     pub(super) fn vacate(&mut self, at: Lane) {
-        let nothing = ElementConstants { gradient: [], lambda: 0.0, mu: 0.0, branch: 0.0 };
+        let nothing = ElementConstants { gradient: [], lambda: 0.0, mu: 0.0, branch: 0.0, neo_hookean: 0.0 };
         self.write(at, &[], &nothing, &History::REST);
         self.set_limit(at, StrainLimit::NONE);
     }
@@ -163,6 +167,7 @@ impl Blocks {
         b.lambda[j] = source.lambda[i];
         b.mu[j] = source.mu[i];
         b.branch[j] = source.branch[i];
+        b.neo_hookean[j] = source.neo_hookean[i];
         b.limit[j] = source.limit[i];
         b.slope[j] = source.slope[i];
         let history = self.history(from);

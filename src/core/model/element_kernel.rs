@@ -11,6 +11,8 @@
 //! `S = λ tr(E) I + 2μ E + c_v λ tr(ΔE) I + 2 c_s μ ΔE + Σ_b 2μ r g_b dev(D_b)` with the element's own factor `r` on all
 //! branches and the memory of branch `b` `D_b ← (D_b + ΔE)·decay_b`, and the force on vertex `i` is `−P ∇L_i` with
 //! `P = F S`, plus `k (J − 0.6) cof F` where `J = det F < 0.6`. Viscosity acts on `ΔE`, so no velocity is read.
+//!
+//! An element of which the part `w` is neo-Hookean has `1 − w` of `λ tr(E) I + 2μ E`, and `w (μ F + ((λ + μ)(J − 1) − μ) cof F)` in `P`.
 
 pub use super::element::{MAX_BRANCHES, StrainLimit};
 use super::element_block::{Block, Gradients, Memory, Nodes};
@@ -83,6 +85,8 @@ pub(super) struct Batch<'a> {
     pub count: usize,
     /// Maxwell branches of each element, at most [`MAX_BRANCHES`].
     pub branches: usize,
+    /// Whether some elements are neo-Hookean.
+    pub neo_hookean: bool,
     /// Receives the blocks with an element that is strained beyond its limit or crushed; has room for all.
     pub over_limit: &'a mut Vec<u32>,
 }
@@ -170,7 +174,7 @@ unsafe fn add_forces_here<L: Lanes, const B: usize>(
     position: &[Padded],
     force: &mut [Padded],
 ) -> Extremes {
-    let law = Law::<L, B>::new(rates);
+    let law = Law::<L, B>::new(rates, batch.neo_hookean);
     let mut seen = Seen::new();
     let (nodes, gradients) = (batch.nodes.as_chunks::<4>().0, batch.gradients.as_chunks::<3>().0);
     for (i, index) in batch.order.iter().enumerate() {
@@ -229,7 +233,7 @@ unsafe fn add_star_forces_here<L: Lanes, const B: usize>(
     force: &mut [Padded],
 ) -> Extremes {
     let zero = L::splat(0.0);
-    let law = Law::<L, B>::new(rates);
+    let law = Law::<L, B>::new(rates, batch.neo_hookean);
     let mut seen = Seen::new();
     for (i, index) in batch.order.iter().enumerate() {
         let index = *index as usize;
@@ -310,6 +314,8 @@ impl<L: Lanes> Seen<L> {
 
 /// The law with `B` branches, over one step.
 struct Law<L, const B: usize> {
+    /// Whether some elements are neo-Hookean; all that differs is left out where none is.
+    neo_hookean: bool,
     volume: L,
     shear: L,
     decay: [L; B],
@@ -318,14 +324,14 @@ struct Law<L, const B: usize> {
 
 impl<L: Lanes, const B: usize> Law<L, B> {
     #[inline(always)]
-    fn new(rates: &Rates) -> Self {
+    fn new(rates: &Rates, neo_hookean: bool) -> Self {
         let mut decay = [L::splat(0.0); B];
         let mut share = [L::splat(0.0); B];
         for b in 0..B {
             decay[b] = L::splat(rates.decay[b]);
             share[b] = L::splat(rates.share[b]);
         }
-        Self { volume: L::splat(rates.volume), shear: L::splat(rates.shear), decay, share }
+        Self { neo_hookean, volume: L::splat(rates.volume), shear: L::splat(rates.shear), decay, share }
     }
 
     /// First Piola–Kirchhoff stress, times its part of the volume, of the elements from lane `at` on at the deformation
@@ -364,16 +370,24 @@ impl<L: Lanes, const B: usize> Law<L, B> {
             let mut change = e;
             // S over μ without what is a multiple of I.
             let mut s = e;
+            let trace = e[0].add(e[1]).add(e[2]);
+            let mut green = trace;
+            if self.neo_hookean {
+                let part = one.sub(L::load(&block.neo_hookean, at));
+                for s in &mut s {
+                    *s = part.mul(*s);
+                }
+                green = part.mul(trace);
+            }
             for c in 0..6 {
                 change[c] = e[c].sub(L::load(&block.strain[c], at));
                 e[c].store(&mut block.strain[c], at);
-                s[c] = e[c].add(self.shear.mul(change[c]));
+                s[c] = s[c].add(self.shear.mul(change[c]));
             }
-            let trace = e[0].add(e[1]).add(e[2]);
             let trace_change = change[0].add(change[1]).add(change[2]);
             let lambda = L::load(&block.lambda, at);
             let mu = L::load(&block.mu, at);
-            let mut pressure = half.mul(lambda).mul(trace.add(self.volume.mul(trace_change)));
+            let mut pressure = half.mul(lambda).mul(green.add(self.volume.mul(trace_change)));
             let branch = if B > 0 { L::load(&block.branch, at) } else { one };
             for (memory, (share, decay)) in memory.iter_mut().zip(self.share.iter().zip(&self.decay)) {
                 let share = branch.mul(*share);
@@ -415,11 +429,23 @@ impl<L: Lanes, const B: usize> Law<L, B> {
 
             // P = F S.
             let mut p = [row_times(&f[0], &s), row_times(&f[1], &s), row_times(&f[2], &s)];
-            if det.any_less(onset) {
-                seen.alarm = true;
+            let is_crushed = det.any_less(onset);
+            seen.alarm |= is_crushed;
+            if self.neo_hookean || is_crushed {
                 // P += k (J − 0.6) cof F where J < 0.6.
                 let k = stiffness.mul(lambda.add(mu.add(mu)));
-                let squeeze = k.mul(det.sub(onset).min(zero));
+                let mut squeeze = k.mul(det.sub(onset).min(zero));
+                if self.neo_hookean {
+                    // P += w (μ F + ((λ + μ)(J − 1) − μ) cof F).
+                    let part = L::load(&block.neo_hookean, at);
+                    squeeze = squeeze.add(part.mul(lambda.add(mu).mul(det.sub(one)).sub(mu)));
+                    let part_of_mu = part.mul(mu);
+                    for r in 0..3 {
+                        for c in 0..3 {
+                            p[r][c] = p[r][c].add(part_of_mu.mul(f[r][c]));
+                        }
+                    }
+                }
                 let cofactor = [cofactor_0, cross(&f[2], &f[0]), cross(&f[0], &f[1])];
                 for r in 0..3 {
                     for c in 0..3 {

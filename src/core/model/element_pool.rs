@@ -57,6 +57,8 @@ pub struct Pool<Id> {
     len: usize,
     capacity: usize,
     nodes: usize,
+    /// Whether some elements may be neo-Hookean.
+    neo_hookean: bool,
 }
 
 /// What is an element by itself, or has a star around it.
@@ -103,9 +105,16 @@ impl<Id: Kind> Pool<Id> {
             len: 0,
             capacity,
             nodes,
+            neo_hookean: false,
         };
         pool.clear();
         pool
+    }
+
+    /// The same where some elements `are` neo-Hookean; of others the kernel need not ask.
+    #[must_use]
+    pub fn with_neo_hookean(self, are: bool) -> Self {
+        Self { neo_hookean: are, ..self }
     }
 
     /// Takes all elements out.
@@ -136,6 +145,7 @@ impl<Id: Kind> Pool<Id> {
     ) -> bool {
         self.check_nodes(nodes);
         assert!(class < CLASSES, "no such class");
+        debug_assert!(self.neo_hookean || constants.neo_hookean == 0.0);
         if self.places[id.index()] != Place::OUT || self.len == self.capacity {
             return false;
         }
@@ -326,6 +336,7 @@ impl<Id: Kind> Pool<Id> {
             order,
             count: *count,
             branches: *branches,
+            neo_hookean: self.neo_hookean,
             over_limit: &mut self.over_limit[class],
         };
         let path = if path.is_available() { path } else { Simd::Portable };
@@ -435,7 +446,13 @@ mod tests {
     fn constants(id: Element) -> ElementConstants {
         let number = |i: usize, c: usize| (2.0 + id.0 as Real + 3.0 * i as Real - c as Real).sqrt();
         let gradient = [0, 1, 2].map(|i| [0, 1, 2].map(|c| number(i, c)));
-        ElementConstants { gradient, lambda: 1.0, mu: 0.1 * id.0 as Real, branch: 1.0 + 0.01 * id.0 as Real }
+        ElementConstants {
+            gradient,
+            lambda: 1.0,
+            mu: 0.1 * id.0 as Real,
+            branch: 1.0 + 0.01 * id.0 as Real,
+            neo_hookean: 0.0,
+        }
     }
 
     fn history(x: Real) -> History {

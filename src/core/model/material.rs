@@ -1,4 +1,4 @@
-//! The material law: St. Venant–Kirchhoff with Kelvin–Voigt viscosity and a term against collapse.
+//! The material laws: St. Venant–Kirchhoff or neo-Hookean, with Kelvin–Voigt viscosity and a term against collapse.
 //!
 //! Green strain `E = ½(FᵀF − I)`, second Piola–Kirchhoff stress `S = λ tr(E) I + 2μ E + φ tr(Ė) I + 2ψ Ė`
 //! [DDCB01 eq. 1–4, in standard scaling: the paper's ε is 2E and its σ is 2S], nodal forces `f_i = −vol F S ∇L_i`
@@ -7,6 +7,10 @@
 //! St. Venant–Kirchhoff softens when squeezed and then inverts for good, so the energy density gets
 //! `½ k (J − 0.6)²` where `J = det F < 0.6`, `k = 8(λ + 2μ)`: the force then rises monotonically and the body
 //! recovers.
+//!
+//! The neo-Hookean law has the energy density `½ μ (|F|² − 3) − μ (J − 1) + ½ (λ + μ) (J − 1)²` instead of that of `λ tr(E) I + 2μ E`: its
+//! stress `P = μ F + ((λ + μ)(J − 1) − μ) cof F` is that of the same λ and μ in small strain, goes through inversion without a pole
+//! and keeps its shear modulus when squeezed [Smith, de Goes & Kim 2018, before their barrier]. It is linear in λ and μ, too.
 
 use crate::math::{Mat3, Real};
 use serde::{Deserialize, Serialize};
@@ -31,6 +35,8 @@ pub struct Material {
     pub psi: Real,
     /// Density ρ at rest [kg/m³].
     pub density: Real,
+    /// Part of the elastic energy that is neo-Hookean, and not St. Venant–Kirchhoff's: none or all, or what of a mixture is.
+    pub neo_hookean: Real,
 }
 
 impl Material {
@@ -52,22 +58,29 @@ impl Material {
         // Rounding alone could make it negative where nothing resists a change of volume alone.
         let lambda = (mean(&bulk, 4.0 / 3.0 * g) - 2.0 / 3.0 * mu).max(0.0);
         let over = |viscosity: Real, modulus: Real| if modulus > 0.0 { viscosity / modulus } else { 0.0 };
+        let neo_hookean = others.clone().map(|(n, m)| m.neo_hookean * Real::from(n) / all).sum::<Real>();
         Material {
             lambda,
             mu,
             phi: lambda * over(self.phi, self.lambda),
             psi: mu * over(self.psi, self.mu),
             density: rest * self.density + others.map(|(n, m)| m.density * Real::from(n) / all).sum::<Real>(),
+            neo_hookean: rest * self.neo_hookean + neo_hookean,
         }
     }
 
     /// Of the same Poisson's ratio and relaxation times, `factor` times as stiff.
     pub fn stiffened(&self, factor: Real) -> Material {
-        let Self { lambda, mu, phi, psi, density } = *self;
-        Self { lambda: factor * lambda, mu: factor * mu, phi: factor * phi, psi: factor * psi, density }
+        let Self { lambda, mu, phi, psi, .. } = *self;
+        Self { lambda: factor * lambda, mu: factor * mu, phi: factor * phi, psi: factor * psi, ..*self }
     }
 
-    /// From Young's modulus [Pa] and Poisson's ratio; viscosities zero.
+    /// Of the neo-Hookean law with the same constants.
+    pub fn as_neo_hookean(self) -> Self {
+        Self { neo_hookean: 1.0, ..self }
+    }
+
+    /// Of St. Venant and Kirchhoff's law, from Young's modulus [Pa] and Poisson's ratio; viscosities zero.
     pub fn from_young(youngs_modulus: Real, poisson_ratio: Real, density: Real) -> Self {
         let (e, nu) = (youngs_modulus, poisson_ratio);
         Self {
@@ -76,6 +89,7 @@ impl Material {
             phi: 0.0,
             psi: 0.0,
             density,
+            neo_hookean: 0.0,
         }
     }
 
@@ -90,10 +104,12 @@ impl Material {
     }
 
     /// `s` of the factor `1/(1 + s)` on Hertz's force where a ball touches a disc of `reach` times its radius, as large strain
-    /// softens St. Venant–Kirchhoff's law at Poisson's ratio `nu`: that of axisymmetric elements of third order within 1 % of
-    /// the force up to a reach of 0.3. It is not known to grow beyond 0.5.
-    pub fn softening(nu: Real, reach: Real) -> Real {
-        (0.17 + nu * (0.5 + nu * nu * 1.9)) * reach.min(0.5)
+    /// softens St. Venant–Kirchhoff's law: that of axisymmetric elements of third order within 1 % of
+    /// the force up to a reach of 0.3. It is not known to grow beyond 0.5. The neo-Hookean law, which keeps its shear modulus when squeezed,
+    /// is not known to soften.
+    pub fn softening(&self, reach: Real) -> Real {
+        let nu = self.poisson_ratio();
+        (1.0 - self.neo_hookean) * (0.17 + nu * (0.5 + nu * nu * 1.9)) * reach.min(0.5)
     }
 
     /// `(1−ν²)/(πE)` [m²/N]: under a point load an elastic half-space gives way by this much per newton and per distance.
@@ -121,9 +137,13 @@ impl Material {
     pub fn energy_density(&self, f: &Mat3) -> Real {
         let e = (f.transpose() * f - Mat3::identity()) * 0.5;
         let trace = e.trace();
-        let squeeze = (f.determinant() - COLLAPSE_ONSET).min(0.0);
+        let det = f.determinant();
+        let squeeze = (det - COLLAPSE_ONSET).min(0.0);
         let k = COLLAPSE_STIFFNESS * self.pressure_modulus();
-        0.5 * self.lambda * trace * trace + self.mu * e.dot(&e) + 0.5 * k * squeeze * squeeze
+        let green = 0.5 * self.lambda * trace * trace + self.mu * e.dot(&e);
+        // |F|² − 3 = tr 2E.
+        let neo_hookean = self.mu * (trace - (det - 1.0)) + 0.5 * (self.lambda + self.mu) * (det - 1.0).powi(2);
+        (1.0 - self.neo_hookean) * green + self.neo_hookean * neo_hookean + 0.5 * k * squeeze * squeeze
     }
 }
 
@@ -141,12 +161,27 @@ mod tests {
     #[test]
     fn crushing_costs_ever_more_energy() {
         let m = Material::from_young(1e4, 0.45, 1000.0);
-        let density = |s: Real| m.energy_density(&Mat3::from_diagonal_element(s));
-        let mut last = 0.0;
-        for i in 1..20 {
-            let now = density(1.0 - 0.05 * i as Real);
-            assert!(now > last);
-            last = now;
+        for m in [m, m.as_neo_hookean()] {
+            let density = |s: Real| m.energy_density(&Mat3::from_diagonal_element(s));
+            let mut last = 0.0;
+            for i in 1..20 {
+                let now = density(1.0 - 0.05 * i as Real);
+                assert!(now > last);
+                last = now;
+            }
+        }
+    }
+
+    #[test]
+    fn both_laws_are_hooke_s_in_small_strain() {
+        let strain = Mat3::new(1.0, 0.3, -0.2, 0.3, -0.6, 0.5, -0.2, 0.5, 0.4) * 1e-5;
+        for nu in [0.0, 0.3, 0.49] {
+            let m = Material::from_young(1e4, nu, 1000.0);
+            let hooke = 0.5 * m.lambda * strain.trace().powi(2) + m.mu * strain.dot(&strain);
+            for m in [m, m.as_neo_hookean()] {
+                let energy = m.energy_density(&(Mat3::identity() + strain));
+                assert!((energy / hooke - 1.0).abs() < 1e-4, "{nu}: {energy} of {hooke}");
+            }
         }
     }
 }

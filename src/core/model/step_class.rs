@@ -66,7 +66,8 @@ impl Strained {
     /// From the last strain `s` (xx, yy, zz, yz, xz, xy) and determinant of an element of `material`.
     ///
     /// The tangent along any pair of directions is at most `(λ+2μ) |F|² + λ tr E + 2μ e`, `e` the largest principal
-    /// strain and `|F|² = 1 + 2e`; `e ≤ tr E/3 + √(2/3) |dev E|`. The compression term adds `k |cof F|²`.
+    /// strain and `|F|² = 1 + 2e`; `e ≤ tr E/3 + √(2/3) |dev E|`. That of the neo-Hookean law is `μ + (λ+μ) |cof F n|²` [`J` is linear
+    /// along any pair], at most `μ + (λ+μ) |F|⁴`. The compression term adds `k |cof F|²`.
     pub fn of(material: &Material, s: &[Real; 6], det: Real) -> Self {
         let trace = s[0] + s[1] + s[2];
         let squared = s[0] * s[0] + s[1] * s[1] + s[2] * s[2] + 2.0 * (s[3] * s[3] + s[4] * s[4] + s[5] * s[5]);
@@ -74,7 +75,9 @@ impl Strained {
         let largest = trace / 3.0 + SQRT_TWO_THIRDS * deviator;
         let stretch = (1.0 + 2.0 * largest).max(1.0);
         let stress = (material.lambda * trace + 2.0 * material.mu * largest) / material.pressure_modulus();
-        let mut growth = (1.0 + 2.0 * largest + stress).max(1.0);
+        let green = (1.0 + 2.0 * largest + stress).max(1.0);
+        let swollen = (material.mu + (material.lambda + material.mu) * stretch * stretch) / material.pressure_modulus();
+        let mut growth = (1.0 - material.neo_hookean) * green + material.neo_hookean * swollen;
         if det < COLLAPSE_ONSET {
             // C = I + 2E; |cof F|² is its second invariant.
             let first = 3.0 + 2.0 * trace;
@@ -87,7 +90,8 @@ impl Strained {
 
 /// Strain up to which an element of `material` that is not crushed may step in `class`: [`stable_step`] with the bounds
 /// of [`Strained::of`] on growth, `1 + (2 + 2μ/M) e + (λ/M) tr E`, and on the squared stretch, `1 + 2e`, solved for
-/// `|dev E|`, `M = λ + 2μ`, `e = tr E/3 + √(2/3) |dev E|`. Arguments as in [`stable_step`].
+/// `|dev E|`, `M = λ + 2μ`, `e = tr E/3 + √(2/3) |dev E|`. Where some of it is neo-Hookean, growth is bounded by `e` alone: that part's by
+/// `1 + (λ+μ)/M (4e + 4e²)`, and with `tr E ≤ 3e` the other's. Arguments as in [`stable_step`].
 pub fn strain_limit(
     class: usize,
     material: &Material,
@@ -100,6 +104,17 @@ pub fn strain_limit(
     // `e · stretched + tr E · swollen ≤ left`.
     let stretched = h * (h * (2.0 + 2.0 * material.mu / modulus) + 4.0 * tau);
     let swollen = h * h * material.lambda / modulus;
+    let w = material.neo_hookean;
+    if w > 0.0 {
+        // `square · e² + linear · e ≤ left`.
+        let square = 4.0 * h * h * w * (material.lambda + material.mu) / modulus;
+        let linear = square
+            + 4.0 * h * tau
+            + (1.0 - w) * h * h * (2.0 + 2.0 * material.mu / modulus)
+            + (1.0 - w) * 3.0 * swollen;
+        let most = ((linear * linear + 4.0 * square * left).max(0.0).sqrt() - linear) / (2.0 * square);
+        return StrainLimit { deviator: 2.0 * most / SQRT_TWO_THIRDS, slope: 1.0 / (3.0 * SQRT_TWO_THIRDS) };
+    }
     let per_deviator = SQRT_TWO_THIRDS * stretched;
     StrainLimit { deviator: 2.0 * left / per_deviator, slope: (stretched / 3.0 + swollen) / per_deviator }
 }

@@ -39,6 +39,24 @@ pub enum Source {
     Prepared,
 }
 
+/// What the elastic energy of a material is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Law {
+    /// St. Venant and Kirchhoff's: softens when squeezed.
+    #[default]
+    StVenantKirchhoff,
+    /// The neo-Hookean one, without a pole where elements invert.
+    NeoHookean,
+}
+
+impl Law {
+    /// As [`Material::neo_hookean`].
+    pub(super) fn neo_hookean(self) -> Real {
+        if self == Self::NeoHookean { 1.0 } else { 0.0 }
+    }
+}
+
 /// `[body]`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Validate)]
 #[serde(deny_unknown_fields)]
@@ -111,6 +129,8 @@ pub struct MaterialKeys {
     /// Density [kg/m³].
     #[garde(range(min = 1.0, max = 2e4))]
     pub density: Real,
+    /// What its elastic energy is.
+    pub law: Law,
     /// Of which elements the body is made.
     pub elements: Elements,
     /// Damping ratio ζ of the slowest mode, by Maxwell branches of the stress.
@@ -179,6 +199,9 @@ pub struct RegionKeys {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[garde(inner(range(min = 1.0, max = 2e4)))]
     pub density: Option<Real>,
+    /// What its elastic energy is; left out: that of the rest.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub law: Option<Law>,
 }
 
 impl RegionKeys {
@@ -207,13 +230,13 @@ impl RegionKeys {
     }
 
     /// Adds what is wrong with the keys together, under `path`.
-    pub(super) fn faults(&self, path: &str, out: &mut Vec<(String, String)>) {
+    pub(super) fn faults(&self, path: &str, elements: Elements, out: &mut Vec<(String, String)>) {
         if self.place().is_none() {
             let fault = "give a ball, centre = [x, y, z] and radius, or a box, min = [x, y, z] and max, greater in each, or a label of the \
                  volume files";
             out.push((path.to_owned(), fault.to_owned()));
         }
-        self.elastic_keys().region_faults(path, out);
+        self.elastic_keys().region_faults(path, elements, out);
     }
 }
 
@@ -226,7 +249,8 @@ impl MaterialKeys {
 
     /// Its constants, without viscosity.
     pub(super) fn elastic(&self) -> Material {
-        self.elastic_keys().material(self.density)
+        let material = self.elastic_keys().material(self.density);
+        Material { neo_hookean: self.law.neo_hookean(), ..material }
     }
 
     /// Writes out the defaults of elastic constants.
@@ -236,9 +260,9 @@ impl MaterialKeys {
 
     /// Adds what is wrong with the keys together, under `path`.
     pub(super) fn faults(&self, path: &str, out: &mut Vec<(String, String)>) {
-        self.elastic_keys().faults(path, out);
+        self.elastic_keys().faults(path, self.elements, out);
         let regions = self.region.iter().enumerate();
-        regions.for_each(|(i, region)| region.faults(&format!("{path}.region[{i}]"), out));
+        regions.for_each(|(i, region)| region.faults(&format!("{path}.region[{i}]"), self.elements, out));
     }
 }
 
@@ -250,6 +274,7 @@ impl Default for MaterialKeys {
             lambda: None,
             mu: None,
             density: 1050.0,
+            law: Law::default(),
             elements: Elements::default(),
             damping_ratio: 0.0,
             damping_time: 1e-3,

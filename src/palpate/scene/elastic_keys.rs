@@ -3,6 +3,7 @@
 //! The three tables that give them list the four keys themselves: serde does not refuse unknown keys in a table that has
 //! another one's keys flattened into it.
 
+use palpate_body::prepare::Elements;
 use palpate_core::math::Real;
 use palpate_core::model::Material;
 use serde::Deserialize;
@@ -13,8 +14,10 @@ const YOUNGS_MODULUS: Real = 5e3;
 const POISSON_RATIO: Real = 0.45;
 /// Range of Young's modulus [Pa].
 pub(super) const STIFFNESS: (Real, Real) = (10.0, 1e9);
-/// Largest Poisson's ratio. At 0.5, λ is infinite; the closer to it, the smaller the steps and the stiffer linear tetrahedra.
-pub(super) const LARGEST_POISSON_RATIO: Real = 0.49;
+/// Largest Poisson's ratio: of smoothed elements. At 0.5, λ is infinite; the closer to it, the smaller the steps.
+pub(super) const LARGEST_POISSON_RATIO: Real = 0.499;
+/// And of linear tetrahedra, which are the stiffer the closer it is to that.
+const LARGEST_OF_TETRAHEDRA: Real = 0.49;
 /// Part by which constants computed from λ and μ may miss the ranges: more than their rounding.
 const ROUNDING: Real = 1e-12;
 
@@ -40,7 +43,7 @@ impl ElasticKeys {
     /// The material of this density and no viscosity; Young's modulus and Poisson's ratio left out are the defaults.
     pub(super) fn material(&self, density: Real) -> Material {
         match self.lame() {
-            Some((lambda, mu)) => Material { lambda, mu, phi: 0.0, psi: 0.0, density },
+            Some((lambda, mu)) => Material { lambda, mu, ..Material::from_young(1.0, 0.0, density) },
             None => {
                 let youngs_modulus = self.youngs_modulus.unwrap_or(YOUNGS_MODULUS);
                 Material::from_young(youngs_modulus, self.poisson_ratio.unwrap_or(POISSON_RATIO), density)
@@ -59,10 +62,19 @@ impl ElasticKeys {
         }
     }
 
-    /// The key that is wrong, and why: both pairs, half a pair, or λ and μ of no elastic material that can be simulated.
-    fn fault(&self) -> Option<(&'static str, String)> {
+    /// The key that is wrong, and why: both pairs, half a pair, or what is no elastic material that can be simulated by these `elements`.
+    fn fault(&self, elements: Elements) -> Option<(&'static str, String)> {
+        let (largest, remedy) = match elements {
+            Elements::Tetrahedra => {
+                (LARGEST_OF_TETRAHEDRA, format!("; up to {LARGEST_POISSON_RATIO} with elements = \"smoothed\""))
+            }
+            Elements::Smoothed => (LARGEST_POISSON_RATIO, String::new()),
+        };
         let (lambda, mu) = match (self.lambda, self.mu) {
-            (None, None) => return None,
+            (None, None) => {
+                let found = self.poisson_ratio.filter(|nu| *nu > largest)?;
+                return Some(("poisson_ratio", format!("give 0 to {largest}, not {found}{remedy}")));
+            }
             (lambda, _) if self.youngs_modulus.is_some() || self.poisson_ratio.is_some() => {
                 let key = if lambda.is_some() { "lambda" } else { "mu" };
                 let fault = "give lambda and mu, or youngs_modulus and poisson_ratio, not keys of both pairs";
@@ -82,11 +94,10 @@ impl ElasticKeys {
             return Some(("lambda", fault));
         }
         let (youngs_modulus, poisson_ratio) = self.young();
-        let largest = LARGEST_POISSON_RATIO;
         if !(0.0..=largest * (1.0 + ROUNDING)).contains(&poisson_ratio) {
             let most = 2.0 * mu * largest / (1.0 - 2.0 * largest);
             let fault = format!(
-                "give 0 to {most:.6} Pa with this mu, for a Poisson's ratio of 0 to {largest}; that of {lambda} is {poisson_ratio:.6}"
+                "give 0 to {most:.6} Pa with this mu, for a Poisson's ratio of 0 to {largest}; that of {lambda} is {poisson_ratio:.6}{remedy}"
             );
             return Some(("lambda", fault));
         }
@@ -99,15 +110,15 @@ impl ElasticKeys {
     }
 
     /// Adds what is wrong with the keys together, in the table `path`.
-    pub(super) fn faults(&self, path: &str, out: &mut Vec<(String, String)>) {
-        out.extend(self.fault().map(|(key, fault)| (format!("{path}.{key}"), fault)));
+    pub(super) fn faults(&self, path: &str, elements: Elements, out: &mut Vec<(String, String)>) {
+        out.extend(self.fault(elements).map(|(key, fault)| (format!("{path}.{key}"), fault)));
     }
 
     /// Adds what is wrong with the keys of a region in the table `path`, which has no defaults.
-    pub(super) fn region_faults(&self, path: &str, out: &mut Vec<(String, String)>) {
+    pub(super) fn region_faults(&self, path: &str, elements: Elements, out: &mut Vec<(String, String)>) {
         match (self.youngs_modulus, self.lambda, self.mu) {
             (None, None, None) => out.push((path.to_owned(), "give youngs_modulus, or lambda and mu".into())),
-            _ => self.faults(path, out),
+            _ => self.faults(path, elements, out),
         }
     }
 }

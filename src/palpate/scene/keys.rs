@@ -206,6 +206,7 @@ impl Scene {
                 youngs_modulus,
                 poisson_ratio,
                 density: region.density.unwrap_or(self.material.density),
+                neo_hookean: region.law.unwrap_or(self.material.law).neo_hookean(),
             })
         };
         self.material.region.iter().filter_map(inclusion).collect()
@@ -213,9 +214,9 @@ impl Scene {
 
     /// The scene of `organ` alone, in its own frame; all else is as here.
     pub fn of_organ(&self, organ: &OrganKeys) -> Self {
-        let TissueKeys { youngs_modulus, poisson_ratio, lambda, mu, density, region } = organ.material.clone();
+        let TissueKeys { youngs_modulus, poisson_ratio, lambda, mu, density, law, region } = organ.material.clone();
         let mut material =
-            MaterialKeys { youngs_modulus, poisson_ratio, lambda, mu, density, region, ..self.material.clone() };
+            MaterialKeys { youngs_modulus, poisson_ratio, lambda, mu, density, law, region, ..self.material.clone() };
         // Viscosities that the scene gives stand for relaxation times, which are the same in every organ.
         let (own, first) = (material.elastic(), self.material.elastic());
         let as_stiff = |viscosity: Option<Real>, own: Real, first: Real| {

@@ -1,9 +1,10 @@
 //! Further bodies of a scene, beside `[body]`: the keys of each, and the scene that it would be alone.
 
-use super::body_keys::{BodyKeys, HoldKeys, MaterialKeys, RegionKeys, hold_faults};
+use super::body_keys::{BodyKeys, HoldKeys, Law, MaterialKeys, RegionKeys, hold_faults};
 use super::elastic_keys::{ElasticKeys, LARGEST_POISSON_RATIO, STIFFNESS, fill};
 use super::tool_keys::{unit_quaternion, upright};
 use garde::Validate;
+use palpate_body::prepare::Elements;
 use palpate_core::math::{Pose, Real, Vec3, normalized_quaternion};
 use serde::{Deserialize, Serialize};
 
@@ -58,6 +59,8 @@ pub struct TissueKeys {
     /// Density [kg/m³].
     #[garde(range(min = 1.0, max = 2e4))]
     pub density: Real,
+    /// What its elastic energy is.
+    pub law: Law,
     /// Places where the material is another, in the organ's own frame; later ones cover earlier ones.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     #[garde(dive, length(max = 16))]
@@ -77,13 +80,14 @@ impl TissueKeys {
     }
 
     /// Names of its keys: what is taken over from a prepared body.
-    pub(super) const KEYS: [&str; 6] = ["youngs_modulus", "poisson_ratio", "lambda", "mu", "density", "region"];
+    pub(super) const KEYS: [&str; 7] = ["youngs_modulus", "poisson_ratio", "lambda", "mu", "density", "law", "region"];
 }
 
 impl Default for TissueKeys {
     fn default() -> Self {
-        let MaterialKeys { youngs_modulus, poisson_ratio, lambda, mu, density, region, .. } = MaterialKeys::default();
-        Self { youngs_modulus, poisson_ratio, lambda, mu, density, region }
+        let MaterialKeys { youngs_modulus, poisson_ratio, lambda, mu, density, law, region, .. } =
+            MaterialKeys::default();
+        Self { youngs_modulus, poisson_ratio, lambda, mu, density, law, region }
     }
 }
 
@@ -95,11 +99,11 @@ impl OrganKeys {
     }
 
     /// Adds what is wrong with the keys together, under `path`.
-    pub(super) fn faults(&self, path: &str, out: &mut Vec<(String, String)>) {
+    pub(super) fn faults(&self, path: &str, elements: Elements, out: &mut Vec<(String, String)>) {
         hold_faults(&self.hold, &format!("{path}.hold"), out);
-        self.material.elastic_keys().faults(&format!("{path}.material"), out);
+        self.material.elastic_keys().faults(&format!("{path}.material"), elements, out);
         let regions = self.material.region.iter().enumerate();
-        regions.for_each(|(i, region)| region.faults(&format!("{path}.material.region[{i}]"), out));
+        regions.for_each(|(i, region)| region.faults(&format!("{path}.material.region[{i}]"), elements, out));
         if self.body.active_level.is_some() {
             out.push((format!("{path}.body.active_level"), "is for [body], and means every organ".into()));
         }

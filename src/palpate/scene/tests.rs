@@ -176,6 +176,18 @@ fn elastic_constants_that_make_no_material_are_named_by_key_and_line() {
             assert_eq!((expected, e.lines().count()), ((true, true, true), 1), "{e}");
         }
     }
+    let nearly = |elements: &str| {
+        parse(
+            &format!("name = \"x\"\n[body]\nsource = \"liver\"\n[material]\npoisson_ratio = 0.499\n{elements}"),
+            "my.toml",
+        )
+    };
+    let e = nearly("").unwrap_err().to_string();
+    assert!(
+        e.contains("material.poisson_ratio: give 0 to 0.49, not 0.499; up to 0.499 with elements = \"smoothed\""),
+        "{e}"
+    );
+    assert!((nearly("elements = \"smoothed\"").unwrap().material().poisson_ratio() - 0.499).abs() < 1e-12);
     let region = "name = \"x\"\n[body]\nsource = \"liver\"\n[[material.region]]\nlabel = 1\npoisson_ratio = 0.3\n";
     let e = parse(region, "my.toml").unwrap_err().to_string();
     assert!(e.contains("material.region[0]: give youngs_modulus, or lambda and mu"), "{e}");
@@ -183,6 +195,30 @@ fn elastic_constants_that_make_no_material_are_named_by_key_and_line() {
     assert!(e.unwrap_err().to_string().contains("not keys of both pairs"));
     let whole = "material={lambda = 1e4, mu = 1e3}".to_string();
     assert_eq!(LoadedScene::load(Path::new("liver"), &[whole]).unwrap().scene.material().lambda, 1e4);
+}
+
+#[test]
+fn regions_are_of_the_law_of_the_rest_unless_they_have_their_own_and_organs_of_their_own() {
+    let scene = |law: &str, of_region: &str| {
+        let region = format!("[[material.region]]\nlabel = 1\nyoungs_modulus = 5e4\n{of_region}");
+        let organ =
+            "[[organ]]\nname = \"y\"\n[organ.body]\nsource = \"kidney\"\n[organ.material]\nlaw = \"neo_hookean\"\n";
+        let text = format!("name = \"x\"\n[body]\nsource = \"liver\"\n[material]\n{law}\n{region}\n{organ}");
+        parse(&text, "my.toml")
+    };
+    let (neo_hookean, green) = ("law = \"neo_hookean\"", "law = \"st_venant_kirchhoff\"");
+    for (law, of_region, expected) in [
+        ("", "", [0.0, 0.0]),
+        (neo_hookean, "", [1.0, 1.0]),
+        (neo_hookean, green, [1.0, 0.0]),
+        ("", neo_hookean, [0.0, 1.0]),
+    ] {
+        let scene = scene(law, of_region).unwrap();
+        assert_eq!([scene.material().neo_hookean, scene.inclusions()[0].neo_hookean], expected);
+        assert_eq!(scene.of_organ(&scene.organ[0]).material().neo_hookean, 1.0);
+    }
+    let e = scene("law = \"ogden\"", "").unwrap_err().to_string();
+    assert!(e.contains("ogden") && e.contains("neo_hookean"), "{e}");
 }
 
 fn tools(text: &str) -> Result<Scene, SceneError> {

@@ -40,13 +40,14 @@ pub fn of_means(material: &Material, stabilisation: Real) -> Material {
 }
 
 /// The geometric mean of the arithmetic and the harmonic mean of materials by their weights, of μ and of λ + 2μ each: that of two
-/// in equal parts is their geometric mean. All else is of the first. `None` without any.
+/// in equal parts is their geometric mean. As much of it is neo-Hookean as of their volume; all else is of the first. `None` without any.
 pub fn mean<'a>(materials: impl Iterator<Item = (&'a Material, Real)>) -> Option<Material> {
     let mut first = None;
-    let (mut weights, mut sums, mut inverses) = (0.0, [0.0; 2], [0.0; 2]);
+    let (mut weights, mut neo_hookean, mut sums, mut inverses) = (0.0, 0.0, [0.0; 2], [0.0; 2]);
     for (material, weight) in materials {
         first.get_or_insert(*material);
         weights += weight;
+        neo_hookean += weight * material.neo_hookean;
         for (i, modulus) in [material.mu, material.pressure_modulus()].into_iter().enumerate() {
             sums[i] += weight * modulus;
             inverses[i] += weight / modulus;
@@ -54,7 +55,8 @@ pub fn mean<'a>(materials: impl Iterator<Item = (&'a Material, Real)>) -> Option
     }
     // Roots, unlike logarithms, are the same on every machine.
     let [mu, pressure] = [0, 1].map(|i| (sums[i] / inverses[i]).sqrt());
-    first.filter(|_| weights > 0.0).map(|first| Material { lambda: pressure - 2.0 * mu, mu, ..first })
+    let first = first.filter(|_| weights > 0.0)?;
+    Some(Material { lambda: pressure - 2.0 * mu, mu, neo_hookean: neo_hookean / weights, ..first })
 }
 
 /// The part that the star of node `n` has where those are the `materials` of `body`.
@@ -138,6 +140,7 @@ impl Stars {
             lambda: volume * material.lambda,
             mu: volume * material.mu,
             branch: 1.0,
+            neo_hookean: material.neo_hookean,
         }
     }
 }

@@ -74,10 +74,20 @@ impl Soup {
         Self { rest, elements }
     }
 
+    /// Each of one of both laws, or of a mixture.
+    fn of_both_laws(mut self, noise: &mut Noise) -> Self {
+        for (_, constants) in &mut self.elements {
+            constants.neo_hookean = [0.0, 1.0, 0.5 + 0.4 * noise.next()][noise.below(3)];
+        }
+        self
+    }
+
     fn pool<I: Kind>(&self, branches: usize) -> Pool<I> {
         let count = self.elements.len();
         let spokes = self.elements.iter().map(|(n, _)| n.len() - 1).max().unwrap_or(3);
-        let mut pool = Pool::<I>::with_spokes(count, count, self.rest.len(), spokes, branches);
+        let neo_hookean = self.elements.iter().any(|(_, constants)| constants.neo_hookean > 0.0);
+        let mut pool =
+            Pool::<I>::with_spokes(count, count, self.rest.len(), spokes, branches).with_neo_hookean(neo_hookean);
         for (id, (nodes, constants)) in self.elements.iter().enumerate() {
             assert!(pool.insert(I::at(id), 5, &slots(nodes), constants, &History::REST));
         }
@@ -104,7 +114,8 @@ impl Soup {
     fn energy(&self, x: &[Vec3]) -> Real {
         let of = |e: usize| {
             let c = &self.elements[e].1;
-            let material = Material { lambda: c.lambda, mu: c.mu, phi: 0.0, psi: 0.0, density: 0.0 };
+            let (phi, psi, density) = (0.0, 0.0, 0.0);
+            let material = Material { lambda: c.lambda, mu: c.mu, phi, psi, density, neo_hookean: c.neo_hookean };
             material.energy_density(&self.deformation(e, x))
         };
         (0..self.elements.len()).map(of).sum()
@@ -114,7 +125,7 @@ impl Soup {
 fn stiff(noise: &mut Noise, volume: Real, gradient: Vec<[Real; 3]>) -> Constants {
     let weight = volume * (0.5 + 0.4 * noise.next());
     let (lambda, mu) = (weight * (5e4 + 3e4 * noise.next()), weight * (2e3 + 1e3 * noise.next()));
-    ElementConstants { gradient, lambda, mu, branch: 1.0 + 0.3 * noise.next() }
+    ElementConstants { gradient, lambda, mu, branch: 1.0 + 0.3 * noise.next(), neo_hookean: 0.0 }
 }
 
 fn slots(nodes: &[u32]) -> Vec<Slot> {
@@ -152,7 +163,11 @@ fn all_forms_give_the_same_bits() {
     for count in (0..40).chain([200, 333]) {
         let soup = Soup::new(&mut noise, 40, count);
         give_the_same_bits::<Element>(&mut noise, &soup);
+        let soup = soup.of_both_laws(&mut noise);
+        give_the_same_bits::<Element>(&mut noise, &soup);
         let soup = Soup::stars(&mut noise, 40, count);
+        give_the_same_bits::<Node>(&mut noise, &soup);
+        let soup = soup.of_both_laws(&mut noise);
         give_the_same_bits::<Node>(&mut noise, &soup);
     }
 }
@@ -202,7 +217,11 @@ fn the_force_is_minus_the_slope_of_the_energy() {
     let mut noise = Noise(3);
     let soup = Soup::new(&mut noise, 12, 21);
     is_minus_the_slope::<Element>(&mut noise, &soup);
+    let soup = soup.of_both_laws(&mut noise);
+    is_minus_the_slope::<Element>(&mut noise, &soup);
     let soup = Soup::stars(&mut noise, 12, 21);
+    is_minus_the_slope::<Node>(&mut noise, &soup);
+    let soup = soup.of_both_laws(&mut noise);
     is_minus_the_slope::<Node>(&mut noise, &soup);
 }
 
@@ -231,7 +250,10 @@ fn a_rigid_rotation_costs_no_force() {
     let mut noise = Noise(5);
     let soup = Soup::new(&mut noise, 20, 50);
     costs_no_force_to_turn::<Element>(&soup);
-    costs_no_force_to_turn::<Node>(&Soup::stars(&mut noise, 20, 50));
+    costs_no_force_to_turn::<Element>(&soup.of_both_laws(&mut noise));
+    let soup = Soup::stars(&mut noise, 20, 50);
+    costs_no_force_to_turn::<Node>(&soup);
+    costs_no_force_to_turn::<Node>(&soup.of_both_laws(&mut noise));
 }
 
 fn costs_no_force_to_turn<I: Kind>(soup: &Soup) {
@@ -274,7 +296,11 @@ fn the_law_with_viscosity_and_memory_agrees_with_matrices() {
     let mut noise = Noise(11);
     let soup = Soup::new(&mut noise, 15, 30);
     agrees_with_matrices::<Element>(&mut noise, &soup);
+    let soup = soup.of_both_laws(&mut noise);
+    agrees_with_matrices::<Element>(&mut noise, &soup);
     let soup = Soup::stars(&mut noise, 15, 30);
+    agrees_with_matrices::<Node>(&mut noise, &soup);
+    let soup = soup.of_both_laws(&mut noise);
     agrees_with_matrices::<Node>(&mut noise, &soup);
 }
 
@@ -300,7 +326,8 @@ fn a_branch_relaxes_under_a_held_shear() {
         let mut soup = Soup::new(&mut noise, 4, 1);
         soup.rest = vec![Vec3::zeros(), Vec3::x() * 0.01, Vec3::y() * 0.01, Vec3::z() * 0.01];
         let gradient = vec![[100.0, 0.0, 0.0], [0.0, 100.0, 0.0], [0.0, 0.0, 100.0]];
-        soup.elements[0] = (vec![0, 1, 2, 3], ElementConstants { gradient, lambda: 3e-3, mu: 2e-4, branch: 1.5 });
+        soup.elements[0] =
+            (vec![0, 1, 2, 3], ElementConstants { gradient, lambda: 3e-3, mu: 2e-4, branch: 1.5, neo_hookean: 0.0 });
         soup
     };
     let shear = 1e-7;
