@@ -43,10 +43,15 @@ fn pose(sequence: u32, position: Vec3) -> Option<ToolEvent> {
 /// All elements of the coarsest level that has enough of them, in one class of steps, a little strained.
 fn element_kernel(c: &mut Criterion) {
     let mut group = c.benchmark_group("element kernel");
-    let kinds = ["tetrahedra", "smoothed"].into_iter().flat_map(|kind| [(kind, "0.0"), (kind, "0.15")]);
-    for (kind, damping_ratio) in kinds {
-        let keys = [format!("material.damping_ratio={damping_ratio}"), format!("material.elements='{kind}'")];
-        let body = build(&load(&[&keys[0], &keys[1]]));
+    let laws =
+        [("tetrahedra", "st_venant_kirchhoff"), ("tetrahedra", "neo_hookean"), ("smoothed", "st_venant_kirchhoff")];
+    for ((kind, law), damping_ratio) in laws.into_iter().flat_map(|kind| [(kind, "0.0"), (kind, "0.15")]) {
+        let keys = [
+            format!("material.damping_ratio={damping_ratio}"),
+            format!("material.elements='{kind}'"),
+            format!("material.law='{law}'"),
+        ];
+        let body = build(&load(&[&keys[0], &keys[1], &keys[2]]));
         let level = (0..body.levels().len()).find(|r| body.elements_of(*r).len() >= ELEMENTS).unwrap();
         let mut state = State::at_rest(&body, level);
         let all = state.classes.concat();
@@ -61,7 +66,7 @@ fn element_kernel(c: &mut Criterion) {
         let rates = Rates { volume: 0.1, shear: 0.1, decay: [0.98, 0.9], share: [0.2, 0.3] };
         group.throughput(Throughput::Elements(elements));
         for path in Simd::available() {
-            let name = format!("{kind}, {path:?}, {} branches, {elements} elements", body.maxwell().len());
+            let name = format!("{kind}, {law}, {path:?}, {} branches, {elements} elements", body.maxwell().len());
             group.bench_function(name, |b| b.iter(|| mesh.add_forces(path, 0, black_box(&rates))));
         }
     }
