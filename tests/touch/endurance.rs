@@ -159,12 +159,21 @@ fn wild_clients_never_break_the_body_and_it_recovers() {
         adaptive_cube(&[damped, tools]),
     ];
     assert!(cubes[..2].iter().all(|cube| cube.rest.body.history.len() == 384));
+    go_wild_on(&cubes, cases(9, 30));
+}
+
+#[test]
+fn nor_one_of_the_neo_hookean_law() {
+    let keys = ["material.law='neo_hookean'", "material.damping_time=0.01", WILD_TOOLS];
+    go_wild_on(&[cube(&[&["body.cells=[[2,2,2],[4,4,4]]"], &keys[..]].concat()), adaptive_cube(&keys)], cases(4, 20));
+}
+
+fn go_wild_on(cubes: &[Setup], clients: u64) {
     let limit = cubes[0].settings.limits.force * (1.0 + 1e-9);
     let (mut worst_bend, mut folded, mut entangled) = (0.0 as Real, 0, 0);
-    let clients = cases(9, 30);
     for seed in 0..clients {
         let mut client = Wild::new(seed);
-        let mut wild = simulation(&cubes[seed as usize % 3]);
+        let mut wild = simulation(&cubes[seed as usize % cubes.len()]);
         let mut physical = 0.0 as Real;
         let mut bend = 0.0 as Real;
         for i in 0..2000 {
