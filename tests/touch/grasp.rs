@@ -210,3 +210,36 @@ fn a_grasper_lifts_the_gallbladder_out_of_its_bed_and_lets_it_go() {
     assert!(lifted - before > 0.012 && (after - before).abs() < 0.006);
     assert_even(&felt);
 }
+
+/// Lifted within 4 s, so that speeding up takes next to nothing, and held for so many `seconds`: what presses from both sides and what
+/// pulls at the hand [N], and how far the block has come, and how far it has crept in all but the first two seconds of that [m].
+fn lifted_slowly(friction: Real, seconds: u32) -> [Real; 4] {
+    let mut simulation = block(&[COARSE, &format!("tool.friction={friction}")]);
+    let before = middle(&simulation);
+    let height = |t: Real| HELD + 0.06 * (1.0 - ease(t, 0.0, 0.6)) + 0.03 * ease(t, 1.5, 5.5);
+    let (mut pull, mut held) = (0.0, before);
+    for i in 0..5500 + 1000 * seconds {
+        let t = Real::from(i) * TICK;
+        pull = -jaws(&mut simulation, height(t), 1.0 - ease(t, 0.7, 1.2)).state.physical_force.z;
+        if i == 7500 {
+            held = middle(&simulation);
+        }
+    }
+    let pressed: Real = simulation.snapshot().points[0].iter().map(|p| p.multiplier).sum();
+    [pressed, pull, (middle(&simulation) - before).z, (middle(&simulation) - held).norm()]
+}
+
+#[test]
+fn jaws_hold_for_a_minute_what_coulomb_says_and_nothing_that_is_heavier() {
+    let weight = weight(&block(&[COARSE]));
+    let needed = weight / lifted_slowly(0.8, 0)[0];
+    let [_, pull, risen, crept] = lifted_slowly(1.1 * needed, if whole() { 60 } else { 5 });
+    println!(
+        "needed {needed:.3}; with 1.1 of it {pull:.4} N of {weight:.4}, {:.1} mm up, crept {crept:.1e} m",
+        1e3 * risen
+    );
+    assert!((pull / weight - 1.0).abs() < 0.01 && risen > 0.025 && crept < 10e-6);
+    let [_, pull, risen, _] = lifted_slowly(0.9 * needed, 0);
+    println!("with 0.9 of it {pull:.4} N, {:.1} mm up", 1e3 * risen);
+    assert!(pull.abs() < 0.1 * weight && risen < 5e-3);
+}
