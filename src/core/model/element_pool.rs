@@ -340,9 +340,8 @@ impl<Id: Kind> Pool<Id> {
             over_limit: &mut self.over_limit[class],
         };
         let path = if path.is_available() { path } else { Simd::Portable };
-        // SAFETY: the path is available; both fields have `nodes` entries, and
-        // no element names a node beyond them (`check_nodes`). Unused lanes name node 0, which is there because the
-        // class has an element.
+        // SAFETY: the path is available; both fields have `nodes` entries, and no element names a node beyond them
+        // (`check_nodes`). Unused lanes name node 0, which is there because the class has an element.
         unsafe {
             if Id::HAS_STAR {
                 element_kernel::add_forces::<true>(path, batch, rates, position, force)
