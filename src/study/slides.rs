@@ -20,9 +20,10 @@ use std::sync::Arc;
 
 /// Size of the block [m].
 const SIZE: Vec3 = Vec3::new(0.16, 0.16, 0.08);
-/// [Pa].
+/// [Pa]. All forces are in proportion to it.
 const YOUNGS_MODULUS: Real = 1e4;
-/// The slide [m], and how fast it is gone [m/s].
+/// The slide [m], over more than an element of any level that touches, and how fast it is gone [m/s], a hand's slow stroke: with a faster one
+/// the block's own swing is felt.
 const LENGTH: Real = 0.02;
 const SPEED: Real = 0.05;
 /// Until the block is at rest under the tool, and within it for going there [ticks].

@@ -230,7 +230,7 @@ fn lifted_slowly(friction: Real, seconds: u32) -> [Real; 4] {
 }
 
 #[test]
-fn jaws_hold_for_a_minute_what_coulomb_says_and_nothing_that_is_heavier() {
+fn jaws_hold_what_coulomb_says_and_nothing_that_is_heavier() {
     let weight = weight(&block(&[COARSE]));
     let needed = weight / lifted_slowly(0.8, 0)[0];
     let [_, pull, risen, crept] = lifted_slowly(1.1 * needed, if whole() { 60 } else { 5 });

@@ -348,3 +348,29 @@ fn supports_made_softer_give_way_by_as_much_more() {
     println!("{:.3} mm and {:.3} mm of {:.3} mm", 1e3 * hard, 1e3 * soft, 1e3 * weight);
     assert!((hard / weight - 1.0).abs() < 0.1 && (soft / hard - 5.0).abs() < 0.25);
 }
+
+/// A ball that sticks, and is pulled aside: all that holds it aside goes, and the hand feels no step of it.
+#[test]
+fn what_is_set_under_a_tool_makes_no_step_in_the_hand() {
+    let setup = cube(&[DAMPED, "tool.radius=0.01", "tool.friction=1.0"]);
+    let changes = [Parameter::Friction { tool: 0, coefficient: 0.0 }, Parameter::Supports(0.2)];
+    for change in changes.map(Some).into_iter().chain([None]) {
+        let mut run = simulation(&setup);
+        run.advance(&inputs(&[Some(attach())]));
+        let (mut forces, mut step) = ([Vec3::zeros(); 2], 0.0 as Real);
+        for i in 0..1000 {
+            let t = Real::from(i) * TICK;
+            let place = TOP + Vec3::new(0.006 * ease(t, 0.3, 0.6), 0.0, 0.012 - 0.008 * ease(t, 0.0, 0.3));
+            let parameter = change.filter(|_| i == 750);
+            let force = run.advance(&Inputs { parameter, ..inputs(&[Some(at(place))]) }).tools[0].state.force;
+            if i >= 750 {
+                step = step.max((force - forces[1]).norm() / (0.05 * force.norm()).max(0.01));
+            }
+            forces = [if i == 749 { force } else { forces[0] }, force];
+        }
+        let [before, after] = forces.map(|force| force.x.abs() / force.z);
+        println!("{change:?}: {step:.2} of what may be felt; aside {before:.3}, then {after:.3} of the pressure");
+        assert!(step < 1.0 && before > 0.3);
+        assert_eq!(after < 0.02, matches!(change, Some(Parameter::Friction { .. })));
+    }
+}

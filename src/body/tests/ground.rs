@@ -273,7 +273,7 @@ fn squeezed(material: &Material, stretch: Real) -> Real {
     mu * stretch + swelling(low) * low * low
 }
 
-/// Both laws as a textbook has them, in the large: also on smoothed elements and for a mixture of both.
+/// Both laws as a textbook has them, in the large: also on smoothed elements.
 #[test]
 fn a_block_between_smooth_plates_pushes_back_as_the_closed_form_of_its_law_says() {
     let (size, down) = (Vec3::new(0.04, 0.04, 0.04), [1.0, 0.0, 0.0, 0.0]);

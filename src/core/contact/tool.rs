@@ -148,6 +148,8 @@ pub struct ToolState {
     pub speed_limited: bool,
     /// Part of the physical force that is rendered, 0..=1.
     pub ramp: Real,
+    /// What its coefficient of friction is more than the one that it is to have: that is taken over gradually.
+    pub friction_left: Real,
     /// Force of the contact on the tool [N], last tick.
     pub physical_force: Vec3,
     /// Moment about the reference point [N·m], last tick.
@@ -215,6 +217,9 @@ impl ToolState {
             None => {}
         }
         self.watch(bounds);
+        // In a tick the force along the surface changes by no more of the pressure than the whole force does at engage.
+        let most = 1.0 / Real::from(bounds.engage_ticks.max(1));
+        self.friction_left -= self.friction_left.max(-most).min(most);
         self.move_on(mechanism, tick, bounds);
     }
 

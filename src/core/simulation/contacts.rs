@@ -124,7 +124,7 @@ impl Simulation {
             }
             laps.lap(Part::Fixed, 0);
             let out = Found { constraints: &mut self.constraints, points_of_action: &mut self.points_of_action };
-            let (shape, friction) = (&of.shape, of.friction);
+            let (shape, friction) = (&of.shape, of.friction + tool.friction_left);
             let rigid = Rigid { id: ToolId::at(i), shape, friction, state: tool, horizon: 0.0 };
             room.detect((&self.body, &self.mesh), rigid, points, out, &mut self.detection);
             room::lap_points(laps, points.len(), room::part_of_tool(&of.shape));

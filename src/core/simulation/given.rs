@@ -44,10 +44,15 @@ impl Simulation {
     pub(super) fn set(&mut self, parameter: Parameter) {
         let has = |tool: u16| self.tools.get(usize::from(tool)).map(|state| state.shape.unwrap_or(tool));
         let is_another = matches!(parameter, Parameter::Shape { tool, of } if has(tool) != Some(of));
+        let friction = |tool: u16| self.settings.tools.get(usize::from(tool)).map_or(0.0, |tool| tool.friction);
+        let was = if let Parameter::Friction { tool, .. } = parameter { friction(tool) } else { 0.0 };
         if self.assume(parameter) {
             match parameter {
                 Parameter::Supports(factor) => self.mesh.set_support_factor(&self.body, factor),
                 Parameter::Shape { tool, .. } if is_another => self.forget_contacts_of(usize::from(tool)),
+                Parameter::Friction { tool, coefficient } if self.tools[usize::from(tool)].touches() => {
+                    self.tools[usize::from(tool)].friction_left += was - coefficient;
+                }
                 _ => {}
             }
         }

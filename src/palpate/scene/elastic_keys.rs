@@ -14,9 +14,10 @@ const YOUNGS_MODULUS: Real = 5e3;
 const POISSON_RATIO: Real = 0.45;
 /// Range of Young's modulus [Pa].
 pub(super) const STIFFNESS: (Real, Real) = (10.0, 1e9);
-/// Largest Poisson's ratio: of smoothed elements. At 0.5, λ is infinite; the closer to it, the smaller the steps.
+/// Largest Poisson's ratio, of smoothed elements: as far as levels were shown to agree (test `levels`). At 0.5, λ is infinite; the closer to
+/// it, the smaller the steps.
 pub(super) const LARGEST_POISSON_RATIO: Real = 0.499;
-/// And of linear tetrahedra, which are the stiffer the closer it is to that.
+/// And of linear tetrahedra, which lock: at this the finest level of a bar bends a fifth too little, and closer to 0.5 ever less.
 const LARGEST_OF_TETRAHEDRA: Real = 0.49;
 /// Part by which constants computed from λ and μ may miss the ranges: more than their rounding.
 const ROUNDING: Real = 1e-12;
