@@ -4,7 +4,6 @@ use super::Progress;
 use super::indentation::on_its_bottom;
 use super::plot::{Chart, Curve, charts, table};
 use super::trial::{Trial, attached, posed};
-
 use palpate_body::prepare::{self, Elements, Recipe, prepare};
 use palpate_core::adaptation::Adaptivity;
 use palpate_core::contact::tool::Shape;

@@ -1,5 +1,6 @@
 //! A body on an obstacle: it carries the weight, holds and slides by Coulomb's law, and is followed where it moves.
 
+use palpate_body::geometry::primitives::sphere_surface;
 use palpate_body::prepare::{self, Elements, Recipe, prepare};
 use palpate_core::contact::obstacle::{Form, Obstacle};
 use palpate_core::contact::safety::ForceLimits;
@@ -342,5 +343,45 @@ fn an_undamped_block_keeps_its_energy_in_the_large_and_a_neo_hookean_one_is_not_
             "{elements:?}, neo-Hookean {neo_hookean}, nu {nu}: energy {least:.4} to {most:.4}, least det F {squeezed:.2}"
         );
         assert!(least > if scale < 1.0 { 0.97 } else { 0.8 } && most < 1.05, "{least} to {most}");
+    }
+}
+
+/// A ball of soft tissue and a cube, from 0.2 m, on floors with friction and without.
+#[test]
+fn what_is_dropped_gains_no_energy_and_comes_to_rest() {
+    let down = Vec3::z() * -9.81;
+    let material = |modulus| Material::from_young(modulus, 0.45, 1050.0);
+    let ball = |modulus, radius: Real| {
+        let recipe = Recipe {
+            name: "ball".into(),
+            shape: prepare::Shape::closed(sphere_surface(radius, 0.12 * radius), vec![0.3 * radius]),
+            material: material(modulus),
+            inclusions: vec![],
+            holds: vec![],
+            elements: Elements::Tetrahedra,
+            damping_ratio: 0.15,
+        };
+        (Arc::new(prepare(&recipe, &mut |_, _, _| {}).unwrap()), radius)
+    };
+    let cube = (block_of(material(1e4), Elements::Tetrahedra, 0.15, Vec3::repeat(0.04), &[5]), 0.0);
+    // A ball rolls for some seconds, as a body of few faces.
+    for ((body, below), friction, seconds) in [(ball(1e4, 0.03), 0.5, 20), (ball(3e4, 0.02), 0.0, 8), (cube, 0.5, 4)] {
+        let mut simulation = on(&body, floor(friction), down, 0);
+        simulation.mesh_mut().change_motion(|_, x, _| x.z += 0.2 + below);
+        let energy = |s: &Simulation| energy(s.body(), s.mesh(), down).total() + 9.81 * body.mass() * below;
+        let (start, mut most) = (energy(&simulation), 0.0 as Real);
+        let mut before = nodes(&simulation);
+        for tick in 0..1000 * seconds {
+            if tick == 1000 * (seconds - 1) {
+                before = nodes(&simulation);
+            }
+            simulation.advance(&Inputs::default());
+            most = most.max(energy(&simulation) / start);
+        }
+        // Not by velocities: what sticks swings within a tick.
+        let now = nodes(&simulation);
+        let moved = now.iter().zip(&before).map(|(now, then)| (now.1 - then.1).norm()).fold(0.0, Real::max);
+        println!("energy at most {most:.9} of {start:.4} J; moves by {moved:.1e} m in the last second");
+        assert!(most < 1.0 + 1e-9 && moved < 1e-5, "{most}, {moved} m");
     }
 }
