@@ -14,6 +14,7 @@ use palpate_body::prepare::input::Fineness;
 use palpate_body::prepare::report::{LevelReport, report};
 use palpate_body::prepare::thin_walls::{Thin, ThinPlaces, thin_places};
 use palpate_body::prepare::{DISPLAY_VERTICES, Shape};
+use palpate_core::model::active_mesh::contact_row::support;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -120,7 +121,8 @@ pub fn run(args: &PrepareArgs) -> anyhow::Result<ExitCode> {
     let thin = match &shape {
         Shape::Closed { surface, .. } => {
             let around = surface.to_trimesh();
-            body.levels().iter().map(|level| thin_places(surface, &around, level)).collect()
+            let looked = |level| thin_places(surface, &around, level, support(body));
+            body.levels().iter().map(looked).collect()
         }
         Shape::Meshes { .. } => vec![ThinPlaces::default(); body.levels().len()],
     };
@@ -150,7 +152,13 @@ pub fn run(args: &PrepareArgs) -> anyhow::Result<ExitCode> {
     write!(text, "{report}")?;
     for (r, (level, forecast)) in report.levels.iter().zip(&forecast.levels).enumerate() {
         writeln!(text, "level {r}: {}", in_words(level, forecast))?;
-        for (what, thin) in [("walls thinner than an element", thin[r].walls), ("gaps that it bridges", thin[r].gaps)] {
+        // Coarser levels are not what is felt.
+        let spread = thin[r].spread.filter(|_| r == body.finest());
+        for (what, thin) in [
+            ("walls thinner than an element", thin[r].walls),
+            ("gaps that it bridges", thin[r].gaps),
+            ("too thin for what a touch is spread over, and felt too soft", spread),
+        ] {
             if let Some(Thin { part, thickness, at }) = thin {
                 writeln!(
                     text,
