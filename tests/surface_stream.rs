@@ -2,7 +2,7 @@
 
 use palpate::display::Display;
 use palpate::scene::LoadedScene;
-use palpate::wire::surface::{SurfaceEncoder, topology};
+use palpate::wire::surface::{SurfaceEncoder, shown, topology};
 use palpate_core::contact::tool::{Coupling, PoseSample, ToolEvent};
 use palpate_core::math::{Bounds, Pose, Vec3};
 use palpate_core::model::Body;
@@ -98,11 +98,12 @@ fn watch(scene: &str, overrides: &[&str], ticks: u64, place: impl Fn(&Body, u64)
     let mut seen = Seen::default();
     let mut ends = None;
     run(scene, overrides, ticks, place, |body, outputs| {
-        let (encoder, decoder) = ends.get_or_insert_with(|| {
+        let (encoder, decoder, display) = ends.get_or_insert_with(|| {
             let display = Arc::new(Display::touched(body));
             let surface = Surface::from_parts(topology(body, &display, 3)).unwrap();
-            (SurfaceEncoder::new(display, 3), SurfaceDecoder::new(Arc::new(surface)))
+            (SurfaceEncoder::new(display.clone(), 3), SurfaceDecoder::new(Arc::new(surface)), display)
         });
+        let shown = shown(display, &outputs.into());
         let mut moment = None;
         for mut part in encoder.frame(&outputs.into()).unwrap() {
             seen.largest = seen.largest.max(part.encoded_len());
@@ -116,13 +117,13 @@ fn watch(scene: &str, overrides: &[&str], ticks: u64, place: impl Fn(&Body, u64)
         let surface = decoder.surface();
         (seen.vertices, seen.step, seen.frames) = (surface.rest_positions.len(), surface.step, seen.frames + 1);
         let positions: Vec<Vec3> = moment.positions.iter().map(|p| Vec3::from(p.map(f64::from))).collect();
-        for ((now, then), rest) in positions.iter().zip(&outputs.skin).zip(&body.surface().vertices) {
+        for ((now, then), rest) in positions.iter().zip(&shown).zip(&body.surface().vertices) {
             seen.off = seen.off.max((now - then).amax());
             seen.moved = seen.moved.max((then - rest).norm());
         }
         let triangles = &body.surface().triangles;
         let narrowest = normals(triangles, &body.surface().vertices).iter().map(|n| n.1).fold(f64::INFINITY, f64::min);
-        for (now, then) in normals(triangles, &positions).iter().zip(normals(triangles, &outputs.skin)) {
+        for (now, then) in normals(triangles, &positions).iter().zip(normals(triangles, &shown)) {
             let (tilt, is_crushed) = (now.0.angle(&then.0).to_degrees(), then.1 < 0.5 * narrowest);
             seen.tilted += u64::from(tilt > 1.0);
             seen.crushed += u64::from(is_crushed);

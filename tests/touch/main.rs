@@ -33,6 +33,7 @@ mod grasp;
 mod parameters;
 mod play;
 mod shapes;
+mod shown;
 mod similar;
 mod tunnel;
 

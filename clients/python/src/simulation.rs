@@ -7,7 +7,7 @@ use numpy::{PyArray1, PyArray2};
 use palpate::scene::{LoadedScene, Scene};
 use palpate_core::contact::jaws::Stance;
 use palpate_core::contact::tool::{Coupling, Phase, PoseSample, ToolEvent};
-use palpate_core::math::{Bounds, Vec3};
+use palpate_core::math::Bounds;
 use palpate_core::model::State;
 use palpate_core::simulation::{Inputs, ParameterRanges, Simulation as Core, Snapshot, TICK};
 use pyo3::exceptions::PyRuntimeError;
@@ -219,9 +219,7 @@ impl Simulation {
 
     /// (n, 3) [m] vertices of the surface now.
     fn vertices<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let mut vertices = vec![Vec3::zeros(); self.core.body().surface().vertices.len()];
-        self.core.mesh().skin(&mut vertices);
-        table::<3, _>(py, vertices.into_iter().map(Into::into))
+        table::<3, _>(py, self.core.touched_surface().into_iter().map(Into::into))
     }
 
     /// (m, 3) vertex numbers, counter-clockwise seen from outside.

@@ -2,6 +2,7 @@
 
 use super::closing::Before;
 use super::density::{Density, MOST_SAMPLES};
+use super::dent::Dent;
 use super::moving_part::MovingPart;
 use super::nearby::Nearby;
 use super::posed::posed;
@@ -12,7 +13,7 @@ use super::tool::{MOST_POINTS, Wrench};
 use super::touchable::{FASTEST_SURFACE, MARGIN, Touchable};
 use crate::math::{Bounds, Real, Vec3};
 use crate::model::active_mesh::contact_row::Surroundings;
-use crate::model::constraint::{PointMemory, Pushed};
+use crate::model::constraint::{Constraint, PointMemory, Pushed};
 use crate::model::step_class::TICK;
 use crate::model::{ActiveMesh, Body};
 
@@ -26,6 +27,8 @@ pub struct Workspace {
     pub(super) memory: Vec<PointMemory>,
     /// By which parts touch.
     samples: Samples,
+    /// What those add to what the mesh displays, of all that touches the body.
+    dents: Vec<Dent>,
     /// Nodes, for all that touches the body.
     nodes: Surroundings,
     /// No display edge is longer at rest [m].
@@ -46,6 +49,7 @@ impl Workspace {
             vertices: body.surface().vertices.clone(),
             memory: Vec::with_capacity(points),
             samples: Samples::new(),
+            dents: Vec::with_capacity(tools * MOST_POINTS),
             nodes: Surroundings::new(body),
             longest_edge: body.surface().longest_edge(),
             changed: false,
@@ -65,6 +69,16 @@ impl Workspace {
         self.changed = true;
         self.nodes.forget();
         self.nearby.iter_mut().for_each(|nearby| nearby.follow_change(body, mesh));
+    }
+
+    /// What touches the body is looked for anew.
+    pub(crate) fn begin(&mut self) {
+        self.dents.clear();
+    }
+
+    /// What the samples that were found add to what the mesh displays, now that their `constraints` are solved.
+    pub(crate) fn dents<'a>(&'a self, constraints: &'a [Constraint]) -> impl Iterator<Item = Dent> + 'a {
+        self.dents.iter().map(|dent| dent.solved(constraints))
     }
 
     /// And is not.
@@ -119,6 +133,7 @@ pub fn detect(
     let hold = Hold { rigid, parts: moving, allowed_for, first: constraints.len() };
     let out = Found { constraints, points_of_action };
     samples.constrain(on, &hold, memory, out, &mut work.memory);
+    work.dents.extend(samples.dents(moving, hold.first));
     std::mem::swap(memory, &mut work.memory);
 }
 

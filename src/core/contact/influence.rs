@@ -10,7 +10,7 @@ use crate::math::{Real, Vec3};
 use std::f64::consts::PI;
 
 /// A load that spreads over less than the mesh shows of it.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Narrow {
     /// Its middle [m].
     pub(super) place: Vec3,
@@ -41,6 +41,11 @@ impl Narrow {
         let apart = (self.place - other.place).norm_squared();
         let left_out = potential(apart, self.variance + other.variance) - potential(apart, 2.0 * shown);
         0.5 * (self.compliance + other.compliance) * left_out * facing
+    }
+
+    /// What the mesh leaves out of a load of one newton, where it shows it as wide as that [1/m], at a squared distance [m²].
+    pub(super) fn left_out(&self, distance_squared: Real) -> Real {
+        potential(distance_squared, self.variance) - potential(distance_squared, self.shown.max(self.variance))
     }
 
     /// The same at a place `away` [m] where the surface faces along `normal`.

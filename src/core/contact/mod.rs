@@ -5,6 +5,7 @@
 mod ahead;
 mod closing;
 mod density;
+pub mod dent;
 pub mod detection;
 mod facing;
 pub mod friction;

@@ -8,6 +8,7 @@
 use super::ahead::{Ahead, overlapped, still_ahead};
 use super::closing::{Before, Closing, UNNOTICED};
 use super::density::{COLUMNS, MOST_PATCHES, MOST_SAMPLES, ROWS};
+use super::dent::Dent;
 use super::influence::{Grid, Narrow, variance_of_disc};
 use super::jaws::Mechanism;
 use super::moving_part::{MovingPart, Silhouette};
@@ -53,6 +54,8 @@ struct Face {
     was: Option<(Real, Option<Grid<COLUMNS, ROWS>>)>,
     /// Poisson's ratio.
     nu: Real,
+    /// Variance with which the mesh displays the loads [m²].
+    displayed: Real,
 }
 
 /// A place of the tool and what is ahead of it.
@@ -300,6 +303,7 @@ impl Samples {
         self.hang(on, first, before, nodes, (support(on.body) * spacing).min(cap));
         let shown = shown_variance(on, corners[0], spacing);
         self.found[first..].iter_mut().for_each(|sample| sample.load.shown = shown);
+        let displayed = displayed_variance(on, shown, spacing);
         // Of the mesh, which does not show the dent, the tool overlaps more than its patch: the most where the mesh is dented the least.
         let along = |v: Vec3| view.ahead.dot(&v);
         let depth = |sample: &Sample| {
@@ -317,7 +321,7 @@ impl Samples {
         let was = known_samples().filter(|_| before.changed).map(|m| m.shown).find(|was| *was > 0.0);
         let was = was.filter(|was| *was != shown);
         let (grid, was) = (grid(shown), was.map(|was| (was, grid(was))));
-        self.faces.push(Face { part: part.number, first, view, patch, reach, level, grid, was, nu });
+        self.faces.push(Face { part: part.number, first, view, patch, reach, level, grid, was, nu, displayed });
     }
 
     /// Gives the samples from the `first` on their rows, on nodes that are gathered for all within `near` [m] of one of them at once: a
@@ -449,6 +453,13 @@ pub(super) fn shown_variance(on: &Touchable, under: Vertex, spacing: Real) -> Re
     (deviation * deviation - (0.167 - 0.145 * on.body.stabilisation(node))) * spacing * spacing
 }
 
+/// The same where the other end is no row, as wide as the load's, but the display: that is linear within an element, and the mean over one of
+/// the body-centred lattice of the squares by which its corners are off, in each direction, is a twelfth of the squared spacing.
+fn displayed_variance(on: &Touchable, shown: Real, spacing: Real) -> Real {
+    let deviation = DEVIATION * support(on.body);
+    2.0 * shown + (1.0 / 12.0 - deviation * deviation) * spacing * spacing
+}
+
 /// What stays the same for all samples of a tool.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Hold<'a> {
@@ -555,6 +566,20 @@ impl Samples {
             out.points_of_action.push(sample.place);
             memory.push(remembered);
         }
+    }
+}
+
+impl Samples {
+    /// What those of a tool of these `parts`, whose constraints are counted from `first`, add to what the mesh displays.
+    pub(super) fn dents<'a>(&'a self, parts: &'a [MovingPart], first: usize) -> impl Iterator<Item = Dent> + 'a {
+        let touches = self.found.iter().enumerate().filter(|(_, sample)| sample.area > 0.0);
+        touches.map(move |(i, sample)| {
+            let face = &self.faces[sample.face as usize];
+            let sides = parts[face.part].cells().map_or([0.0; 2], |cells| face.patch.sides(cells));
+            let sides = [0, 1].map(|c| face.view.across[c] * sides[c]);
+            let load = Narrow { shown: face.displayed, ..sample.load };
+            Dent::new(load, sides, sample.displayed, [first + i, first + face.first])
+        })
     }
 }
 

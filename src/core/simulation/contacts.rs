@@ -52,6 +52,7 @@ impl Simulation {
         self.constraints.clear();
         self.feet.clear();
         self.points_of_action.clear();
+        self.detection.begin();
         // What is touched stays: the end of a frame has to have time for it, too.
         let taken = self.beside_motion(true).saturating_add(self.contact_time(0).0);
         let mut room = Room::new(self.prices, self.most_of(budget).saturating_sub(taken));

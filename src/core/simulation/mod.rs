@@ -24,6 +24,7 @@ pub use ranges::ParameterRanges;
 pub use snapshot::Snapshot;
 
 use crate::adaptation::{self, Allowance, Focus, Request};
+use crate::contact::dent::{Dent, deepen};
 use crate::contact::detection;
 use crate::contact::friction::{self, Solved};
 use crate::contact::jaws::Mechanism;
@@ -171,6 +172,7 @@ impl Simulation {
                 obstacles: vec![ObstacleOutput::default(); obstacles],
                 frame: false,
                 skin: body.surface().vertices.clone(),
+                dents: vec![Dent::default(); outputs::most_dents(&settings)],
                 levels: vec![0; vertices],
                 hash: 0,
                 plan: Plan::default(),
@@ -261,6 +263,15 @@ impl Simulation {
         self.detection.forget();
         self.detection.follow_change(&self.body, &self.mesh);
         &mut self.mesh
+    }
+
+    /// The surface that is touched, (n_vertices) [m]: as the mesh shows it, and what that leaves out of the dents under tools and obstacles.
+    pub fn touched_surface(&self) -> Vec<Vec3> {
+        let mut vertices = vec![Vec3::zeros(); self.vertices.len()];
+        self.mesh.skin(&mut vertices);
+        let dents: Vec<Dent> = self.detection.dents(&self.constraints).collect();
+        deepen(&mut vertices, &self.body.surface().triangles, &dents);
+        vertices
     }
 
     /// Where organs meet, or are about to.
@@ -528,6 +539,9 @@ impl Simulation {
         }
         if frame {
             self.mesh.skin(&mut self.outputs.skin);
+            self.outputs.dents.fill(Dent::default());
+            let dents = self.detection.dents(&self.constraints);
+            self.outputs.dents.iter_mut().zip(dents).for_each(|(to, dent)| *to = dent);
             self.mesh.display_levels(&self.body, &mut self.outputs.levels);
         }
         self.count_knotted();

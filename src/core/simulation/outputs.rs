@@ -2,8 +2,9 @@
 
 use super::inputs::Settings;
 use crate::adaptation;
+use crate::contact::dent::Dent;
 use crate::contact::safety::Limited;
-use crate::contact::tool::ToolState;
+use crate::contact::tool::{MOST_POINTS, ToolState};
 use crate::contact::wrench::Wrench;
 use crate::math::Vec3;
 use crate::model::Body;
@@ -61,10 +62,12 @@ pub struct Outputs {
     pub tools: Vec<ToolOutput>,
     /// Each obstacle, in the order of the scene.
     pub obstacles: Vec<ObstacleOutput>,
-    /// The tick ends a frame: `skin`, `levels` and `hash` are those of this tick.
+    /// The tick ends a frame: `skin`, `dents`, `levels` and `hash` are those of this tick.
     pub frame: bool,
-    /// Display vertices [m], (n_vertices); as of the last frame.
+    /// Display vertices as the mesh shows them [m], (n_vertices); as of the last frame.
     pub skin: Vec<Vec3>,
+    /// What it leaves out where tools and obstacles touch, as many as there may be; as of the last frame.
+    pub dents: Vec<Dent>,
     /// Level of detail that displays each of them, (n_vertices); as of the last frame.
     pub levels: Vec<u8>,
     /// [`Simulation::hash`](super::Simulation::hash) as of the last frame.
@@ -93,13 +96,20 @@ impl Outputs {
     }
 }
 
+/// As many as all tools and obstacles together may make.
+pub(super) fn most_dents(settings: &Settings) -> usize {
+    (settings.tools.len() + settings.obstacles.len()) * MOST_POINTS
+}
+
 /// What viewers are shown of a tick that ends a frame.
 #[derive(Clone, Debug)]
 pub struct Frame {
     /// The tick that ended it.
     pub tick: u64,
-    /// Display vertices [m], (n_vertices).
+    /// Display vertices as the mesh shows them [m], (n_vertices).
     pub skin: Vec<Vec3>,
+    /// What it leaves out where tools and obstacles touch.
+    pub dents: Vec<Dent>,
     /// Level of detail that displays each of them, (n_vertices).
     pub levels: Vec<u8>,
     /// Each tool, by id.
@@ -115,6 +125,7 @@ impl Frame {
         Self {
             tick: 0,
             skin: vec![Vec3::zeros(); vertices],
+            dents: vec![Dent::default(); most_dents(settings)],
             levels: vec![0; vertices],
             tools: vec![ToolState::default(); settings.tools.len()],
             obstacles: vec![ObstacleOutput::default(); settings.obstacles.len()],
@@ -125,6 +136,7 @@ impl Frame {
     pub fn fill(&mut self, outputs: &Outputs) {
         self.tick = outputs.tick;
         self.skin.copy_from_slice(&outputs.skin);
+        self.dents.copy_from_slice(&outputs.dents);
         self.levels.copy_from_slice(&outputs.levels);
         for (to, from) in self.tools.iter_mut().zip(&outputs.tools) {
             *to = from.state;
@@ -138,6 +150,7 @@ impl From<&Outputs> for Frame {
         Self {
             tick: outputs.tick,
             skin: outputs.skin.clone(),
+            dents: outputs.dents.clone(),
             levels: outputs.levels.clone(),
             tools: outputs.tools.iter().map(|tool| tool.state).collect(),
             obstacles: outputs.obstacles.clone(),

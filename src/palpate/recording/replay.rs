@@ -5,10 +5,10 @@ use crate::display::Display;
 use crate::scene::{self, Scene};
 use crate::wire;
 use mcap::sans_io::LinearReaderOptions;
-use palpate_core::math::{Real, Vec3};
+use palpate_core::math::Real;
 use palpate_core::model::element_kernel::Simd;
 use palpate_core::model::{Body, State};
-use palpate_core::simulation::{Inputs, Simulation, Snapshot, TICK};
+use palpate_core::simulation::{Frame, Inputs, Simulation, Snapshot, TICK};
 use palpate_proto::keys::topics;
 use palpate_proto::{self as proto, Message};
 use std::collections::BTreeMap;
@@ -221,7 +221,7 @@ pub fn replay(recording: &Recording, path: Simd) -> Result<ReplayReport, String>
         }
         if let Some(recorded) = recording.hashes.get(tick) {
             if outputs.hash != *recorded {
-                let what = match farthest(recording, *tick, &outputs.skin) {
+                let what = match farthest(recording, &outputs.into()) {
                     Some(moved) => format!("state hash; the surface is at most {moved:e} m from the recorded one"),
                     None => "state hash".into(),
                 };
@@ -249,13 +249,17 @@ fn wrench_difference(tool: usize, recorded: &proto::ToolWrench, again: &proto::T
     )
 }
 
-/// Largest distance [m] of what is shown with the touched vertices at `skin` [m] from the recorded vertices of `tick`, where their frame and its key frame are whole.
-fn farthest(recording: &Recording, tick: u64, skin: &[Vec3]) -> Option<Real> {
-    let frame = recording.frames.get(&tick)?;
+/// Largest distance [m] of what is shown in a frame from the recorded vertices of its tick, where their frame and its key frame are whole.
+fn farthest(recording: &Recording, now: &Frame) -> Option<Real> {
+    let frame = recording.frames.get(&now.tick)?;
     let key = frame.first()?.key;
     let key = recording.frames.values().find(|parts| parts.first().is_some_and(|part| part.sequence == key))?;
     let recorded = wire::surface::vertices(&recording.display, key, frame)?;
     Some(
-        recorded.iter().zip(recording.display.positions(skin).iter()).map(|(a, b)| (a - b).norm()).fold(0.0, Real::max),
+        recorded
+            .iter()
+            .zip(wire::surface::shown(&recording.display, now).iter())
+            .map(|(a, b)| (a - b).norm())
+            .fold(0.0, Real::max),
     )
 }

@@ -4,6 +4,7 @@ use super::session::organs;
 use super::{obstacle_state, tool_state};
 use crate::display::{Display, Look};
 use palpate_body::geometry::textured::Picture;
+use palpate_core::contact::dent::deepen;
 use palpate_core::contact::tool::Phase;
 use palpate_core::math::{Bounds, Real, Vec3};
 use palpate_core::model::Body;
@@ -108,6 +109,13 @@ pub fn vertices(display: &Display, key: &[proto::SurfaceFrame], frame: &[proto::
     Some(points.into_iter().map(|point| Vec3::from(code.position(point).map(Real::from))).collect())
 }
 
+/// Places of all vertices of `display` [m] in a `frame`, with the dents of what touches them.
+pub fn shown(display: &Display, frame: &Frame) -> Vec<Vec3> {
+    let mut vertices = display.positions(&frame.skin).into_owned();
+    deepen(&mut vertices, &display.triangles, &frame.dents);
+    vertices
+}
+
 fn code(display: &Display) -> SurfaceCode {
     SurfaceCode::new(&display.triangles, &display.rest, grid_step(&display.rest, &display.triangles))
         .unwrap_or_else(|| unreachable!("triangles name vertices of their surface"))
@@ -158,10 +166,10 @@ impl SurfaceEncoder {
     /// # Errors
     /// [`CodeError::Compression`] when there is no memory.
     pub fn frame(&mut self, frame: &Frame) -> Result<Vec<proto::SurfaceFrame>, CodeError> {
-        let Frame { tick, skin, levels, tools, obstacles } = frame;
+        let Frame { tick, levels, tools, obstacles, .. } = frame;
         let sequence = self.sequence;
         self.sequence += 1;
-        let (shown, levels) = (self.display.positions(skin), self.display.levels(levels));
+        let (shown, levels) = (shown(&self.display, frame), self.display.levels(levels));
         self.now.iter_mut().zip(shown.iter()).for_each(|(to, x)| *to = self.code.on_grid([x.x, x.y, x.z]));
         let is_key = sequence.is_multiple_of(KEY_INTERVAL);
         let reference = if is_key { self.code.rest() } else { &self.key.1[..] };
