@@ -54,7 +54,7 @@ pub fn lie(
         let point = body.point_of_patch(i);
         let known = before.binary_search_by_key(&point, |m| m.point).ok().map(|k| &before[k]);
         let shift = known.map_or(0.0, |m| m.shift);
-        let closing = Closing::new(known.map(|m| m.slack), overlap - shift, shift, moved);
+        let closing = Closing::new(known.map(|m| m.slack), overlap - shift, shift, moved, false);
         let (anchor, tangential) = match known.filter(|_| friction > 0.0) {
             Some(m) => (m.anchor, m.tangential - normal * normal.dot(&m.tangential)),
             None => (state.previous.to_own(place), Vec3::zeros()),

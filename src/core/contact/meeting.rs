@@ -300,7 +300,7 @@ fn constrain(organs: &Organs, m: &mut Meeting, constraints: &mut Vec<Constraint>
     let mut compliance = [0.0; MOST_POINTS];
     compliance[0] = horizon * horizon * mobility / m.share;
     // What the compliance gives way by is no overlap that was found late.
-    let closing = Closing::new(Some(m.slack), -m.gap - compliance[0] * m.multiplier, 0.0, 0.0);
+    let closing = Closing::new(Some(m.slack), -m.gap - compliance[0] * m.multiplier, 0.0, 0.0, false);
     m.slack = closing.slack_end;
     let apart = row.interpolate(&mesh.motion.position);
     let along = |v: &Vec3| v - m.normal * m.normal.dot(v);
