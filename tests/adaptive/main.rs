@@ -23,10 +23,12 @@ mod shared;
 
 mod budget;
 mod clicks;
+mod collision;
 mod conservation;
 mod cost;
 mod damping;
 mod determinism;
+mod gut;
 mod levels;
 mod modes;
 mod nodule;
