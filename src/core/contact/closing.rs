@@ -56,7 +56,7 @@ fn slowly(of: Real, kept: Real) -> Real {
 const SLACK_KEPT: Real = 0.85;
 
 /// What it changes by at most under a hand [m] within a tick, or this part of it where that is more: many changes of the resolution in a row
-/// leave more than one.
+/// leave more than one. With less a tool that got in stays in for seconds; with more the hand is pushed, and the body pumped.
 const FASTEST: Real = 10e-6;
 const PART_LEFT: Real = 0.01;
 

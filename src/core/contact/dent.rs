@@ -61,7 +61,7 @@ impl Dent {
     }
 }
 
-/// A strip's cells are up to so many times as long as wide: beyond, a long load is shown too far apart.
+/// A cell is cut into so many loads at most: with fewer, those of a long one are seen one by one; with more, a frame takes longer.
 const MOST_CUTS: Real = 12.0;
 
 /// What all `dents` add at a `place` of the surface that faces `inward` [m].

@@ -54,7 +54,8 @@ impl Narrow {
             return 0.0;
         }
         let apart = (away - self.place).norm_squared();
-        let left_out = potential(apart, self.variance) - potential(apart, 2.0 * self.shown.max(self.variance));
+        // There it is felt through as wide a row as the one by which it pushes.
+        let left_out = self.shown_as(2.0 * self.shown.max(self.variance)).left_out(apart);
         self.compliance * left_out * normal.dot(&self.normal).max(0.0)
     }
 }
