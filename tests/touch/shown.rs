@@ -70,25 +70,47 @@ fn the_surface_that_is_shown_lies_against_the_tool() {
         Presses { name: "cylinder", part: cylinder, above: &|d| d.z, near: 5e-3, depth: 0.003 },
         Presses { name: "block", part: face, above: &|d| d.z, near: 5e-3, depth: 0.003 },
     ];
-    for [cells, elements] in [
-        ["[[8,8,8]]", "tetrahedra"],
-        ["[[8,8,8]]", "smoothed"],
-        ["[[12,12,12]]", "tetrahedra"],
-        ["[[12,12,12]]", "smoothed"],
-    ] {
-        let cells = format!("body.cells={cells}");
-        let elements = format!("material.elements=\"{elements}\"");
-        let setup = scene(&[&cells, "body.active_level=0", &elements, "body.display_vertices=20000"]);
+    let uniform = |cells: &str, elements: &str| {
+        let (cells, elements) = (format!("body.cells={cells}"), format!("material.elements=\"{elements}\""));
+        scene(&[&cells, "body.active_level=0", &elements, "body.display_vertices=20000"])
+    };
+    let soft = ["material.poisson_ratio=0.45", "material.youngs_modulus=2000", "material.damping_time=0.01"];
+    let setups = [
+        ("coarse", uniform("[[8,8,8]]", "tetrahedra")),
+        ("coarse, smoothed", uniform("[[8,8,8]]", "smoothed")),
+        ("fine", uniform("[[12,12,12]]", "tetrahedra")),
+        ("fine, smoothed", uniform("[[12,12,12]]", "smoothed")),
+        ("adaptive, soft", adaptive_cube(&[&soft[..], &["body.display_vertices=20000"]].concat())),
+    ];
+    for (name, setup) in &setups {
         for of in &all {
-            let [bare, shown] = of.run(&setup).map(|gaps| gaps.map(|gap| gap / of.depth));
-            println!(
-                "{cells} {elements}, {} {} mm deep: {bare:.2?} of that, as shown {shown:.2?}",
-                of.name,
-                of.depth * 1e3
-            );
+            let [bare, shown] = of.run(setup).map(|gaps| gaps.map(|gap| gap / of.depth));
+            println!("{name}, {} {} mm deep: {bare:.2?} of that, as shown {shown:.2?}", of.name, of.depth * 1e3);
             assert!(shown.iter().all(|gap| gap.abs() < 0.15));
             let is_round = of.name != "cylinder" && of.name != "block";
             assert!(!is_round || bare[0] < -0.3);
         }
     }
+}
+
+/// A machine that is too slow for the body shows what it last was.
+#[test]
+fn a_dent_is_shown_while_the_body_stands_still() {
+    let cube = cube(&["tool.radius=0.01"]);
+    let mut press = simulation(&cube);
+    tick(&mut press, attach());
+    let mut place = TOP;
+    for i in 0..400 {
+        place = TOP + Vec3::z() * (0.012 - 0.006 * ease(Real::from(i) * TICK, 0.0, 0.3));
+        tick(&mut press, at(place));
+    }
+    let moving = press.touched_surface();
+    let outputs = press.advance(&Inputs { budget: Budget::of(1), ..inputs(&[Some(at(place))]) });
+    assert!(outputs.plan.taken == 0);
+    let apart = |other: &[Vec3]| moving.iter().zip(other).map(|(a, b)| (a - b).norm()).fold(0.0, Real::max);
+    let mut bare = moving.clone();
+    press.mesh().skin(&mut bare);
+    let (still, left_out) = (apart(&press.touched_surface()), apart(&bare));
+    println!("{:.1} µm off, of {:.1} that the mesh leaves out", 1e6 * still, 1e6 * left_out);
+    assert!(left_out > 1e-3 && still < 0.02 * left_out);
 }

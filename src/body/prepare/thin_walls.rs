@@ -13,8 +13,9 @@ use rayon::prelude::*;
 /// Cosine of the angle between two sheets up to which they run side by side.
 const FACING: Real = 0.7;
 
-/// How much wider than a wall the nodes may lie that a touch is spread over: what is felt is then within 2 % on a slab that is bonded below, and
-/// 7 % too little at 1.75, 14 at 2.2 (against the layer's Green function, Poisson's ratio 0.3).
+/// Support of a touch over the thickness of a wall, up to which what is felt is within 2 % on a slab that is bonded below (against the layer's
+/// Green function, Poisson's ratio 0.3). With less, walls are reported that feel right; with more, some that feel too soft are not: 7 % at
+/// 1.75, 14 at 2.2.
 const WIDER_THAN_WALL: Real = 1.5;
 
 /// Most points looked from along an edge of a triangle.

@@ -33,9 +33,9 @@ impl Dent {
         Self { load, long, cuts: cuts as u32, displayed, constraint, face, force: 0.0 }
     }
 
-    /// The same now that the `constraints` are solved.
+    /// The same now that the `constraints` are solved; where the body stood still, with the last force.
     pub(super) fn solved(&self, constraints: &[Constraint]) -> Self {
-        let force = constraints.get(self.constraint as usize).map_or(0.0, |c| c.mean_multiplier);
+        let force = constraints.get(self.constraint as usize).map_or(0.0, |c| c.multiplier);
         Self { force, ..*self }
     }
 

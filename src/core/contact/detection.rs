@@ -60,6 +60,7 @@ impl Workspace {
 impl Workspace {
     /// What is where may have changed at once.
     pub(crate) fn forget(&mut self) {
+        self.dents.clear();
         self.nodes.forget();
         self.nearby.iter_mut().for_each(Nearby::forget);
     }

@@ -21,6 +21,13 @@ pub struct Rigid<'a> {
     pub horizon: Real,
 }
 
+impl Rigid<'_> {
+    /// Whether a hand holds it: what it touches is then solved without a horizon.
+    pub(super) fn is_held(&self) -> bool {
+        self.horizon <= 0.0
+    }
+}
+
 /// Receives what is found.
 #[derive(Debug)]
 pub struct Found<'a> {

@@ -483,7 +483,6 @@ impl Samples {
     ) {
         let Rigid { id, shape, friction, state: tool, horizon } = hold.rigid;
         let (first, middle, mechanism) = (hold.first, tool.middle(), &Mechanism::of(shape));
-        let is_held = horizon <= 0.0;
         for (i, sample) in self.found.iter().enumerate() {
             let face = &self.faces[sample.face as usize];
             let part = &hold.parts[face.part];
@@ -541,7 +540,7 @@ impl Samples {
                 let changed = n.dot(&sample.moved) + self.deepened(part.samples(), i);
                 let shift = known.map_or(0.0, |m| m.shift) - changed;
                 let Closing { slack, slack_end, shift_end } =
-                    Closing::new(known.map(|m| m.slack), overlap - shift, shift, moved, is_held);
+                    Closing::new(known.map(|m| m.slack), overlap - shift, shift, moved, hold.rigid.is_held());
                 constraint.offset = n.dot(&start) + flat - slack - shift;
                 constraint.rate = (moved + slack - slack_end + shift - shift_end) / TICK;
                 constraint.multiplier = sample.multiplier;
