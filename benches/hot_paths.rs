@@ -43,15 +43,22 @@ fn pose(sequence: u32, position: Vec3) -> Option<ToolEvent> {
 /// All elements of the coarsest level that has enough of them, in one class of steps, a little strained.
 fn element_kernel(c: &mut Criterion) {
     let mut group = c.benchmark_group("element kernel");
-    let laws =
-        [("tetrahedra", "st_venant_kirchhoff"), ("tetrahedra", "neo_hookean"), ("smoothed", "st_venant_kirchhoff")];
+    let laws = [
+        ("tetrahedra", "st_venant_kirchhoff"),
+        ("tetrahedra", "neo_hookean"),
+        ("tetrahedra", "transversely_isotropic"),
+        ("smoothed", "st_venant_kirchhoff"),
+    ];
     for ((kind, law), damping_ratio) in laws.into_iter().flat_map(|kind| [(kind, "0.0"), (kind, "0.15")]) {
         let keys = [
             format!("material.damping_ratio={damping_ratio}"),
             format!("material.elements='{kind}'"),
             format!("material.law='{law}'"),
         ];
-        let body = build(&load(&[&keys[0], &keys[1], &keys[2]]));
+        let fibres = ["material.fibre_modulus=2e4", "material.fibre_direction=[2,1,0]"];
+        let fibres = if law == "transversely_isotropic" { &fibres[..] } else { &[] };
+        let keys: Vec<&str> = keys.iter().map(String::as_str).chain(fibres.iter().copied()).collect();
+        let body = build(&load(&keys));
         let level = (0..body.levels().len()).find(|r| body.elements_of(*r).len() >= ELEMENTS).unwrap();
         let mut state = State::at_rest(&body, level);
         let all = state.classes.concat();

@@ -13,8 +13,9 @@ use palpate_body::prepare::spacings;
 use palpate_body::prepare::{Elements, Recipe, Region, Shape, prepare, refit};
 use palpate_core::geometry::primitives::box_mesh;
 use palpate_core::geometry::{Moments, Surface};
+use palpate_core::ids::Element;
 use palpate_core::math::{Bounds, Mat3, Real, Vec3};
-use palpate_core::model::{Body, Material};
+use palpate_core::model::{Body, Fibres, Material};
 use std::fmt::Write as _;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -122,7 +123,14 @@ fn nodule(rest: Material, contrast: Real) -> Vec<Inclusion> {
     let Bounds { low, high } = liver_surface(0.008).bounds();
     let place = Reach::Ball((low + high) / 2.0, 0.02);
     let (youngs_modulus, poisson_ratio) = (contrast * rest.youngs_modulus(), rest.poisson_ratio());
-    vec![Inclusion { place: place.into(), youngs_modulus, poisson_ratio, density: rest.density, neo_hookean: 0.0 }]
+    vec![Inclusion {
+        place: place.into(),
+        youngs_modulus,
+        poisson_ratio,
+        density: rest.density,
+        neo_hookean: 0.0,
+        fibres: Fibres::NONE,
+    }]
 }
 
 /// The lowest part of the liver, up to `height` [m].
@@ -190,6 +198,7 @@ fn a_heavy_place_gives_every_level_its_mass_centre_and_inertia() {
             poisson_ratio: 0.45,
             density,
             neo_hookean: 0.0,
+            fibres: Fibres::NONE,
         }]
     };
     let shape = || Shape::closed(liver_surface(0.008), vec![0.019, 0.012]);
@@ -237,8 +246,8 @@ fn files_that_are_no_prepared_bodies_are_refused_with_what_to_do() {
         (bytes[..10].to_vec(), "cut off"),
         (bytes[..bytes.len() - 1].to_vec(), "cut off"),
         ([bytes.clone(), vec![0]].concat(), "added to"),
-        (changed(8, 9), "format 9, this palpate reads format 8: update palpate"),
-        (changed(8, 0), "format 0, this palpate reads format 8: prepare it again"),
+        (changed(8, 10), "format 10, this palpate reads format 9: update palpate"),
+        (changed(8, 0), "format 0, this palpate reads format 9: prepare it again"),
         (changed(bytes.len() / 2, bytes[bytes.len() / 2] ^ 1), "checksum"),
     ] {
         let e = refused(&bytes);
@@ -343,6 +352,78 @@ fn regions_of_the_material_go_by_the_labels_of_the_volume_file() {
 }
 
 /// What comes of the files at `paths`: the body's levels in words, or why they are refused.
+/// A rod whose fibres wind around its axis, as muscle's do, in a VTK file.
+fn wound(folder: &Path) -> String {
+    let mesh = box_mesh(Vec3::new(0.1, 0.06, 0.06), [6, 4, 4]);
+    let mut text = format!(
+        "# vtk DataFile Version 3.0\nrod\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS {} double\n",
+        mesh.nodes.len()
+    );
+    mesh.nodes.iter().for_each(|p| writeln!(text, "{} {} {}", 1e3 * p.x, 1e3 * p.y, 1e3 * p.z).unwrap());
+    let all = mesh.elements.len();
+    writeln!(text, "CELLS {all} {}", 5 * all).unwrap();
+    mesh.elements.iter().for_each(|[a, b, c, d]| writeln!(text, "4 {a} {b} {c} {d}").unwrap());
+    writeln!(text, "CELL_TYPES {all}\n{}\nCELL_DATA {all}\nVECTORS fibre double", "10 ".repeat(all)).unwrap();
+    for e in 0..all {
+        let a = around_axis(mesh.corners(e).iter().sum::<Vec3>() / 4.0) * 5.0;
+        writeln!(text, "{} {} {}", a.x, a.y, a.z).unwrap();
+    }
+    let file = folder.join("rod.vtk");
+    fs::write(&file, text).unwrap();
+    file.display().to_string()
+}
+
+/// Unit direction at a place of that rod, 45° from its axis.
+fn around_axis(p: Vec3) -> Vec3 {
+    let arm = p - Vec3::new(0.0, 0.03, 0.03);
+    let around = Vec3::x().cross(&arm).try_normalize(1e-9).unwrap_or(Vec3::y());
+    (Vec3::x() + around).normalize()
+}
+
+#[test]
+fn fibres_lie_as_the_volume_file_says_or_as_the_scene_does() {
+    let folder = tempfile::tempdir().unwrap();
+    let (file, out) = (wound(folder.path()), folder.path().join("rod.palpate").display().to_string());
+    let law = ["material.law='transversely_isotropic'", "material.fibre_modulus=4e4"];
+    for levels in [&[][..], &["--levels", "25mm,14mm"]] {
+        let head = ["prepare", file.as_str(), "--unit", "mm", "-o", out.as_str()];
+        let said = stdout(&palpate(&[&head[..], levels].concat()).success());
+        assert!(said.contains("directions of fibres: 'fibre'"), "{said}");
+        // Another scene's law on the body as prepared, along the file's directions.
+        let body = load(Path::new(&out), &law).build(&mut silent).unwrap();
+        let (mut off, mut all) = (0.0, 0.0);
+        for e in body.elements() {
+            let middle = body.corners(e).iter().sum::<Vec3>() / 4.0;
+            let fibres = body.led(body.material_of(e), e).fibres;
+            assert_eq!(fibres.modulus, 4e4);
+            off += body.volume(e) * (1.0 - fibres.direction.dot(&around_axis(middle)).abs());
+            all += body.volume(e);
+        }
+        // Given meshes have their own; a cover what its elements' middles lie in.
+        assert!(off / all < if levels.is_empty() { 1e-12 } else { 0.1 }, "{}", off / all);
+        // Regions and scenes may lead them otherwise.
+        let region = "material.region=[{ min = [-1, -1, -1], max = [0.05, 1, 1], youngs_modulus = 5e3, fibre_direction = [0, 0, 2] }]";
+        let body = load(Path::new(&out), &[law[0], law[1], region]).build(&mut silent).unwrap();
+        let is_up = |e: &Element| body.led(body.material_of(*e), *e).fibres.direction == Vec3::z();
+        let low = |e: &Element| body.corners(*e).iter().all(|p| p.x < 0.05);
+        assert!(body.elements().filter(low).all(|e| is_up(&e)) && !body.elements().all(|e| is_up(&e)));
+    }
+    let scene = |more: &[&str]| load(Path::new("cube"), &[&law[..], more].concat()).build(&mut silent);
+    let refused = scene(&[]).unwrap_err().to_string();
+    assert!(refused.contains("fibre_direction") && refused.contains("vectors called fibre"), "{refused}");
+    assert!(scene(&["material.fibre_direction=[1, 1, 0]"]).is_ok());
+    for (keys, key, remedy) in [
+        (&["material.fibre_modulus=4e4"][..], "material.law", "give transversely_isotropic"),
+        (&law[..1], "material.fibre_modulus", "fibres add to Young's modulus"),
+        (&[law[0], law[1], "material.fibre_direction=[0, 0, 0]"], "material.fibre_direction", "give a direction"),
+        (&[law[0], "material.fibre_modulus=-1.0"], "material.fibre_modulus", "10"),
+    ] {
+        let given: Vec<String> = keys.iter().map(ToString::to_string).collect();
+        let refused = LoadedScene::load(Path::new("cube"), &given).unwrap_err().to_string();
+        assert!(refused.contains(key) && refused.contains(remedy), "{refused}");
+    }
+}
+
 fn verdict(paths: &[PathBuf], unit: LengthUnit, scale: Real, holes: Real) -> Result<String, String> {
     let read = |path: &PathBuf| Input::read(path, unit, scale, holes, None).map_err(|e| e.to_string());
     let inputs: Vec<Input> = paths.iter().map(read).collect::<Result<_, _>>()?;

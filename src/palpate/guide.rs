@@ -57,6 +57,7 @@ macro_rules! page {
         /// [`palpate_core::model::body::stars`]: palpate_core::model::body::stars
         /// [`palpate_core::model::active_mesh::contact_row`]: palpate_core::model::active_mesh::contact_row
         /// [`palpate_core::model::material`]: palpate_core::model::material
+        /// [`palpate_core::model::fibres`]: palpate_core::model::fibres
         /// [`palpate_core::stepping`]: palpate_core::stepping
         /// [`palpate_core::stepping::constraint_solve`]: palpate_core::stepping::constraint_solve
         /// [`palpate_core::stepping::governor`]: palpate_core::stepping::governor

@@ -6,7 +6,7 @@
 use super::laws::{Law, Solid};
 use super::levels::Levels;
 use palpate_core::math::{Real, Vec3};
-use palpate_core::model::Material;
+use palpate_core::model::{Fibres, Material};
 
 /// Field of all studies that have one [m/s²].
 pub const GRAVITY: Vec3 = Vec3::new(0.0, 0.0, -9.81);
@@ -19,7 +19,7 @@ pub fn material() -> Material {
 /// The same with viscosities `φ = τ λ`, `ψ = τ μ`, `tau` in [s].
 pub fn damped(tau: Real) -> Material {
     let (lambda, mu) = (1.46e5, 0.75e5);
-    Material { lambda, mu, phi: tau * lambda, psi: tau * mu, density: 1000.0, neo_hookean: 0.0 }
+    Material { lambda, mu, phi: tau * lambda, psi: tau * mu, density: 1000.0, neo_hookean: 0.0, fibres: Fibres::NONE }
 }
 
 /// A solid held at x = 0, with what is needed to let it swing.

@@ -4,6 +4,7 @@ use super::*;
 use palpate_body::prepare::inclusions::Inclusion;
 use palpate_body::prepare::region::Reach;
 use palpate_core::math::Bounds;
+use palpate_core::model::Fibres;
 
 /// A block of soft tissue [m], and its material.
 const BLOCK: Vec3 = Vec3::new(0.08, 0.06, 0.04);
@@ -22,6 +23,7 @@ fn block(nodule: bool) -> Arc<Body> {
         poisson_ratio: 0.45,
         density: 1050.0,
         neo_hookean: 0.0,
+        fibres: Fibres::NONE,
     };
     let recipe = Recipe {
         name: "block".into(),

@@ -177,7 +177,7 @@ fn a_merged_body_has_what_its_organs_have() {
         assert!((organ.centre_of_mass - pose.to_world(own.centre_of_mass())).norm() < 1e-12);
         for (v, vertex) in organ.vertices.clone().zip(&own.surface().vertices) {
             assert!((body.surface().vertices[v] - pose.to_world(*vertex)).norm() < 1e-15);
-            assert_eq!(&body.parts().materials[body.material_number_at(Vertex::at(v))], own.material());
+            assert_eq!(&body.parts().materials[body.material_number(body.element_at(Vertex::at(v)))], own.material());
         }
         let triangles = &body.surface().triangles[organ.triangles.clone()];
         assert!(triangles.iter().flatten().all(|v| organ.vertices.contains(&(*v as usize))));
@@ -208,6 +208,30 @@ fn a_merged_body_has_what_its_organs_have() {
     mixed.organs[0].vertices += 1;
     mixed.organs[1].vertices -= 1;
     assert!(Body::new(mixed).unwrap_err().to_string().contains("organs share a part"));
+}
+
+#[test]
+fn fibres_turn_with_their_organ() {
+    let law = "youngs_modulus = 30000.0\nlaw = \"transversely_isotropic\"\nfibre_modulus = 9e4\nfibre_direction = [1.0, 0.5, 0.2]";
+    let loaded = load_text(&SCENE.replace("youngs_modulus = 30000.0", law), &[]);
+    let pose = loaded.scene.organ[0].pose();
+    let a = Vec3::new(1.0, 0.5, 0.2).normalize();
+    let turned = |body: &Body| {
+        for e in body.elements() {
+            let fibres = body.led(body.material_of(e), e).fibres;
+            let is_second = body.organ_of(body.element(e)[0]) == OrganId::at(1);
+            assert_eq!(fibres.modulus, if is_second { 9e4 } else { 0.0 });
+            assert!(!is_second || (fibres.direction - pose.rotate(a)).norm() < 1e-12, "{fibres:?}");
+        }
+    };
+    turned(&build(&loaded));
+    // The same where a file gives the direction of each element.
+    let [first, (second, pose)] = alone(&loaded);
+    let mut parts = second.into_parts();
+    parts.labels.directions = parts.levels.iter().map(|level| vec![a; level.mesh.elements.len()]).collect();
+    let tissues = parts.materials.iter_mut().chain(&mut parts.mixtures.tissues);
+    tissues.for_each(|material| material.fibres.direction = Vec3::zeros());
+    turned(&merge(vec![first, (Body::new(parts).unwrap(), pose)], 0.0).unwrap());
 }
 
 /// The largest displacement of the second organ, and how far it goes from where it would be alone, while the first is pressed.

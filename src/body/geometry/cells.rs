@@ -1,6 +1,6 @@
 //! What a mesh file lists, before it is put together.
 
-use super::labels::{Labels, is_called_label};
+use super::labels::{Labels, is_called_fibre, is_called_label};
 use super::mesh_error::{MeshError, shown};
 use palpate_core::math::{Real, Vec3};
 
@@ -24,6 +24,8 @@ pub(super) struct Cells {
     pub tetrahedra: Vec<(i64, [u32; 4])>,
     /// What the file calls them, one way or several.
     pub labels: Vec<Labels>,
+    /// Directions of fibres, (n_tetrahedra), of any length, and what the file calls them.
+    pub directions: Option<(String, Vec<Vec3>)>,
     /// Polygons of fewer than three corners, which are no surface.
     pub degenerate: usize,
     /// What the file holds and is not taken, in words.
@@ -133,6 +135,23 @@ impl Cells {
         }
     }
 
+    /// Takes the vectors `numbers` of the array `name`, three for each cell of the file or of the piece of it that the tetrahedra from number
+    /// `first` on are of, for directions of fibres where it is called so, the first that is.
+    pub(super) fn lead_by_cell(&mut self, name: &str, numbers: &[Real], first: usize) {
+        let of = |(number, _): &(i64, [u32; 4])| {
+            numbers.as_chunks::<3>().0.get(usize::try_from(number - 1).ok()?).copied().map(Vec3::from)
+        };
+        if first == self.tetrahedra.len() || !is_called_fibre(name) {
+            return;
+        }
+        let Some(mut new) = self.tetrahedra[first..].iter().map(of).collect::<Option<Vec<Vec3>>>() else { return };
+        match &mut self.directions {
+            Some((called, directions)) if called == name && directions.len() == first => directions.append(&mut new),
+            None if first == 0 => self.directions = Some((name.to_owned(), new)),
+            _ => {}
+        }
+    }
+
     /// Labels all tetrahedra by the array `name` of `numbers`, where they are fit for labels.
     pub(super) fn label(&mut self, name: &str, numbers: impl Iterator<Item = Real>) {
         match Labels::from_numbers(name, numbers) {
@@ -141,9 +160,12 @@ impl Cells {
         }
     }
 
-    /// Drops the labels of arrays that have not labelled all tetrahedra.
-    pub(super) fn drop_partial_labels(&mut self) {
+    /// Drops the labels and directions of arrays that have none for some tetrahedra.
+    pub(super) fn drop_partial_arrays(&mut self) {
         let count = self.tetrahedra.len();
+        if self.directions.as_ref().is_some_and(|(_, directions)| directions.len() != count) {
+            self.directions = None;
+        }
         let partial = |labels: &Labels| labels.of.len() != count;
         let names: Vec<String> = self.labels.iter().filter(|l| partial(l)).map(|l| l.name.clone()).collect();
         self.labels.retain(|labels| !partial(labels));

@@ -2,7 +2,7 @@
 
 use super::mesh_error::MeshError;
 use palpate_core::geometry::tet_mesh::TetMesh;
-use palpate_core::math::Real;
+use palpate_core::math::{Real, Vec3};
 use std::collections::BTreeMap;
 
 /// Most labels that are told apart: an array of more numbers the cells or measures something.
@@ -31,6 +31,12 @@ pub(super) fn is_called_label(name: &str) -> bool {
     NAMES.iter().any(|word| name.to_lowercase().contains(word))
 }
 
+/// True for an array that is called as directions of fibres are.
+pub(super) fn is_called_fibre(name: &str) -> bool {
+    let name = name.to_lowercase();
+    ["fibre", "fiber"].iter().any(|word| name.contains(word))
+}
+
 /// One whole number for each tetrahedron of a mesh, under a name.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Labels {
@@ -40,18 +46,20 @@ pub struct Labels {
     pub of: Vec<i64>,
 }
 
-/// A mesh with its labels, of which there may be none.
+/// A mesh with its labels and the directions of its fibres, of which there may be none.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LabelledMesh {
     /// The tetrahedra.
     pub mesh: TetMesh,
     /// Their labels.
     pub labels: Labels,
+    /// Unit direction of the fibres in each of them, zero where there are none; (n_elements), or empty.
+    pub directions: Vec<Vec3>,
 }
 
 impl From<TetMesh> for LabelledMesh {
     fn from(mesh: TetMesh) -> Self {
-        Self { mesh, labels: Labels::default() }
+        Self { mesh, ..Self::default() }
     }
 }
 

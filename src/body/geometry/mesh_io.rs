@@ -355,6 +355,59 @@ pub(super) mod tests {
     }
 
     #[test]
+    fn directions_of_fibres_come_with_the_cells_of_vtk_files() {
+        // A triangle and a tetrahedron, twice, each beside the other.
+        let legacy = |data: &str| {
+            format!(
+                "# vtk DataFile Version 3.0\nx\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 5 double\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n1 1 1\n\
+                 CELLS 3 14\n3 0 1 2\n4 0 1 2 3\n4 1 2 3 4\nCELL_TYPES 3\n5 10 10\nCELL_DATA 3\n{data}"
+            )
+        };
+        let array = |name: &str, components: usize, text: &str| {
+            let kind = if components == 3 { "Float64" } else { "Int32" };
+            format!(
+                "<DataArray type=\"{kind}\" Name=\"{name}\" NumberOfComponents=\"{components}\" format=\"ascii\">{text}</DataArray>"
+            )
+        };
+        let piece = |x: usize, data: &str| {
+            let points = format!("{x} 0 0 {} 0 0 {x} 1 0 {x} 0 1", x + 1);
+            let cells =
+                [array("connectivity", 1, "0 1 2 3"), array("offsets", 1, "4"), array("types", 1, "10")].concat();
+            format!(
+                "<Piece><Points>{}</Points><Cells>{cells}</Cells><CellData>{data}</CellData></Piece>",
+                array("Points", 3, &points)
+            )
+        };
+        let vtu = |first: &str, second: &str| {
+            let pieces = [piece(0, first), piece(1, second)].concat();
+            format!("<VTKFile type=\"UnstructuredGrid\"><UnstructuredGrid>{pieces}</UnstructuredGrid></VTKFile>")
+        };
+        let (up, aside) = (array("fibers", 3, "0 0 4"), array("fibers", 3, "0 0 0"));
+        for (name, text, expected) in [
+            (
+                "a.vtk",
+                legacy("VECTORS velocity double\n1 1 1 1 1 1 1 1 1\nVECTORS Fibre_dir float\n9 9 9 0 0 2 0 -3 0\n"),
+                vec![Vec3::z(), -Vec3::y()],
+            ),
+            ("b.vtk", legacy("FIELD f 1\nfiber 3 3 double\n9 9 9 0 0 2 0 0 0\n"), vec![Vec3::z(), Vec3::zeros()]),
+            ("c.vtk", legacy("VECTORS velocity double\n1 1 1 1 1 1 1 1 1\n"), vec![]),
+            ("a.vtu", vtu(&up, &aside), vec![Vec3::z(), Vec3::zeros()]),
+            ("b.vtu", vtu(&up, ""), vec![]),
+            ("c.vtu", vtu("", &up), vec![]),
+        ] {
+            let files = [(PathBuf::from(name), text.into_bytes())];
+            let (Solid::Volume(found), repairs) = parse(&files, LengthUnit::Millimetre, 0.0, None).unwrap() else {
+                panic!("{name}")
+            };
+            assert_eq!(found.directions, expected, "{name}");
+            assert_eq!(
+                repairs.notes.iter().any(|note| note.starts_with("directions of fibres: '")),
+                !expected.is_empty()
+            );
+        }
+    }
+
+    #[test]
     fn labels_come_with_the_tetrahedra_of_every_format() {
         // Two tetrahedra, the first listed twice, and a triangle before them.
         let points = ["0 0 0", "1 0 0", "0 1 0", "0 0 1", "1 1 1"];

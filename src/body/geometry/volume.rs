@@ -12,7 +12,7 @@ use palpate_core::geometry::tet_mesh::FACES;
 use palpate_core::math::{Bounds, Vec3};
 use std::collections::{HashMap, HashSet};
 
-/// The mesh of the tetrahedra of `cells`, whose points lie at `points` [m], with the labels called `wanted`, and what of it
+/// The mesh of the tetrahedra of `cells`, whose points lie at `points` [m], with the labels called `wanted` and its fibres, and what of it
 /// was repaired or left out.
 pub(super) fn volume(
     points: Vec<Vec3>,
@@ -35,6 +35,11 @@ pub(super) fn volume(
         _ => repairs.notes.push(format!("labels: '{}' of {}; --labels takes others", labels.name, names.join(", "))),
     }
     let label_of = std::mem::take(&mut labels.of);
+    let direction_of = cells.directions.map(|(name, of)| {
+        repairs.notes.push(format!("directions of fibres: '{name}'"));
+        of
+    });
+    let mut directions = Vec::new();
     let (mut mesh, mut numbers, mut seen) = (TetMesh::default(), Vec::new(), HashMap::new());
     let mut differ = 0;
     for (i, (number, element)) in cells.tetrahedra.into_iter().enumerate() {
@@ -45,6 +50,8 @@ pub(super) fn volume(
             std::collections::hash_map::Entry::Vacant(entry) => {
                 entry.insert(label);
                 labels.of.extend(label);
+                let direction = direction_of.as_ref().map(|of| of[i].try_normalize(0.0).unwrap_or_default());
+                directions.extend(direction);
                 numbers.push(number);
                 mesh.elements.push(element);
             }
@@ -60,7 +67,7 @@ pub(super) fn volume(
     mesh.nodes = keep_referenced(&points, &mut mesh.elements);
     repairs.joined = join_pieces(&mut mesh);
     repairs.turned = orient(&mut mesh, &numbers)?;
-    Ok((LabelledMesh { mesh, labels }, repairs))
+    Ok((LabelledMesh { mesh, labels, directions }, repairs))
 }
 
 /// How many of `triangles` are faces of `tetrahedra`.

@@ -8,7 +8,7 @@ use palpate_core::math::Real;
 /// What is to be done about solids that are no tetrahedra.
 const FIRST_ORDER: &str = "mesh the body with tetrahedra of 4 nodes (first order)";
 
-/// Points and cells of a legacy VTK file, and what labels its cells bear; other data on them are left out.
+/// Points and cells of a legacy VTK file, what labels its cells bear, and how fibres lie in them; other data on them are left out.
 pub(super) fn parse_vtk(bytes: &[u8]) -> Result<Cells, MeshError> {
     let mut file = Reader::text("VTK", bytes, None);
     if !file.line().starts_with(b"# vtk DataFile") {
@@ -68,23 +68,22 @@ pub(super) fn parse_vtk(bytes: &[u8]) -> Result<Cells, MeshError> {
     lists.put(&mut cells, Kinds::Each(&types))?;
     polygons.put(&mut cells, Kinds::All(POLYGON))?;
     strips.put(&mut cells, Kinds::All(STRIP))?;
-    let mut arrays = Vec::new();
-    cell_arrays(&mut file, &mut arrays)?;
-    for (name, numbers) in arrays {
-        cells.label_by_cell(&name, &numbers, 0);
-    }
+    cell_arrays(&mut file, &mut cells)?;
     Ok(cells)
 }
 
-/// Adds the arrays of one number a cell to `arrays`, with their names.
-fn cell_arrays(file: &mut Reader, arrays: &mut Vec<(String, Vec<Real>)>) -> Result<(), MeshError> {
+/// Gives `cells` the arrays of one or three numbers a cell.
+fn cell_arrays(file: &mut Reader, cells: &mut Cells) -> Result<(), MeshError> {
     let (mut of_cells, mut count) = (false, 0);
     loop {
         let keyword = file.name();
         let mut array = |file: &mut Reader, name: &[u8], kind: ArrayType, components: i64, tuples: i64| {
             let numbers = kind.numbers(file, components.saturating_mul(tuples))?;
-            if of_cells && components == 1 && tuples == count {
-                arrays.extend(numbers.map(|numbers| (String::from_utf8_lossy(name).into_owned(), numbers)));
+            let name = String::from_utf8_lossy(name);
+            match (numbers, components) {
+                (Some(numbers), 1) if of_cells && tuples == count => cells.label_by_cell(&name, &numbers, 0),
+                (Some(numbers), 3) if of_cells && tuples == count => cells.lead_by_cell(&name, &numbers, 0),
+                _ => {}
             }
             Ok(())
         };

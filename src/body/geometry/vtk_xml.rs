@@ -16,7 +16,7 @@ const APPENDED: &[u8] = b"<AppendedData";
 /// What is to be done about what cannot be read.
 const PLAIN: &str = "save it as text, or compressed by zlib or not at all";
 
-/// Points and cells of all pieces, and what labels the cells bear; other data on them are left out.
+/// Points and cells of all pieces, what labels the cells bear, and how fibres lie in them; other data on them are left out.
 pub(super) fn parse_vtk_xml(bytes: &[u8]) -> Result<Cells, MeshError> {
     // Appended bytes are no XML: what comes before them is, once it ends.
     let end = bytes.windows(APPENDED.len()).position(|w| w == APPENDED);
@@ -62,7 +62,7 @@ pub(super) fn parse_vtk_xml(bytes: &[u8]) -> Result<Cells, MeshError> {
     for piece in pieces.filter(|n| n.has_tag_name("Piece")) {
         file.piece(piece, &mut cells)?;
     }
-    cells.drop_partial_labels();
+    cells.drop_partial_arrays();
     Ok(cells)
 }
 
@@ -126,10 +126,11 @@ impl XmlFile<'_> {
         for array in child("CellData").into_iter().flat_map(|n| n.children().filter(|n| n.has_tag_name("DataArray"))) {
             // Words and bits label nothing.
             let is_number = !matches!(array.attribute("type"), Some("String" | "Bit"));
-            if let (Some(name), None | Some("1"), true) =
-                (array.attribute("Name"), array.attribute("NumberOfComponents"), is_number)
-            {
-                cells.label_by_cell(name, &self.array(array)?, before);
+            let Some(name) = array.attribute("Name").filter(|_| is_number) else { continue };
+            match array.attribute("NumberOfComponents") {
+                None | Some("1") => cells.label_by_cell(name, &self.array(array)?, before),
+                Some("3") => cells.lead_by_cell(name, &self.array(array)?, before),
+                _ => {}
             }
         }
         Ok(())

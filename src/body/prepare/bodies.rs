@@ -179,13 +179,16 @@ fn alone(surface: &Surface, cells: &[u32]) -> Surface {
 fn of_cells(solid: Solid, kept: &[u32]) -> Solid {
     match solid {
         Solid::Surface(surface) => Solid::Surface(alone(&surface, kept)),
-        Solid::Volume(LabelledMesh { mesh, mut labels }) => {
+        Solid::Volume(LabelledMesh { mesh, mut labels, mut directions }) => {
             let mut elements: Vec<[u32; 4]> = kept.iter().map(|e| mesh.elements[*e as usize]).collect();
             let nodes = keep_referenced(&mesh.nodes, &mut elements);
             if !labels.of.is_empty() {
                 labels.of = kept.iter().map(|e| labels.of[*e as usize]).collect();
             }
-            Solid::Volume(LabelledMesh { mesh: TetMesh { nodes, elements }, labels })
+            if !directions.is_empty() {
+                directions = kept.iter().map(|e| directions[*e as usize]).collect();
+            }
+            Solid::Volume(LabelledMesh { mesh: TetMesh { nodes, elements }, labels, directions })
         }
     }
 }
@@ -265,11 +268,13 @@ mod tests {
         let speck = box_mesh(Vec3::repeat(1e-3), [1; 3]);
         mesh.nodes.extend(speck.nodes.iter().map(|p| p + Vec3::repeat(0.2)));
         mesh.elements.splice(0..0, speck.elements.iter().map(|e| e.map(|n| n + count)));
-        let of = (0..mesh.elements.len()).map(|e| i64::from(e >= speck.elements.len())).collect();
+        let of: Vec<i64> = (0..mesh.elements.len()).map(|e| i64::from(e >= speck.elements.len())).collect();
+        let directions = of.iter().map(|label| if *label == 1 { Vec3::x() } else { Vec3::y() }).collect();
         let labels = crate::geometry::Labels { name: "a".into(), of };
-        let (one, said) = one_body(Solid::Volume(LabelledMesh { mesh, labels }), 0.05, false).unwrap();
+        let (one, said) = one_body(Solid::Volume(LabelledMesh { mesh, labels, directions }), 0.05, false).unwrap();
         let Solid::Volume(one) = one else { panic!() };
         assert_eq!((one.mesh, one.labels.of), (box_mesh(Vec3::repeat(0.1), [2; 3]), vec![1; all]));
+        assert_eq!(one.directions, vec![Vec3::x(); all]);
         assert!(said.unwrap().starts_with("1 specks dropped"));
     }
 }

@@ -5,6 +5,7 @@ use super::region::Reach;
 use palpate_core::geometry::TetMesh;
 use palpate_core::hierarchy::Level;
 use palpate_core::math::{Real, Vec3};
+use palpate_core::model::Fibres;
 use palpate_core::model::body::{LabelParts, MixtureParts};
 use palpate_core::model::material::{Material, PARTS};
 use rayon::prelude::*;
@@ -38,12 +39,14 @@ pub struct Inclusion {
     pub density: Real,
     /// As [`Material::neo_hookean`].
     pub neo_hookean: Real,
+    /// As [`Material::fibres`].
+    pub fibres: Fibres,
 }
 
 impl Inclusion {
     fn material(&self) -> Material {
         let material = Material::from_young(self.youngs_modulus, self.poisson_ratio, self.density);
-        Material { neo_hookean: self.neo_hookean, ..material }
+        Material { neo_hookean: self.neo_hookean, fibres: self.fibres, ..material }
     }
 }
 
@@ -67,7 +70,7 @@ pub(super) struct Materials {
 /// are.
 ///
 /// # Errors
-/// When an inclusion lies in no element.
+/// When an inclusion lies in no element, or fibres have no direction.
 pub(super) fn materials(
     base: Material,
     inclusions: &[Inclusion],
@@ -114,6 +117,10 @@ pub(super) fn materials(
             of[e] = number;
         }
         of_levels.push(of);
+    }
+    let has_no_direction = |m: &Material| m.fibres.are_there() && m.fibres.direction == Vec3::zeros();
+    if labels.directions.is_empty() && list.iter().any(has_no_direction) {
+        return Err(PrepareError::NoDirections);
     }
     match met.iter().position(|met| !met) {
         Some(index) => Err(PrepareError::EmptyInclusion(index + 1)),
@@ -217,12 +224,20 @@ mod tests {
     use palpate_core::geometry::primitives::box_surface;
     use palpate_core::math::Bounds;
 
-    const BASE: Material = Material { lambda: 2e4, mu: 1e4, phi: 2.0, psi: 1.0, density: 1000.0, neo_hookean: 0.0 };
+    const BASE: Material =
+        Material { lambda: 2e4, mu: 1e4, phi: 2.0, psi: 1.0, density: 1000.0, neo_hookean: 0.0, fibres: Fibres::NONE };
 
     /// A place that is stiffer than [`BASE`] by `factor`.
     fn stiff(place: Reach, factor: Real) -> Inclusion {
         let (youngs_modulus, poisson_ratio) = (factor * BASE.youngs_modulus(), BASE.poisson_ratio());
-        Inclusion { place: place.into(), youngs_modulus, poisson_ratio, density: 1500.0, neo_hookean: 0.0 }
+        Inclusion {
+            place: place.into(),
+            youngs_modulus,
+            poisson_ratio,
+            density: 1500.0,
+            neo_hookean: 0.0,
+            fibres: Fibres::NONE,
+        }
     }
 
     fn levels() -> Vec<Level> {
@@ -334,7 +349,12 @@ mod tests {
     fn a_label_that_the_body_does_not_have_is_refused_with_those_that_it_has() {
         let levels = levels();
         let of = levels.iter().map(|level| vec![0; level.mesh.elements.len()]).collect();
-        let labels = LabelParts { name: "region".into(), mixed_cells: vec![vec![(3, 60), (-5, 4)]], of };
+        let labels = LabelParts {
+            name: "region".into(),
+            mixed_cells: vec![vec![(3, 60), (-5, 4)]],
+            of,
+            ..LabelParts::default()
+        };
         let by =
             |label: i64| Inclusion { place: Place::Labelled(label), ..stiff(Reach::Ball(Vec3::zeros(), 1.0), 2.0) };
         let Materials { list, of, .. } = materials(BASE, &[by(-5)], &levels, &labels).unwrap();

@@ -1,4 +1,4 @@
-//! Which labels of the files that a body is made from the elements of its levels bear.
+//! Which labels of the files that a body is made from the elements of its levels bear, and how fibres lie in them.
 
 use super::PrepareError;
 use super::inclusions::samples;
@@ -18,16 +18,17 @@ use std::collections::BTreeMap;
 /// Halvings of the edges of an element through which a border runs: 512 places are asked for their labels.
 const HALVINGS: u32 = 3;
 
-/// The labels of the elements of `levels`: their own where a level is one of `meshes`, else those that they lie in of the
+/// The labels and fibres of the elements of `levels`: their own where a level is one of `meshes`, else those that they lie in of the
 /// finest of these that has labels. What lies outside that mesh is taken for what is nearest.
 ///
 /// # Errors
 /// When they meet in too many ways.
 pub(super) fn label_parts(levels: &[Level], meshes: &[LabelledMesh]) -> Result<LabelParts, PrepareError> {
+    let directions = directions(levels, meshes);
     let labelled = || meshes.iter().filter(|mesh| !mesh.labels.of.is_empty());
-    let Some(finest) = labelled().max_by_key(|mesh| mesh.mesh.elements.len()) else { return Ok(LabelParts::default()) };
+    let Some(finest) = finest(labelled()) else { return Ok(LabelParts { directions, ..LabelParts::default() }) };
     let map = LabelMap::new(finest);
-    let mut parts = LabelParts { name: finest.labels.name.clone(), ..LabelParts::default() };
+    let mut parts = LabelParts { name: finest.labels.name.clone(), directions, ..LabelParts::default() };
     let mut number_of = BTreeMap::new();
     for level in levels {
         let own = labelled().find(|own| own.mesh == level.mesh && own.labels.name == parts.name);
@@ -47,6 +48,27 @@ pub(super) fn label_parts(levels: &[Level], meshes: &[LabelledMesh]) -> Result<L
         parts.of.push(of);
     }
     Ok(parts)
+}
+
+fn finest<'a>(meshes: impl Iterator<Item = &'a LabelledMesh>) -> Option<&'a LabelledMesh> {
+    meshes.max_by_key(|mesh| mesh.mesh.elements.len())
+}
+
+/// How fibres lie in the elements of `levels`: their own directions where a level is one of `meshes`, else those in their middle of the
+/// finest of these that has some. Empty where none has.
+fn directions(levels: &[Level], meshes: &[LabelledMesh]) -> Vec<Vec<Vec3>> {
+    let led = || meshes.iter().filter(|mesh| !mesh.directions.is_empty());
+    let Some(finest) = finest(led()) else { return Vec::new() };
+    let locator = Locator::new(&finest.mesh, mean_edge(&finest.mesh));
+    let of_level = |level: &Level| match led().find(|own| own.mesh == level.mesh) {
+        Some(own) => own.directions.clone(),
+        None => {
+            let middle = |e: usize| level.mesh.corners(e).iter().sum::<Vec3>() / 4.0;
+            let at = |e: usize| finest.directions[locator.host(middle(e)).element as usize];
+            (0..level.mesh.elements.len()).into_par_iter().map(at).collect()
+        }
+    };
+    levels.iter().map(of_level).collect()
 }
 
 /// Finds the labels of places.
@@ -117,7 +139,9 @@ mod tests {
         let mesh = box_mesh(Vec3::repeat(0.1), [cells; 3]);
         let label = |e: usize| if mesh.corners(e).iter().map(|p| p.x).sum::<Real>() < 0.16 { 2 } else { 1 };
         let of = (0..mesh.elements.len()).map(label).collect();
-        LabelledMesh { labels: Labels { name: "region".into(), of }, mesh }
+        let direction = |e: usize| if label(e) == 2 { Vec3::y() } else { Vec3::z() };
+        let directions = (0..mesh.elements.len()).map(direction).collect();
+        LabelledMesh { labels: Labels { name: "region".into(), of }, mesh, directions }
     }
 
     #[test]
@@ -143,6 +167,14 @@ mod tests {
             let volume = |e: usize| level.fraction[e] * level.mesh.volume(e);
             let two: Real = (0..of.len()).map(|e| share(e) * volume(e)).sum();
             assert!((two / 4e-4 - 1.0).abs() < 0.02, "{two}");
+        }
+        for (level, of) in levels.iter().zip(&parts.directions) {
+            let middle = |e: usize| level.mesh.corners(e).iter().sum::<Vec3>() / 4.0;
+            let wanted = |e: usize| if middle(e).x < 0.04 { Vec3::y() } else { Vec3::z() };
+            // Outside it is that of what is nearest.
+            let is_clear = |p: Vec3| p.min() > 0.0 && p.max() < 0.1 && (p.x - 0.04).abs() > 1e-9;
+            let as_there = |e: usize| of[e] == wanted(e) || !is_clear(middle(e));
+            assert!(of.len() == level.mesh.elements.len() && (0..of.len()).all(as_there));
         }
         let own = |e: usize| vec![(fine.labels.of[e], 64)];
         assert!((0..fine.mesh.elements.len()).all(|e| parts.mixed_cells[usize::from(parts.of[1][e])] == own(e)));

@@ -69,7 +69,10 @@ fn placed(mut parts: BodyParts, pose: &Pose) -> BodyParts {
     parts.shape.second = turn * parts.shape.second * turn.transpose();
     let (vertices, triangles) = (parts.surface.vertices.len(), parts.surface.triangles.len());
     // Labels say what material is where, and that is settled.
-    parts.labels = LabelParts::default();
+    let mut directions = std::mem::take(&mut parts.labels.directions);
+    let of_materials = parts.materials.iter_mut().chain(&mut parts.mixtures.tissues).map(|m| &mut m.fibres.direction);
+    directions.iter_mut().flatten().chain(of_materials).for_each(|a| *a = turn * *a);
+    parts.labels = LabelParts { directions, ..LabelParts::default() };
     parts.organs = vec![OrganParts::whole(&parts.name, vertices, triangles, &parts.levels)];
     parts
 }
@@ -145,7 +148,7 @@ fn append_surface(to: &mut Surface, from: Surface) {
 }
 
 /// Puts `next` behind what `whole` has of everything.
-fn append(whole: &mut BodyParts, next: BodyParts) -> Result<(), MergeError> {
+fn append(whole: &mut BodyParts, mut next: BodyParts) -> Result<(), MergeError> {
     let first_vertex = whole.surface.vertices.len() as u32;
     let first_material = whole.materials.len();
     if first_material + next.materials.len() > usize::from(u16::MAX) {
@@ -167,6 +170,15 @@ fn append(whole: &mut BodyParts, next: BodyParts) -> Result<(), MergeError> {
     let count =
         |level: &Level| Count { nodes: level.mesh.nodes.len() as u32, elements: level.mesh.elements.len() as u32 };
     let before: Vec<Count> = whole.levels.iter().map(count).collect();
+    let directions = [&mut whole.labels.directions, &mut next.labels.directions];
+    if directions.iter().any(|of| !of.is_empty()) {
+        for (directions, levels) in directions.into_iter().zip([&whole.levels, &next.levels]) {
+            let none = levels.iter().map(|level| vec![Vec3::zeros(); level.mesh.elements.len()]);
+            directions.extend(none.skip(directions.len()));
+        }
+        let own = whole.labels.directions.iter_mut();
+        own.zip(&next.labels.directions).for_each(|(own, next)| own.extend(next));
+    }
     for (r, from) in next.levels.into_iter().enumerate() {
         // A list that is left out stands for the first material everywhere.
         whole.material_of[r].resize(before[r].elements as usize, 0);

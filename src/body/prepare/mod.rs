@@ -54,7 +54,7 @@ pub enum Shape {
         /// A simpler surface of the same shape to show; `None` shows the surface itself.
         display: Option<Surface>,
         /// The mesh that the surface is that of, for its labels.
-        labelled: Option<LabelledMesh>,
+        labelled: Option<Box<LabelledMesh>>,
     },
     /// Given meshes, the levels themselves.
     Meshes {
@@ -82,7 +82,7 @@ impl Shape {
         let finest = spacings.last().copied().unwrap_or_else(|| spacings::automatic(surface.volume())[3]);
         let display = displayed(&surface, display_vertices, DISPLAYED * finest);
         let display = Some(display).filter(|display| *display != surface);
-        Shape::Closed { surface, spacings, display, labelled }
+        Shape::Closed { surface, spacings, display, labelled: labelled.map(Box::new) }
     }
 
     /// Given meshes, coarse to fine, without labels.
@@ -94,7 +94,7 @@ impl Shape {
     /// The meshes that it was given, for their labels.
     fn labelled(&self) -> &[LabelledMesh] {
         match self {
-            Shape::Closed { labelled, .. } => labelled.as_slice(),
+            Shape::Closed { labelled, .. } => labelled.as_deref().map_or(&[], std::slice::from_ref),
             Shape::Meshes { meshes, .. } => meshes,
         }
     }
@@ -239,6 +239,11 @@ pub enum PrepareError {
         /// Those that there are.
         has: Vec<i64>,
     },
+    /// Fibres without a direction.
+    #[error(
+        "the fibres of the material have no direction: give one (fibre_direction), or a volume file whose cells have vectors called fibre"
+    )]
+    NoDirections,
     /// Regions that overlap in too many ways.
     #[error("the regions of the material meet in more than 65,535 ways: give fewer")]
     TooManyMixtures,
@@ -356,7 +361,7 @@ fn calibrated(
 /// [rad/s].
 fn soften(parts: &mut BodyParts, whole: usize, springs: &[(u32, Real)]) -> Result<Real, CalibrationError> {
     parts.levels.iter_mut().for_each(|level| level.stabilisation = 1.0);
-    let material = |level: usize, element: usize| *material_in(&parts.materials, &parts.material_of[level], element);
+    let material = |level: usize, element: usize| parts.material_at(level, element);
     let agreed = (whole < parts.levels.len()).then(|| parts.levels[whole - 1].stiffness_factor.clone());
     let damped = if agreed.is_some() { parts.levels[whole - 1].branch_factor[0] } else { 1.0 };
     let material_of = |level: usize, element: usize| match &agreed {
@@ -382,7 +387,7 @@ fn stabilise(parts: &mut BodyParts, whole: usize, springs: &[(u32, Real)]) -> Re
         (level.stiffness_factor, level.branch_factor, level.stabilisation) = (ones.clone(), ones, FINEST);
     }
     parts.levels[whole - 1].stabilisation = agreed.unwrap_or(FINEST);
-    let material = |level: usize, element: usize| *material_in(&parts.materials, &parts.material_of[level], element);
+    let material = |level: usize, element: usize| parts.material_at(level, element);
     let Stabilised { stabilisation, slowest_mode } =
         stabilisation::stabilise(&parts.levels[..whole], material, springs)?;
     parts.levels.iter_mut().zip(stabilisation).for_each(|(level, alpha)| level.stabilisation = alpha);
@@ -426,6 +431,8 @@ pub fn refit(
             let (now, then) = (material_in(&materials, now, e), material_in(&parts.materials, then, e));
             alike(now.lambda, then.lambda * stiffer)
                 && alike(now.mu, then.mu * stiffer)
+                && alike(now.fibres.modulus, then.fibres.modulus * stiffer)
+                && now.fibres.direction == then.fibres.direction
                 && alike(now.density, then.density * denser)
         })
     };

@@ -95,6 +95,9 @@ pub fn keep_finest_within(body: Body, reach: &Reach) -> Result<Body, PrepareErro
     if let Some(of) = labels.of.last_mut() {
         *of = kept.iter().map(|e| of[*e]).collect();
     }
+    if let Some(of) = labels.directions.last_mut() {
+        *of = kept.iter().map(|e| of[*e]).collect();
+    }
     levels.push(small);
     Ok(Body::new(parts)?)
 }

@@ -8,7 +8,6 @@ use palpate_core::hierarchy::Level;
 use palpate_core::ids::{NONE, Node};
 use palpate_core::math::{Real, Vec3};
 use palpate_core::model::Body;
-use palpate_core::model::body::material_in;
 use palpate_core::model::element_pool::CLASSES;
 use palpate_core::model::step_class::{Strained, omega_squared, stable_step, step_of};
 use std::collections::BTreeMap;
@@ -167,7 +166,7 @@ fn agreement_of(body: &Body) -> Result<Vec<[Real; LOADS.len()]>, CalibrationErro
     let parts = body.parts();
     let whole = parts.levels.iter().take_while(|level| level.is_whole()).count();
     let springs: Vec<(u32, Real)> = parts.supports.iter().map(|hold| (hold.vertex.0, hold.stiffness)).collect();
-    let material = |level: usize, e: usize| *material_in(&parts.materials, &parts.material_of[level], e);
+    let material = |level: usize, e: usize| parts.material_at(level, e);
     agreement(&parts.levels[..whole], material, &springs)
 }
 

@@ -12,7 +12,7 @@ use palpate_core::ids::{Node, Slot, Vertex};
 use palpate_core::math::{Bounds, Mat3, Real, Vec3};
 use palpate_core::model::element_kernel::Simd;
 use palpate_core::model::energy::{Energy, energy};
-use palpate_core::model::{ActiveMesh, Body, Material, State};
+use palpate_core::model::{ActiveMesh, Body, Fibres, Material, State};
 use palpate_core::simulation::{Inputs, Settings, Simulation, Snapshot};
 use palpate_core::stepping::step;
 use std::sync::Arc;
@@ -21,24 +21,25 @@ const YOUNGS_MODULUS: Real = 1e4;
 
 /// A box of `size`, held at x = 0 or free.
 fn body(shape: Shape, size: Vec3, nu: Real, held: bool, zeta: Real) -> Body {
-    layered_body(shape, size, nu, held, zeta, None)
+    body_of(shape, size, Material::from_young(YOUNGS_MODULUS, nu, 1000.0), held, zeta, None)
 }
 
-/// The same with a `layer` ten times as stiff.
-fn layered_body(shape: Shape, size: Vec3, nu: Real, held: bool, zeta: Real, layer: Option<Bounds>) -> Body {
+/// The same of `material`, with a `layer` ten times as stiff.
+fn body_of(shape: Shape, size: Vec3, material: Material, held: bool, zeta: Real, layer: Option<Bounds>) -> Body {
     let stiff = |layer| Inclusion {
         place: Reach::Box(layer).into(),
         youngs_modulus: 10.0 * YOUNGS_MODULUS,
-        poisson_ratio: nu,
+        poisson_ratio: material.poisson_ratio(),
         density: 1000.0,
         neo_hookean: 0.0,
+        fibres: Fibres::NONE,
     };
     let bounds = Bounds::new(Vec3::repeat(-1e-6), Vec3::new(1e-6, size.y, size.z) + Vec3::y() * 1e-6);
     let exact = matches!(shape, Shape::Meshes { .. });
     let recipe = Recipe {
         name: "box".into(),
         shape,
-        material: Material::from_young(YOUNGS_MODULUS, nu, 1000.0),
+        material,
         inclusions: layer.map(stiff).into_iter().collect(),
         holds: if held { vec![Region { bounds, stiffness: None, exact }] } else { vec![] },
         elements: Elements::Smoothed,
@@ -200,7 +201,8 @@ fn smoothed_levels_answer_alike_up_to_incompressible() {
     let of_slender = body(cover(slender, &[0.0135, 0.0085]), slender, 0.45, true, 0.0);
     compared("bar 10:1, ν = 0.45", &of_slender, slender, &[0.05], 0.03);
     let across = Bounds::new(Vec3::new(0.067, -1.0, -1.0), Vec3::new(0.133, 1.0, 1.0));
-    let of_layer = |layer| layered_body(cover(bar, &spacings), bar, 0.3, true, 0.0, Some(layer));
+    let plain = Material::from_young(YOUNGS_MODULUS, 0.3, 1000.0);
+    let of_layer = |layer| body_of(cover(bar, &spacings), bar, plain, true, 0.0, Some(layer));
     compared("bar 5:1 with a stiff layer across", &of_layer(across), bar, &[0.1, 0.05], 0.04);
     // Elements that are wider than a layer cannot show how it bends the bar.
     let along = Bounds::new(Vec3::repeat(-1.0), Vec3::new(1.0, 1.0, 0.013));
@@ -210,7 +212,6 @@ fn smoothed_levels_answer_alike_up_to_incompressible() {
 #[test]
 fn smoothed_elements_are_exact_in_uniform_stress() {
     let size = Vec3::new(0.1, 0.08, 0.06);
-    let volume = size.product();
     for nu in [0.3, 0.49, 0.499] {
         let material = Material::from_young(YOUNGS_MODULUS, nu, 1000.0);
         let shapes = [
@@ -221,20 +222,62 @@ fn smoothed_elements_are_exact_in_uniform_stress() {
             let body = body(shape, size, nu, false, 0.0);
             let states = (0..3).map(|r| State::at_rest(&body, r)).chain([halves(&body, size)]);
             for (i, state) in states.enumerate() {
-                let mut mesh = ActiveMesh::new(&body, &state, usize::MAX).unwrap();
-                let mut off = |stress: Mat3, expected: Real| {
-                    let load = on_surface(&body, &mesh, &|_, area| stress * area);
-                    work(&body, &mut mesh, &load) / expected - 1.0
-                };
+                let off = |stress: Mat3, expected: Real| compliance(&body, &state, stress) / expected - 1.0;
                 let along = |axis: usize| Mat3::from_diagonal(&Vec3::ith(axis, 1.0));
-                let mut all: Vec<Real> = (0..3).map(|axis| off(along(axis), volume / YOUNGS_MODULUS)).collect();
+                let mut all: Vec<Real> = (0..3).map(|axis| off(along(axis), 1.0 / YOUNGS_MODULUS)).collect();
                 let mut shear = Mat3::zeros();
                 (shear[(0, 1)], shear[(1, 0)]) = (1.0, 1.0);
-                all.push(off(shear, volume / material.mu));
+                all.push(off(shear, 1.0 / material.mu));
                 println!("{name}, ν = {nu}, set {i}: {all:+.5?}");
                 // Interface rows carry affine fields, quarter weights between levels do not quite.
                 let most = if i == 3 { 0.04 } else { most };
                 assert!(all.iter().all(|off| off.abs() < most), "{name}, ν = {nu}, set {i}: {all:?}");
+            }
+        }
+    }
+}
+
+/// Strain energy density over half of the squared stress in `body`, free and of the active nodes of `state`, under this uniform stress.
+fn compliance(body: &Body, state: &State, stress: Mat3) -> Real {
+    let mut mesh = ActiveMesh::new(body, state, usize::MAX).unwrap();
+    let load = on_surface(body, &mesh, &|_, area| stress * area);
+    work(body, &mut mesh, &load) / body.parts().shape.volume
+}
+
+/// With fibres along a slanted direction a body is the transversely isotropic solid that textbooks have: Young's modulus along them is
+/// `E + K`, across them and in shear it is what the matrix and the fibres give together.
+#[test]
+fn fibres_make_a_body_stiffer_along_them_as_the_closed_form_says() {
+    let size = Vec3::new(0.1, 0.08, 0.06);
+    let a = Vec3::new(2.0, 1.0, -0.5).normalize();
+    let across = a.cross(&Vec3::z()).normalize();
+    for (nu, factor) in [(0.3, 10.0), (0.45, 3.0), (0.49, 30.0)] {
+        let fibres = Fibres { modulus: factor * YOUNGS_MODULUS, direction: a };
+        let material = Material { fibres, ..Material::from_young(YOUNGS_MODULUS, nu, 1000.0).as_neo_hookean() };
+        let uniaxial = |n: &Vec3| n * n.transpose();
+        let shear = a * across.transpose() + across * a.transpose();
+        // ε of a stress σ: the matrix's answer, less that of the tension `t = K a·ε a` of the fibres, which the matrix bears too.
+        let of_matrix = |s: &Mat3| s / (2.0 * material.mu) - Mat3::identity() * (nu / YOUNGS_MODULUS * s.trace());
+        let expected = |s: &Mat3| {
+            let (alone, unit) = (a.dot(&(of_matrix(s) * a)), a.dot(&(of_matrix(&uniaxial(&a)) * a)));
+            let tension = fibres.modulus * alone / (1.0 + fibres.modulus * unit);
+            s.dot(&of_matrix(&(s - uniaxial(&a) * tension)))
+        };
+        let along = expected(&uniaxial(&a)) * (YOUNGS_MODULUS + fibres.modulus);
+        assert!((along - 1.0).abs() < 1e-12, "{along}");
+        let shapes = [
+            ("cover", cover(size, &[0.03, 0.018, 0.011]), 0.03),
+            ("meshes", Shape::meshes([[3, 2, 2], [5, 4, 3], [9, 7, 5]].map(|cells| box_mesh(size, cells))), 1e-4),
+        ];
+        for (name, shape, most) in shapes {
+            let body = body_of(shape, size, material, false, 0.0, None);
+            let states = (0..3).map(|r| State::at_rest(&body, r)).chain([halves(&body, size)]);
+            for (i, state) in states.enumerate() {
+                let stresses = [uniaxial(&a), uniaxial(&across), uniaxial(&Vec3::z()), shear];
+                let off = stresses.map(|s| compliance(&body, &state, s) / expected(&s) - 1.0);
+                println!("{name}, ν = {nu}, K = {factor} E, set {i}: {off:+.5?}");
+                let most = if i == 3 { 0.07 } else { most };
+                assert!(off.iter().all(|off| off.abs() < most), "{name}, ν = {nu}, set {i}: {off:?}");
             }
         }
     }

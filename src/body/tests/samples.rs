@@ -8,7 +8,7 @@ use palpate_core::contact::tool::{Coupling, Following, PoseSample, Shape, Tool, 
 use palpate_core::geometry::primitives::box_surface;
 use palpate_core::math::{Bounds, Pose, Real, Vec3};
 use palpate_core::model::active_mesh::contact_row::{Surroundings, at_rest, spacing, support};
-use palpate_core::model::{Body, Material};
+use palpate_core::model::{Body, Fibres, Material};
 use palpate_core::simulation::{Inputs, Settings, Simulation, Snapshot};
 use std::sync::Arc;
 
@@ -106,6 +106,34 @@ fn a_ball_is_pushed_back_as_by_the_continuum_by_both_kinds_of_elements() {
             println!("{elements:?} {:.0} mm, {:.2} mm deep: {off:+.1} %", 1e3 * spacing, 1e3 * depth);
             assert!(off.abs() < 6.0);
         }
+    }
+}
+
+/// A body with fibres, which lie along the surface, askew to it, or across, is as firm under a ball as a transversely isotropic half-space
+/// is beside an isotropic one, whatever the mesh shows of it.
+#[test]
+fn fibres_are_felt_as_firm_on_coarse_levels_as_on_fine_ones() {
+    let plain = Material::from_young(1e4, 0.35, 1000.0).as_neo_hookean();
+    let depths = [2.5e-4, 1e-3];
+    let press = |material: Material, spacing: Real| {
+        let body = block_of(vec![spacing], Elements::Smoothed, material, 20);
+        presses(&mut with_ball(&body, 0.02, 0), 0.02, [0.1, 0.1], &depths)
+    };
+    let spacings = [0.018, 0.0125];
+    let without = spacings.map(|spacing| press(plain, spacing));
+    for direction in [Vec3::x(), Vec3::new(1.0, 0.0, 1.0).normalize(), Vec3::z()] {
+        let material = Material { fibres: Fibres { modulus: 5e4, direction }, ..plain };
+        let firmer = plain.half_space(&Vec3::z()) / material.half_space(&Vec3::z());
+        let with = spacings.map(|spacing| press(material, spacing));
+        for ((spacing, with), without) in spacings.iter().zip(&with).zip(&without) {
+            let ratios: Vec<Real> = with.iter().zip(without).map(|(a, b)| a / b / firmer).collect();
+            println!(
+                "fibres along {direction:.2?}, {:.1} mm: {with:.5?} N, {ratios:.3?} of {firmer:.3}",
+                1e3 * spacing
+            );
+            assert!(ratios.iter().all(|ratio| (ratio - 1.0).abs() < 0.08));
+        }
+        assert!(with[0].iter().zip(&with[1]).all(|(a, b)| (a / b - 1.0).abs() < 0.03));
     }
 }
 

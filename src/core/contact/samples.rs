@@ -235,7 +235,7 @@ impl Samples {
         let (under, weights) = (end.triangle, end.weights);
         let corners = on.body.triangle(under);
         let material = on.mesh.material_at(on.body, corners[0]);
-        let nu = material.poisson_ratio();
+        let (nu, half_space) = (material.poisson_ratio(), material.half_space(&on.body.rest_normal(corners[0])));
         let outline = part.solid().map(|solid| Silhouette::of(part, solid, &view));
         let known_samples = || known.into_iter().flat_map(|k| memory[k as usize..].iter().take(part.samples()));
         let (patch, compliance) = match &outline {
@@ -244,15 +244,15 @@ impl Samples {
                     Some(edges) => Patch::of_solid(part, outline, &pressed, edges),
                     None => overlapped(on, part, &view, outline, under),
                 };
-                (patch, material.half_space())
+                (patch, half_space)
             }
             None => {
                 let patch = |k: Real| Patch::of(part, &view, k, &pressed);
                 // Large strain makes it wider, and softens what gives way as under a ball.
-                let firm = patch(material.half_space());
+                let firm = patch(half_space);
                 let as_ball = 2.0 * firm.half_width / (2.0 * firm.half_width + firm.straight()[0]);
                 let softening = as_ball * material.softening(firm.half_width / radius);
-                let compliance = material.half_space() * (1.0 + softening);
+                let compliance = half_space * (1.0 + softening);
                 let mut ends = known_samples().enumerate().filter(|(i, _)| part.is_outermost(*i));
                 let grows = !part.is_ball() && (pressed.force <= 0.0 || ends.any(|(_, m)| m.multiplier > 0.0));
                 (Patch { grows, ..patch(compliance) }, compliance)

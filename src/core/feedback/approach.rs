@@ -9,6 +9,7 @@ use crate::contact::tool::ToolState;
 use crate::ids::Vertex;
 use crate::math::{Real, Vec3};
 use crate::model::{ActiveMesh, Body};
+use std::f64::consts::PI;
 
 /// A surface farther away than this [m] says nothing yet: at 0.5 m/s it is 40 ms ahead.
 const REACH: Real = 0.02;
@@ -32,7 +33,7 @@ pub(super) fn ahead(
     let normal = -away;
     // Hertz: F/d = 4/3 E* a, with a² = R d; large strain softens it.
     let material = mesh.material_at(body, vertex);
-    let plane_strain = material.youngs_modulus() / (1.0 - material.poisson_ratio() * material.poisson_ratio());
+    let plane_strain = 1.0 / (PI * material.half_space(&body.rest_normal(vertex)));
     let softened = 1.0 + material.softening((DEPTH / radius).sqrt());
     let contact = 4.0 / 3.0 * plane_strain * (radius * DEPTH).sqrt() / softened;
     let along = 1.0 / (1.0 / contact + tool.coupling.compliance);

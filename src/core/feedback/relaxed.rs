@@ -280,7 +280,7 @@ impl<'a> System<'a> {
                     let x = body.corners(*e);
                     let edge = (0..4).flat_map(|i| (0..i).map(move |j| (i, j)));
                     let longest = edge.map(|(i, j)| (x[i] - x[j]).norm_squared()).fold(0.0, Real::max);
-                    (m.lambda + 2.0 * m.mu) * body.volume(*e) / longest
+                    m.largest_modulus() * body.volume(*e) / longest
                 };
                 around.map(share).sum::<Real>()
             })

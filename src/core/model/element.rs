@@ -21,6 +21,8 @@ pub struct ElementConstants<G = [[Real; 3]; 3]> {
     pub branch: Real,
     /// As [`Material::neo_hookean`](super::Material::neo_hookean).
     pub neo_hookean: Real,
+    /// As [`Fibres::rows`](super::Fibres::rows).
+    pub fibres: [Real; 6],
 }
 
 /// The law of the kernel for one element, on matrices: what the kernel is tested against, and what weighs an element that is
@@ -31,13 +33,15 @@ impl<G: AsRef<[[Real; 3]]>> ElementConstants<G> {
         ends.zip(self.gradient.as_ref()).map(|(x, g)| (x - origin) * Vec3::from(*g).transpose()).sum()
     }
 
-    /// Second Piola–Kirchhoff stress at `f` times its part of the volume [N·m]: that of St. Venant and Kirchhoff's law, and that of Maxwell
+    /// Second Piola–Kirchhoff stress at `f` times its part of the volume [N·m]: that of St. Venant and Kirchhoff's law, of fibres, and of Maxwell
     /// branches of these `moduli` over μ with what they remember. Viscosity, the neo-Hookean law and the term against collapse are not in it.
     pub fn stress(&self, f: &Mat3, moduli: impl Iterator<Item = Real>, history: &History) -> Mat3 {
         let (lambda, mu) = (self.lambda, self.mu);
         let doubled = f.transpose() * f - Mat3::identity();
         let green = 1.0 - self.neo_hookean;
         let mut s = (doubled * mu + Mat3::identity() * (0.5 * lambda * doubled.trace())) * green;
+        let along = symmetric(self.fibres);
+        s += along * (0.5 * along.dot(&doubled));
         for (modulus, held) in moduli.zip(&history.branch) {
             let d = symmetric(*held) * 2.0;
             s += (d - Mat3::identity() * (d.trace() / 3.0)) * (mu * self.branch * modulus);

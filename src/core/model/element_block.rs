@@ -34,7 +34,8 @@ pub(super) struct Block {
     pub slope: Row,
 }
 
-/// What one Maxwell branch of [`LANES`] elements remembers: `2D`, components as in [`Block::strain`].
+/// A symmetric matrix of each of [`LANES`] elements, components as in [`Block::strain`]: `2D`, what one Maxwell branch remembers, or the
+/// rows of their fibres.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
 pub(super) struct Memory(pub [Row; 6]);
@@ -72,6 +73,8 @@ pub(super) struct Blocks {
     pub gradients: Vec<Gradients>,
     /// Those of a block side by side; empty without branches.
     pub memories: Vec<Memory>,
+    /// Fibres of the elements of each block; empty where none has some.
+    pub fibres: Vec<Memory>,
     /// How many nodes each element has beside the first.
     pub counts: Vec<[u16; LANES]>,
     /// Most nodes of an element beside the first: 3 of tetrahedra.
@@ -88,10 +91,16 @@ impl Blocks {
             nodes: vec![[0; LANES]; blocks * (spokes + 1)],
             gradients: vec![[[0.0; LANES]; 3]; blocks * spokes],
             memories: vec![NO_MEMORY; blocks * branches],
+            fibres: Vec::new(),
             counts: vec![[0; LANES]; blocks],
             spokes,
             branches,
         }
+    }
+
+    /// Makes room for the fibres of elements.
+    pub(super) fn add_fibres(&mut self) {
+        self.fibres = vec![NO_MEMORY; self.all.len()];
     }
 
     /// Takes all elements out.
@@ -100,6 +109,7 @@ impl Blocks {
         self.nodes.fill([0; LANES]);
         self.gradients.fill([[0.0; LANES]; 3]);
         self.memories.fill(NO_MEMORY);
+        self.fibres.fill(NO_MEMORY);
         self.counts.fill([0; LANES]);
     }
 
@@ -140,12 +150,14 @@ impl Blocks {
         b.mu[lane] = constants.mu;
         b.branch[lane] = constants.branch;
         b.neo_hookean[lane] = constants.neo_hookean;
+        self.set_fibres(at, &constants.fibres);
         self.write_history(at, history);
     }
 
     /// Leaves a lane without weight, and on nodes that are there.
     pub(super) fn vacate(&mut self, at: Lane) {
-        let nothing = ElementConstants { gradient: [], lambda: 0.0, mu: 0.0, branch: 0.0, neo_hookean: 0.0 };
+        let nothing =
+            ElementConstants { gradient: [], lambda: 0.0, mu: 0.0, branch: 0.0, neo_hookean: 0.0, fibres: [0.0; 6] };
         self.write(at, &[], &nothing, &History::REST);
         self.set_limit(at, StrainLimit::NONE);
     }
@@ -170,8 +182,19 @@ impl Blocks {
         b.neo_hookean[j] = source.neo_hookean[i];
         b.limit[j] = source.limit[i];
         b.slope[j] = source.slope[i];
+        if let Some(rows) = self.fibres.get(from.block) {
+            let fibres = rows.0.map(|row| row[i]);
+            self.set_fibres(to, &fibres);
+        }
         let history = self.history(from);
         self.write_history(to, &history);
+    }
+
+    /// Gives the element in a lane other fibres.
+    pub(super) fn set_fibres(&mut self, at: Lane, fibres: &[Real; 6]) {
+        if let Some(rows) = self.fibres.get_mut(at.block) {
+            rows.0.iter_mut().zip(fibres).for_each(|(row, x)| row[at.lane] = *x);
+        }
     }
 
     /// Nodes of the element in a lane.

@@ -12,6 +12,8 @@
 //! branches and the memory of branch `b` `D_b ← (D_b + ΔE)·decay_b`, and the force on vertex `i` is `−P ∇L_i` with
 //! `P = F S`, plus `k (J − 0.6) cof F` where `J = det F < 0.6`. Viscosity acts on `ΔE`, so no velocity is read.
 //!
+//! Fibres add `M : (E + c_s ΔE) M` to `S`, `M = √(K w vol) a ⊗ a`.
+//!
 //! An element of which the part `w` is neo-Hookean has `1 − w` of `λ tr(E) I + 2μ E`, and `w (μ F + ((λ + μ)(J − 1) − μ) cof F)` in `P`.
 
 pub use super::element::{MAX_BRANCHES, StrainLimit};
@@ -79,6 +81,8 @@ pub(super) struct Batch<'a> {
     pub spokes: usize,
     /// All memories of the pool, those of a block side by side.
     pub memories: &'a mut [Memory],
+    /// Fibres of all blocks of the pool; empty where none has some.
+    pub fibres: &'a [Memory],
     /// Blocks to evaluate, in order.
     pub order: &'a [u32],
     /// Elements to evaluate: all blocks are full, but for the last.
@@ -180,7 +184,11 @@ unsafe fn add_forces_here<L: Lanes, const B: usize>(
     for (i, index) in batch.order.iter().enumerate() {
         let index = *index as usize;
         let (node, gradient) = (&nodes[index], &gradients[index]);
-        let memory = &mut batch.memories[index * B..(index + 1) * B];
+        let mut parts = Parts {
+            block: &mut batch.blocks[index],
+            memory: &mut batch.memories[index * B..(index + 1) * B],
+            fibres: batch.fibres.get(index),
+        };
         let used = batch.count - i * LANES;
         let mut at = 0;
         seen.alarm = false;
@@ -189,7 +197,7 @@ unsafe fn add_forces_here<L: Lanes, const B: usize>(
             unsafe {
                 // F = Σ (x_i − x_0) ⊗ ∇L_i, i = 1..3.
                 let f = deformation(&L::edges(position, node, at), gradient, at);
-                let p = law.stress(&f, &mut batch.blocks[index], memory, at, used, &mut seen);
+                let p = law.stress(&f, &mut parts, at, used, &mut seen);
 
                 // f_i = −P ∇L_i; the fourth is minus their sum, so that no force is left over.
                 let mut q = [[L::splat(0.0); 3]; 3];
@@ -240,7 +248,11 @@ unsafe fn add_star_forces_here<L: Lanes, const B: usize>(
         let spokes = batch.counts[index].iter().fold(0, |most, count| most.max(usize::from(*count)));
         let node = &batch.nodes[index * (batch.spokes + 1)..][..=spokes];
         let gradient = &batch.gradients[index * batch.spokes..][..spokes];
-        let memory = &mut batch.memories[index * B..(index + 1) * B];
+        let mut parts = Parts {
+            block: &mut batch.blocks[index],
+            memory: &mut batch.memories[index * B..(index + 1) * B],
+            fibres: batch.fibres.get(index),
+        };
         let used = (batch.count - i * LANES).min(LANES);
         let groups = used.div_ceil(L::WIDTH);
         // First Piola–Kirchhoff stress of each group, and what acts on the stars' own nodes.
@@ -262,7 +274,7 @@ unsafe fn add_star_forces_here<L: Lanes, const B: usize>(
                         }
                     }
                 }
-                *p = law.stress(&f, &mut batch.blocks[index], memory, at, used, &mut seen);
+                *p = law.stress(&f, &mut parts, at, used, &mut seen);
             }
             // f_j = −P b_j; the first is minus their sum, so that no force is left over.
             for (node, gradient) in node[1..].iter().zip(gradient) {
@@ -285,6 +297,13 @@ unsafe fn add_star_forces_here<L: Lanes, const B: usize>(
         }
     }
     seen.extremes()
+}
+
+/// What is remembered and known of the elements of a block beside their nodes.
+struct Parts<'a> {
+    block: &'a mut Block,
+    memory: &'a mut [Memory],
+    fibres: Option<&'a Memory>,
 }
 
 /// How far from rest the elements are that have been evaluated.
@@ -343,12 +362,12 @@ impl<L: Lanes, const B: usize> Law<L, B> {
     unsafe fn stress(
         &self,
         f: &[[L; 3]; 3],
-        block: &mut Block,
-        memory: &mut [Memory],
+        parts: &mut Parts<'_>,
         at: usize,
         used: usize,
         seen: &mut Seen<L>,
     ) -> [[L; 3]; 3] {
+        let Parts { block, memory, fibres } = parts;
         let zero = L::splat(0.0);
         let half = L::splat(0.5);
         let third = L::splat(1.0 / 3.0);
@@ -405,6 +424,19 @@ impl<L: Lanes, const B: usize> Law<L, B> {
             }
             for s in &mut s[..3] {
                 *s = s.add(pressure);
+            }
+            if let Some(Memory(rows)) = fibres {
+                // Half of M : 2E; what is beside the diagonal counts twice.
+                let (mut diagonal, mut beside) = (zero, zero);
+                for c in 0..3 {
+                    let along = |c: usize| e[c].add(self.shear.mul(change[c]));
+                    diagonal = diagonal.add(L::load(&rows[c], at).mul(along(c)));
+                    beside = beside.add(L::load(&rows[c + 3], at).mul(along(c + 3)));
+                }
+                let tension = half.mul(diagonal).add(beside);
+                for c in 0..6 {
+                    s[c] = s[c].add(tension.mul(L::load(&rows[c], at)));
+                }
             }
 
             // Rows of cof F are cross products of rows of F.

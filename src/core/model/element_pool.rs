@@ -9,6 +9,7 @@ use super::element::{MAX_BRANCHES, StrainLimit};
 use super::element_block::{Blocks, Lane};
 use super::element_kernel::{self, Batch, Extremes, Rates, Simd};
 use super::lanes::{LANES, Padded};
+use super::material::Material;
 use crate::ids::{self, Element, Node, Slot};
 use crate::math::Real;
 
@@ -111,10 +112,14 @@ impl<Id: Kind> Pool<Id> {
         pool
     }
 
-    /// The same where some elements `are` neo-Hookean; of others the kernel need not ask.
+    /// The same where elements are of such `materials`: of what none of them has the kernel need not ask.
     #[must_use]
-    pub fn with_neo_hookean(self, are: bool) -> Self {
-        Self { neo_hookean: are, ..self }
+    pub fn of_materials(mut self, materials: &[Material]) -> Self {
+        self.neo_hookean = materials.iter().any(|material| material.neo_hookean > 0.0);
+        if materials.iter().any(|material| material.fibres.are_there()) {
+            self.blocks.add_fibres();
+        }
+        self
     }
 
     /// Takes all elements out.
@@ -146,6 +151,7 @@ impl<Id: Kind> Pool<Id> {
         self.check_nodes(nodes);
         assert!(class < CLASSES, "no such class");
         debug_assert!(self.neo_hookean || constants.neo_hookean == 0.0);
+        debug_assert!(!self.blocks.fibres.is_empty() || constants.fibres == [0.0; 6]);
         if self.places[id.index()] != Place::OUT || self.len == self.capacity {
             return false;
         }
@@ -182,11 +188,12 @@ impl<Id: Kind> Pool<Id> {
         true
     }
 
-    /// Gives element `id` another stiffness: `λ·w·vol` and `μ·w·vol` [N·m]. False when the pool does not have it.
-    pub fn set_stiffness(&mut self, id: Id, lambda: Real, mu: Real) -> bool {
-        let Some(Lane { block, lane }) = self.find(id) else { return false };
-        self.blocks.all[block].lambda[lane] = lambda;
-        self.blocks.all[block].mu[lane] = mu;
+    /// Gives element `id` the stiffness of `constants`, whose gradients it has. False when the pool does not have it.
+    pub fn set_stiffness<G>(&mut self, id: Id, constants: &ElementConstants<G>) -> bool {
+        let Some(at) = self.find(id) else { return false };
+        self.blocks.all[at.block].lambda[at.lane] = constants.lambda;
+        self.blocks.all[at.block].mu[at.lane] = constants.mu;
+        self.blocks.set_fibres(at, &constants.fibres);
         true
     }
 
@@ -325,12 +332,13 @@ impl<Id: Kind> Pool<Id> {
         if *count == 0 {
             return Extremes::REST;
         }
-        let Blocks { all, nodes, gradients, memories, counts, spokes, branches } = &mut self.blocks;
+        let Blocks { all, nodes, gradients, memories, fibres, counts, spokes, branches } = &mut self.blocks;
         let batch = Batch {
             blocks: all,
             nodes,
             gradients,
             memories,
+            fibres,
             counts,
             spokes: *spokes,
             order,
@@ -451,6 +459,7 @@ mod tests {
             mu: 0.1 * id.0 as Real,
             branch: 1.0 + 0.01 * id.0 as Real,
             neo_hookean: 0.0,
+            fibres: [0.0; 6],
         }
     }
 
@@ -517,9 +526,10 @@ mod tests {
                         }
                     }
                     Op::SetStiffness(id, k) => {
-                        prop_assert_eq!(pool.set_stiffness(id, k, 0.5 * k), known[id.index()].is_some());
+                        let stiffer = ElementConstants { lambda: k, mu: 0.5 * k, ..constants(id) };
+                        prop_assert_eq!(pool.set_stiffness(id, &stiffer), known[id.index()].is_some());
                         if let Some(known) = &mut known[id.index()] {
-                            (known.constants.lambda, known.constants.mu) = (k, 0.5 * k);
+                            known.constants = stiffer;
                         }
                     }
                     Op::Evaluate(class, x) => {

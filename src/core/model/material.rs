@@ -1,4 +1,5 @@
-//! The material laws: St. Venant–Kirchhoff or neo-Hookean, with Kelvin–Voigt viscosity and a term against collapse.
+//! The material laws: St. Venant–Kirchhoff or neo-Hookean, with [fibres](Fibres) or without, with Kelvin–Voigt viscosity and a term
+//! against collapse.
 //!
 //! Green strain `E = ½(FᵀF − I)`, second Piola–Kirchhoff stress `S = λ tr(E) I + 2μ E + φ tr(Ė) I + 2ψ Ė`
 //! [DDCB01 eq. 1–4, in standard scaling: the paper's ε is 2E and its σ is 2S], nodal forces `f_i = −vol F S ∇L_i`
@@ -12,8 +13,10 @@
 //! stress `P = μ F + ((λ + μ)(J − 1) − μ) cof F` is that of the same λ and μ in small strain, goes through inversion without a pole
 //! and keeps its shear modulus when squeezed [Smith, de Goes & Kim 2018, before their barrier]. It is linear in λ and μ, too.
 
-use crate::math::{Mat3, Real};
+use super::fibres::Fibres;
+use crate::math::{Mat3, Real, Vec3};
 use serde::{Deserialize, Serialize};
+use std::f64::consts::PI;
 
 /// `J` below which the compression term acts.
 pub const COLLAPSE_ONSET: Real = 0.6;
@@ -37,6 +40,8 @@ pub struct Material {
     pub density: Real,
     /// Part of the elastic energy that is neo-Hookean, and not St. Venant–Kirchhoff's: none or all, or what of a mixture is.
     pub neo_hookean: Real,
+    /// What makes it stiffer along one direction; of the same relaxation time as shear.
+    pub fibres: Fibres,
 }
 
 impl Material {
@@ -59,6 +64,7 @@ impl Material {
         let lambda = (mean(&bulk, 4.0 / 3.0 * g) - 2.0 / 3.0 * mu).max(0.0);
         let over = |viscosity: Real, modulus: Real| if modulus > 0.0 { viscosity / modulus } else { 0.0 };
         let neo_hookean = others.clone().map(|(n, m)| m.neo_hookean * Real::from(n) / all).sum::<Real>();
+        let fibres = others.clone().map(|(n, m)| (m.fibres, Real::from(n) / all));
         Material {
             lambda,
             mu,
@@ -66,13 +72,15 @@ impl Material {
             psi: mu * over(self.psi, self.mu),
             density: rest * self.density + others.map(|(n, m)| m.density * Real::from(n) / all).sum::<Real>(),
             neo_hookean: rest * self.neo_hookean + neo_hookean,
+            fibres: Fibres::mean(std::iter::once((self.fibres, rest)).chain(fibres)),
         }
     }
 
     /// Of the same Poisson's ratio and relaxation times, `factor` times as stiff.
     pub fn stiffened(&self, factor: Real) -> Material {
-        let Self { lambda, mu, phi, psi, .. } = *self;
-        Self { lambda: factor * lambda, mu: factor * mu, phi: factor * phi, psi: factor * psi, ..*self }
+        let Self { lambda, mu, phi, psi, fibres, .. } = *self;
+        let fibres = fibres.stiffened(factor);
+        Self { lambda: factor * lambda, mu: factor * mu, phi: factor * phi, psi: factor * psi, fibres, ..*self }
     }
 
     /// Of the neo-Hookean law with the same constants.
@@ -90,15 +98,16 @@ impl Material {
             psi: 0.0,
             density,
             neo_hookean: 0.0,
+            fibres: Fibres::NONE,
         }
     }
 
-    /// Young's modulus [Pa].
+    /// Young's modulus [Pa], of fibres without what is around them.
     pub fn youngs_modulus(&self) -> Real {
         self.mu * (3.0 * self.lambda + 2.0 * self.mu) / (self.lambda + self.mu)
     }
 
-    /// Poisson's ratio.
+    /// Poisson's ratio, without fibres.
     pub fn poisson_ratio(&self) -> Real {
         self.lambda / (2.0 * (self.lambda + self.mu))
     }
@@ -112,20 +121,40 @@ impl Material {
         (1.0 - self.neo_hookean) * (0.17 + nu * (0.5 + nu * nu * 1.9)) * reach.min(0.5)
     }
 
-    /// `(1−ν²)/(πE)` [m²/N]: under a point load an elastic half-space gives way by this much per newton and per distance.
-    pub fn half_space(&self) -> Real {
+    /// `1/(πM)` [m²/N], `M = E/(1−ν²)`: under a point load along `normal` (of length 1, at rest) an elastic half-space gives way by this much
+    /// per newton and per distance. With fibres `M` is the indentation modulus of a transversely isotropic half-space: in closed form along
+    /// and across the fibres [Delafargue & Ulm 2004]; between them a mean of both by the square of the angle's cosine, as stars have it.
+    pub fn half_space(&self, normal: &Vec3) -> Real {
         let nu = self.poisson_ratio();
-        (1.0 - nu * nu) / (std::f64::consts::PI * self.youngs_modulus())
+        let isotropic = (1.0 - nu * nu) / (PI * self.youngs_modulus());
+        if !self.fibres.are_there() {
+            return isotropic;
+        }
+        // Stiffnesses c₁₁, c₁₂ = c₁₃ and c₄₄ = c₆₆ of the matrix; c₃₃ with the fibres along axis 3.
+        let (c11, c13, c44) = (self.pressure_modulus(), self.lambda, self.mu);
+        let c33 = c11 + self.fibres.modulus;
+        let mean = (c11 * c33).sqrt();
+        let along = 2.0 * ((c11 * c33 - c13 * c13) / c11 / (1.0 / c44 + 2.0 / (mean + c13))).sqrt();
+        let across = ((c11 / c33).sqrt() * along * (c11 * c11 - c13 * c13) / c11).sqrt();
+        let part = self.fibres.direction.dot(normal).powi(2).min(1.0);
+        let arithmetic = across + (along - across) * part;
+        let harmonic = 1.0 / (1.0 / across + (1.0 / along - 1.0 / across) * part);
+        1.0 / (PI * (arithmetic * harmonic).sqrt())
     }
 
-    /// `λ + 2μ` [Pa], the modulus of pressure waves.
+    /// `λ + 2μ` [Pa], the modulus of pressure waves across fibres.
     pub fn pressure_modulus(&self) -> Real {
         self.lambda + 2.0 * self.mu
     }
 
-    /// Speed of pressure waves at rest [m/s]: the fastest that anything travels.
+    /// `λ + 2μ + K` [Pa]: that of the fastest waves, pressure waves along fibres.
+    pub fn largest_modulus(&self) -> Real {
+        self.pressure_modulus() + self.fibres.modulus
+    }
+
+    /// Speed of the fastest waves at rest [m/s]: the fastest that anything travels.
     pub fn wave_speed(&self) -> Real {
-        (self.pressure_modulus() / self.density).sqrt()
+        (self.largest_modulus() / self.density).sqrt()
     }
 
     /// The longer of the relaxation times of pressure and shear [s]: bounds the damping of every mode.
@@ -143,7 +172,11 @@ impl Material {
         let green = 0.5 * self.lambda * trace * trace + self.mu * e.dot(&e);
         // |F|² − 3 = tr 2E.
         let neo_hookean = self.mu * (trace - (det - 1.0)) + 0.5 * (self.lambda + self.mu) * (det - 1.0).powi(2);
-        (1.0 - self.neo_hookean) * green + self.neo_hookean * neo_hookean + 0.5 * k * squeeze * squeeze
+        let matrix = (1.0 - self.neo_hookean) * green + self.neo_hookean * neo_hookean + 0.5 * k * squeeze * squeeze;
+        if !self.fibres.are_there() {
+            return matrix;
+        }
+        matrix + 0.5 * self.fibres.tension(&e).powi(2) / self.fibres.modulus
     }
 }
 
@@ -173,14 +206,20 @@ mod tests {
     }
 
     #[test]
-    fn both_laws_are_hooke_s_in_small_strain() {
+    fn all_laws_are_hooke_s_in_small_strain_and_linear_in_their_constants() {
         let strain = Mat3::new(1.0, 0.3, -0.2, 0.3, -0.6, 0.5, -0.2, 0.5, 0.4) * 1e-5;
         for nu in [0.0, 0.3, 0.49] {
             let m = Material::from_young(1e4, nu, 1000.0);
             let hooke = 0.5 * m.lambda * strain.trace().powi(2) + m.mu * strain.dot(&strain);
-            for m in [m, m.as_neo_hookean()] {
+            let fibres = Fibres { modulus: 7e4, direction: Vec3::new(0.6, 0.0, 0.8) };
+            for (m, fibres) in [(m, Fibres::NONE), (m.as_neo_hookean(), Fibres::NONE), (m.as_neo_hookean(), fibres)] {
+                let m = Material { fibres, ..m };
+                let hooke = hooke + 0.5 * fibres.modulus * (strain * fibres.direction).dot(&fibres.direction).powi(2);
                 let energy = m.energy_density(&(Mat3::identity() + strain));
                 assert!((energy / hooke - 1.0).abs() < 1e-4, "{nu}: {energy} of {hooke}");
+                let large = Mat3::identity() + strain * 1e4;
+                let ratio = m.stiffened(3.0).energy_density(&large) / m.energy_density(&large);
+                assert!((ratio - 3.0).abs() < 1e-12, "{ratio}");
             }
         }
     }

@@ -67,7 +67,7 @@ impl Strained {
     ///
     /// The tangent along any pair of directions is at most `(λ+2μ) |F|² + λ tr E + 2μ e`, `e` the largest principal
     /// strain and `|F|² = 1 + 2e`; `e ≤ tr E/3 + √(2/3) |dev E|`. That of the neo-Hookean law is `μ + (λ+μ) |cof F n|²` [`J` is linear
-    /// along any pair], at most `μ + (λ+μ) |F|⁴`. The compression term adds `k |cof F|²`.
+    /// along any pair], at most `μ + (λ+μ) |F|⁴`; that of fibres `K (|F a|² + a·E a)` at most. The compression term adds `k |cof F|²`.
     pub fn of(material: &Material, s: &[Real; 6], det: Real) -> Self {
         let trace = s[0] + s[1] + s[2];
         let squared = s[0] * s[0] + s[1] * s[1] + s[2] * s[2] + 2.0 * (s[3] * s[3] + s[4] * s[4] + s[5] * s[5]);
@@ -77,7 +77,10 @@ impl Strained {
         let stress = (material.lambda * trace + 2.0 * material.mu * largest) / material.pressure_modulus();
         let green = (1.0 + 2.0 * largest + stress).max(1.0);
         let swollen = (material.mu + (material.lambda + material.mu) * stretch * stretch) / material.pressure_modulus();
-        let mut growth = (1.0 - material.neo_hookean) * green + material.neo_hookean * swollen;
+        let matrix = (1.0 - material.neo_hookean) * green + material.neo_hookean * swollen;
+        let whole = material.largest_modulus();
+        let part = material.fibres.modulus / whole;
+        let mut growth = matrix * (material.pressure_modulus() / whole) + part * (1.0 + 3.0 * largest.max(0.0));
         if det < COLLAPSE_ONSET {
             // C = I + 2E; |cof F|² is its second invariant.
             let first = 3.0 + 2.0 * trace;
@@ -89,7 +92,7 @@ impl Strained {
 }
 
 /// Strain up to which an element of `material` that is not crushed may step in `class`: [`stable_step`] with the bounds
-/// of [`Strained::of`] on growth, `1 + (2 + 2μ/M) e + (λ/M) tr E`, and on the squared stretch, `1 + 2e`, solved for
+/// of [`Strained::of`] on growth, `1 + (2 + 2μ/M) e + (λ/M) tr E` (of fibres `1 + 3e`), and on the squared stretch, `1 + 2e`, solved for
 /// `|dev E|`, `M = λ + 2μ`, `e = tr E/3 + √(2/3) |dev E|`. Where some of it is neo-Hookean, growth is bounded by `e` alone: that part's by
 /// `1 + (λ+μ)/M (4e + 4e²)`, and with `tr E ≤ 3e` the other's. Arguments as in [`stable_step`].
 pub fn strain_limit(
@@ -102,15 +105,17 @@ pub fn strain_limit(
     let (h, tau, modulus) = (step_of(class), damping_time, material.pressure_modulus());
     let left = (4.0 - springs * h * h) / omega_squared - h * (h + 2.0 * tau);
     // `e · stretched + tr E · swollen ≤ left`.
-    let stretched = h * (h * (2.0 + 2.0 * material.mu / modulus) + 4.0 * tau);
-    let swollen = h * h * material.lambda / modulus;
+    let whole = material.largest_modulus();
+    let (matrix, fibres) = (modulus / whole, 3.0 * material.fibres.modulus / whole);
+    let stretched = h * (h * (matrix * (2.0 + 2.0 * material.mu / modulus) + fibres) + 4.0 * tau);
+    let swollen = matrix * (h * h * material.lambda / modulus);
     let w = material.neo_hookean;
     if w > 0.0 {
         // `square · e² + linear · e ≤ left`.
-        let square = 4.0 * h * h * w * (material.lambda + material.mu) / modulus;
+        let square = matrix * (4.0 * h * h * w * (material.lambda + material.mu) / modulus);
         let linear = square
             + 4.0 * h * tau
-            + (1.0 - w) * h * h * (2.0 + 2.0 * material.mu / modulus)
+            + h * h * ((1.0 - w) * matrix * (2.0 + 2.0 * material.mu / modulus) + fibres)
             + (1.0 - w) * 3.0 * swollen;
         let most = ((linear * linear + 4.0 * square * left).max(0.0).sqrt() - linear) / (2.0 * square);
         return StrainLimit { deviator: 2.0 * most / SQRT_TWO_THIRDS, slope: 1.0 / (3.0 * SQRT_TWO_THIRDS) };
@@ -138,7 +143,7 @@ pub fn omega_squared(body: &Body, material: &Material, e: Element) -> Real {
 /// stiffness, they have the same part of the masses.
 fn plain_omega_squared(body: &Body, material: &Material, e: Element) -> Real {
     let altitude = smallest_altitude(body, e);
-    let wave_speed_squared = body.stiffness_factor(e) * material.pressure_modulus() / body.density(e);
+    let wave_speed_squared = body.stiffness_factor(e) * material.largest_modulus() / body.density(e);
     4.0 * wave_speed_squared / (SAFETY * SAFETY * altitude * altitude)
 }
 
@@ -179,7 +184,7 @@ fn instantaneous(material: &Material, branch: Real, maxwell: &[MaxwellBranch]) -
         return 1.0;
     }
     let branches = branch * maxwell.iter().map(|b| b.modulus).sum::<Real>();
-    (1.0 + 4.0 / 3.0 * material.mu * branches / material.pressure_modulus()) * (1.0 + 2.0 * STEP_VISCOSITY)
+    (1.0 + 4.0 / 3.0 * material.mu * branches / material.largest_modulus()) * (1.0 + 2.0 * STEP_VISCOSITY)
 }
 
 /// Longest stable step [s] of an element of `omega_squared` (the branches' share included) that is strained as given,

@@ -65,9 +65,9 @@ impl ParameterRanges {
             has_it.iter().all(|m| {
                 let (now, then) = (body.mixed(*m, &stiffness), body.parts().materials[*m]);
                 // Branches count by the part that shear has in the stiffness.
-                let shear = |material: &Material| material.mu / material.pressure_modulus();
+                let shear = |material: &Material| material.mu / material.largest_modulus();
                 let branches = (shear(&now) / shear(&then)).max(1.0);
-                self.omega_squared[*m] * now.pressure_modulus() / then.pressure_modulus() * branches <= self.largest
+                self.omega_squared[*m] * now.largest_modulus() / then.largest_modulus() * branches <= self.largest
             })
         };
         let (mut can, mut cannot) = (*STIFFNESS.start(), *STIFFNESS.end());

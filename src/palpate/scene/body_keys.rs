@@ -1,6 +1,7 @@
 //! The keys of one body of a scene: its shape and levels, its material, and where it is held.
 
 use super::elastic_keys::{ElasticKeys, LARGEST_POISSON_RATIO, STIFFNESS, fill};
+use super::law_keys::{Law, LawKeys};
 use super::motion_keys::MotionKeys;
 use garde::Validate;
 use palpate_body::geometry::mesh_io::LengthUnit;
@@ -37,24 +38,6 @@ pub enum Source {
     Volumes,
     /// A body that `palpate prepare` has made, from `file`.
     Prepared,
-}
-
-/// What the elastic energy of a material is.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Law {
-    /// St. Venant and Kirchhoff's: softens when squeezed.
-    #[default]
-    StVenantKirchhoff,
-    /// The neo-Hookean one, without a pole where elements invert.
-    NeoHookean,
-}
-
-impl Law {
-    /// As [`Material::neo_hookean`].
-    pub(super) fn neo_hookean(self) -> Real {
-        if self == Self::NeoHookean { 1.0 } else { 0.0 }
-    }
 }
 
 /// `[body]`.
@@ -131,6 +114,14 @@ pub struct MaterialKeys {
     pub density: Real,
     /// What its elastic energy is.
     pub law: Law,
+    /// Young's modulus along fibres less that across [Pa].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[garde(inner(range(min = STIFFNESS.0, max = STIFFNESS.1)))]
+    pub fibre_modulus: Option<Real>,
+    /// Their direction at rest, of any length; left out: that of each element of the volume files.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[garde(inner(inner(range(min = -1e3, max = 1e3))))]
+    pub fibre_direction: Option<[Real; 3]>,
     /// Of which elements the body is made.
     pub elements: Elements,
     /// Damping ratio ζ of the slowest mode, by Maxwell branches of the stress.
@@ -202,6 +193,14 @@ pub struct RegionKeys {
     /// What its elastic energy is; left out: that of the rest.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub law: Option<Law>,
+    /// Young's modulus along fibres less that across [Pa]; left out: that of the rest.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[garde(inner(range(min = STIFFNESS.0, max = STIFFNESS.1)))]
+    pub fibre_modulus: Option<Real>,
+    /// Their direction at rest, of any length; left out: as in the rest.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[garde(inner(inner(range(min = -1e3, max = 1e3))))]
+    pub fibre_direction: Option<[Real; 3]>,
 }
 
 impl RegionKeys {
@@ -217,6 +216,15 @@ impl RegionKeys {
         ElasticKeys { poisson_ratio: keys.poisson_ratio.or(Some(rest)), ..keys }.young()
     }
 
+    /// Its law in a material of `rest`.
+    pub(super) fn law_keys(&self, rest: &LawKeys) -> LawKeys {
+        LawKeys {
+            law: self.law.unwrap_or(rest.law),
+            modulus: self.fibre_modulus.or(rest.modulus),
+            direction: self.fibre_direction.or(rest.direction),
+        }
+    }
+
     /// The ball, the box or the label; `None` where the keys are those of none or of several, or of an empty box.
     pub(super) fn place(&self) -> Option<Place> {
         match (self.centre, self.radius, self.min, self.max, self.label) {
@@ -230,7 +238,9 @@ impl RegionKeys {
     }
 
     /// Adds what is wrong with the keys together, under `path`.
-    pub(super) fn faults(&self, path: &str, elements: Elements, out: &mut Vec<(String, String)>) {
+    pub(super) fn faults(&self, path: &str, elements: Elements, rest: &MaterialKeys, out: &mut Vec<(String, String)>) {
+        let has_fibres = self.fibre_modulus.is_some() || self.fibre_direction.is_some();
+        self.law_keys(&rest.law_keys()).faults(path, has_fibres, out);
         if self.place().is_none() {
             let fault = "give a ball, centre = [x, y, z] and radius, or a box, min = [x, y, z] and max, greater in each, or a label of the \
                  volume files";
@@ -247,10 +257,14 @@ impl MaterialKeys {
         ElasticKeys { youngs_modulus, poisson_ratio, lambda, mu }
     }
 
+    /// Its law as written.
+    pub(super) fn law_keys(&self) -> LawKeys {
+        LawKeys { law: self.law, modulus: self.fibre_modulus, direction: self.fibre_direction }
+    }
+
     /// Its constants, without viscosity.
     pub(super) fn elastic(&self) -> Material {
-        let material = self.elastic_keys().material(self.density);
-        Material { neo_hookean: self.law.neo_hookean(), ..material }
+        self.law_keys().of(self.elastic_keys().material(self.density))
     }
 
     /// Writes out the defaults of elastic constants.
@@ -261,8 +275,10 @@ impl MaterialKeys {
     /// Adds what is wrong with the keys together, under `path`.
     pub(super) fn faults(&self, path: &str, out: &mut Vec<(String, String)>) {
         self.elastic_keys().faults(path, self.elements, out);
+        let has_fibres = self.fibre_modulus.is_some() || self.fibre_direction.is_some();
+        self.law_keys().faults(path, has_fibres, out);
         let regions = self.region.iter().enumerate();
-        regions.for_each(|(i, region)| region.faults(&format!("{path}.region[{i}]"), self.elements, out));
+        regions.for_each(|(i, region)| region.faults(&format!("{path}.region[{i}]"), self.elements, self, out));
     }
 }
 
@@ -275,6 +291,8 @@ impl Default for MaterialKeys {
             mu: None,
             density: 1050.0,
             law: Law::default(),
+            fibre_modulus: None,
+            fibre_direction: None,
             elements: Elements::default(),
             damping_ratio: 0.0,
             damping_time: 1e-3,

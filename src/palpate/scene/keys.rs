@@ -3,7 +3,7 @@
 use super::body_keys::{BodyKeys, HoldKeys, MaterialKeys, RegionKeys};
 use super::contact_keys::{self, ContactKeys};
 use super::obstacle_keys::ObstacleKeys;
-use super::organ_keys::{OrganKeys, TissueKeys};
+use super::organ_keys::OrganKeys;
 use super::tool_keys::{ToolKeys, centimetre};
 use crate::display::Display;
 use garde::Validate;
@@ -201,12 +201,14 @@ impl Scene {
         let (_, rest) = self.material.elastic_keys().young();
         let inclusion = |region: &RegionKeys| {
             let (youngs_modulus, poisson_ratio) = region.young(rest);
+            let law = region.law_keys(&self.material.law_keys());
             Some(Inclusion {
                 place: region.place()?,
                 youngs_modulus,
                 poisson_ratio,
                 density: region.density.unwrap_or(self.material.density),
-                neo_hookean: region.law.unwrap_or(self.material.law).neo_hookean(),
+                neo_hookean: law.neo_hookean(),
+                fibres: law.fibres(),
             })
         };
         self.material.region.iter().filter_map(inclusion).collect()
@@ -214,9 +216,7 @@ impl Scene {
 
     /// The scene of `organ` alone, in its own frame; all else is as here.
     pub fn of_organ(&self, organ: &OrganKeys) -> Self {
-        let TissueKeys { youngs_modulus, poisson_ratio, lambda, mu, density, law, region } = organ.material.clone();
-        let mut material =
-            MaterialKeys { youngs_modulus, poisson_ratio, lambda, mu, density, law, region, ..self.material.clone() };
+        let mut material = organ.material.in_scene(&self.material);
         // Viscosities that the scene gives stand for relaxation times, which are the same in every organ.
         let (own, first) = (material.elastic(), self.material.elastic());
         let as_stiff = |viscosity: Option<Real>, own: Real, first: Real| {

@@ -7,6 +7,7 @@ pub mod body_keys;
 pub mod contact_keys;
 mod elastic_keys;
 pub mod keys;
+pub mod law_keys;
 pub mod motion_keys;
 pub mod obstacle_keys;
 pub mod organ_keys;
@@ -421,8 +422,8 @@ pub fn parse(text: &str, origin: &str) -> Result<Scene, SceneError> {
     if faults.is_empty() {
         scene.material.faults("material", &mut faults);
         hold_faults(&scene.hold, "hold", &mut faults);
-        let (organs, elements) = (scene.organ.iter().enumerate(), scene.material.elements);
-        organs.for_each(|(i, organ)| organ.faults(&format!("organ[{i}]"), elements, &mut faults));
+        let organs = scene.organ.iter().enumerate();
+        organs.for_each(|(i, organ)| organ.faults(&format!("organ[{i}]"), &scene.material, &mut faults));
         let obstacles = scene.obstacle.iter().enumerate();
         obstacles.for_each(|(i, obstacle)| obstacle.faults(&format!("obstacle[{i}]"), &mut faults));
         scene.tool.iter().enumerate().for_each(|(i, tool)| tool.faults(&format!("tool[{i}]"), &mut faults));

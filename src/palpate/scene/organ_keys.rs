@@ -1,10 +1,10 @@
 //! Further bodies of a scene, beside `[body]`: the keys of each, and the scene that it would be alone.
 
-use super::body_keys::{BodyKeys, HoldKeys, Law, MaterialKeys, RegionKeys, hold_faults};
+use super::body_keys::{BodyKeys, HoldKeys, MaterialKeys, RegionKeys, hold_faults};
 use super::elastic_keys::{ElasticKeys, LARGEST_POISSON_RATIO, STIFFNESS, fill};
+use super::law_keys::Law;
 use super::tool_keys::{unit_quaternion, upright};
 use garde::Validate;
-use palpate_body::prepare::Elements;
 use palpate_core::math::{Pose, Real, Vec3, normalized_quaternion};
 use serde::{Deserialize, Serialize};
 
@@ -61,6 +61,14 @@ pub struct TissueKeys {
     pub density: Real,
     /// What its elastic energy is.
     pub law: Law,
+    /// Young's modulus along fibres less that across [Pa].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[garde(inner(range(min = STIFFNESS.0, max = STIFFNESS.1)))]
+    pub fibre_modulus: Option<Real>,
+    /// Their direction at rest in the organ's own frame, of any length; left out: that of each element of the volume files.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[garde(inner(inner(range(min = -1e3, max = 1e3))))]
+    pub fibre_direction: Option<[Real; 3]>,
     /// Places where the material is another, in the organ's own frame; later ones cover earlier ones.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     #[garde(dive, length(max = 16))]
@@ -74,20 +82,68 @@ impl TissueKeys {
         ElasticKeys { youngs_modulus, poisson_ratio, lambda, mu }
     }
 
+    /// The same with the damping and the elements of a `scene`.
+    pub(super) fn in_scene(&self, scene: &MaterialKeys) -> MaterialKeys {
+        let Self {
+            youngs_modulus,
+            poisson_ratio,
+            lambda,
+            mu,
+            density,
+            law,
+            fibre_modulus,
+            fibre_direction,
+            ref region,
+        } = *self;
+        let (region, damping) = (region.clone(), scene.clone());
+        MaterialKeys {
+            youngs_modulus,
+            poisson_ratio,
+            lambda,
+            mu,
+            density,
+            law,
+            fibre_modulus,
+            fibre_direction,
+            region,
+            ..damping
+        }
+    }
+
     /// Writes out the defaults of elastic constants.
     pub(super) fn fill(&mut self) {
         fill(self.elastic_keys(), &mut self.youngs_modulus, &mut self.poisson_ratio);
     }
 
     /// Names of its keys: what is taken over from a prepared body.
-    pub(super) const KEYS: [&str; 7] = ["youngs_modulus", "poisson_ratio", "lambda", "mu", "density", "law", "region"];
+    pub(super) const KEYS: [&str; 9] = [
+        "youngs_modulus",
+        "poisson_ratio",
+        "lambda",
+        "mu",
+        "density",
+        "law",
+        "fibre_modulus",
+        "fibre_direction",
+        "region",
+    ];
 }
 
 impl Default for TissueKeys {
     fn default() -> Self {
-        let MaterialKeys { youngs_modulus, poisson_ratio, lambda, mu, density, law, region, .. } =
-            MaterialKeys::default();
-        Self { youngs_modulus, poisson_ratio, lambda, mu, density, law, region }
+        let MaterialKeys {
+            youngs_modulus,
+            poisson_ratio,
+            lambda,
+            mu,
+            density,
+            law,
+            fibre_modulus,
+            fibre_direction,
+            region,
+            ..
+        } = MaterialKeys::default();
+        Self { youngs_modulus, poisson_ratio, lambda, mu, density, law, fibre_modulus, fibre_direction, region }
     }
 }
 
@@ -99,11 +155,9 @@ impl OrganKeys {
     }
 
     /// Adds what is wrong with the keys together, under `path`.
-    pub(super) fn faults(&self, path: &str, elements: Elements, out: &mut Vec<(String, String)>) {
+    pub(super) fn faults(&self, path: &str, scene: &MaterialKeys, out: &mut Vec<(String, String)>) {
         hold_faults(&self.hold, &format!("{path}.hold"), out);
-        self.material.elastic_keys().faults(&format!("{path}.material"), elements, out);
-        let regions = self.material.region.iter().enumerate();
-        regions.for_each(|(i, region)| region.faults(&format!("{path}.material.region[{i}]"), elements, out));
+        self.material.in_scene(scene).faults(&format!("{path}.material"), out);
         if self.body.active_level.is_some() {
             out.push((format!("{path}.body.active_level"), "is for [body], and means every organ".into()));
         }

@@ -3,7 +3,9 @@
 use super::block::{Block, CHUNK};
 use palpate_core::geometry::tet_mesh::{gradients, volume};
 use palpate_core::hierarchy::Level;
-use palpate_core::math::{Real, Vec3};
+use palpate_core::math::{Mat3, Real, Vec3, symmetric};
+#[cfg(doc)]
+use palpate_core::model::Fibres;
 use palpate_core::model::body::stars;
 use palpate_core::model::material::Material;
 use rayon::prelude::*;
@@ -95,6 +97,8 @@ struct Element {
     lambda: Real,
     /// μ times its volume [N·m].
     mu: Real,
+    /// What its fibres add, [`Fibres::rows`]: the stress `(M : ε) M`.
+    fibres: Mat3,
 }
 
 impl Element {
@@ -105,6 +109,7 @@ impl Element {
             weights: level.mesh.elements[e].into_iter().zip(gradients).collect(),
             lambda: material.lambda * level.fraction[e] * volume,
             mu: material.mu * level.fraction[e] * volume,
+            fibres: symmetric(material.fibres.rows(level.fraction[e] * volume)),
         }
     }
 
@@ -129,10 +134,11 @@ impl Element {
         weights.iter_mut().for_each(|(_, gradient)| *gradient /= volume);
         let materials: Vec<(Material, Real)> =
             around.map(|e| (material(e), level.fraction[e] * level.mesh.volume(e))).collect();
-        let mean = stars::mean(materials.iter().map(|(material, volume)| (material, *volume)));
+        let mean = stars::mean(materials.iter().copied());
         let of_means = mean.map(|mean| stars::of_means(&mean, stabilisation));
         let of = |modulus: fn(&Material) -> Real| of_means.as_ref().map_or(0.0, |material| volume * modulus(material));
-        Self { weights, lambda: of(|material| material.lambda), mu: of(|material| material.mu) }
+        let fibres = of_means.map_or_else(Mat3::zeros, |material| symmetric(material.fibres.rows(volume)));
+        Self { weights, lambda: of(|material| material.lambda), mu: of(|material| material.mu), fibres }
     }
 
     /// Adds its part of the `row` of node `n`, if that is one of its nodes.
@@ -147,6 +153,10 @@ impl Element {
                     row[place].1[i][j] += lambda * ga[i] * gb[j] + mu * gb[i] * ga[j];
                 }
                 row[place].1[i][i] += both;
+            }
+            if self.fibres != Mat3::zeros() {
+                let along = (self.fibres * ga) * (self.fibres * gb).transpose();
+                (0..3).for_each(|i| (0..3).for_each(|j| row[place].1[i][j] += along[(i, j)]));
             }
         }
     }

@@ -224,7 +224,7 @@ fn mean_modulus(levels: &[Level], l: usize, material: &impl Fn(usize, usize) -> 
 }
 
 /// How much of the strain energy of the displacements `u` of `level`, along all axes together, is shear's: `μ dev ε:ε` over
-/// `½ λ (tr ε)² + μ ε:ε`.
+/// `½ λ (tr ε)² + μ ε:ε` and what fibres have.
 fn part_of_shear(level: &Level, material: impl Fn(usize) -> Material + Sync, factors: &[Real], u: &[Block]) -> Real {
     let of_element = |e: usize| {
         let (gradients, volume) = weights_of(&level.mesh.corners(e));
@@ -236,7 +236,10 @@ fn part_of_shear(level: &Level, material: impl Fn(usize) -> Material + Sync, fac
             let gradient: Mat3 = nodes.iter().zip(gradients).map(|(n, g)| along(*n) * g.transpose()).sum();
             let strain = (gradient + gradient.transpose()) * 0.5;
             let (square, trace) = (strain.dot(&strain), strain.trace());
-            all += weight * (0.5 * material.lambda * trace * trace + material.mu * square);
+            let tension = material.fibres.tension(&strain);
+            let stretched =
+                if material.fibres.are_there() { 0.5 * tension * tension / material.fibres.modulus } else { 0.0 };
+            all += weight * (0.5 * material.lambda * trace * trace + material.mu * square + stretched);
             sheared += weight * material.mu * (square - trace * trace / 3.0);
         }
         (all, sheared)
@@ -248,7 +251,8 @@ fn part_of_shear(level: &Level, material: impl Fn(usize) -> Material + Sync, fac
 
 /// `material`, stiffer by `factor`.
 pub(super) fn scaled(material: Material, factor: Real) -> Material {
-    Material { lambda: factor * material.lambda, mu: factor * material.mu, ..material }
+    let fibres = material.fibres.stiffened(factor);
+    Material { lambda: factor * material.lambda, mu: factor * material.mu, fibres, ..material }
 }
 
 /// The slowest mode [rad/s] among the combinations of the answers `u` to the loads along the three axes: the largest

@@ -200,13 +200,13 @@ impl ActiveMesh {
         let list = || Vec::with_capacity(slots);
         // Stars come before others leave; each is around a node with a slot.
         let (plain, branches) = (body.stars().is_empty(), body.maxwell().len());
-        let neo_hookean = body.parts().materials.iter().any(|material| material.neo_hookean > 0.0);
+        let materials = &body.parts().materials;
         let of_stars = if plain { 0 } else { slots };
         let mut mesh = Self {
             set: ActiveSet::uniform(body, 0),
-            pool: ElementPool::new(body.element_count(), capacity, slots, branches).with_neo_hookean(neo_hookean),
+            pool: ElementPool::new(body.element_count(), capacity, slots, branches).of_materials(materials),
             stars: StarPool::with_spokes(body.node_count(), of_stars, slots, body.stars().most_neighbours(), branches)
-                .with_neo_hookean(neo_hookean),
+                .of_materials(materials),
             motion: Motion {
                 position: vec![[0.0; 4]; slots],
                 velocity: vec![[0.0; 4]; slots],
@@ -524,5 +524,6 @@ fn constants(body: &Body, material: &Material, e: Element, active: u8) -> Elemen
         mu: weight * material.mu,
         branch: body.branch_factor(e),
         neo_hookean: material.neo_hookean,
+        fibres: material.fibres.rows(weight),
     }
 }

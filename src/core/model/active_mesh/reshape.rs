@@ -228,7 +228,7 @@ impl ActiveMesh {
                 self.work.leaving.push(e);
             } else {
                 let constants = constants(body, self.material_of(body, e), e, now);
-                self.pool.set_stiffness(e, constants.lambda, constants.mu);
+                self.pool.set_stiffness(e, &constants);
             }
         }
     }

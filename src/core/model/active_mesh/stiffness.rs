@@ -120,8 +120,9 @@ impl ActiveMesh {
     }
 
     /// Material under display vertex `v`, on the finest level that reaches there, once all elements have taken it over.
-    pub fn material_at(&self, body: &Body, v: Vertex) -> &Material {
-        &self.materials.now[body.material_number_at(v)]
+    pub fn material_at(&self, body: &Body, v: Vertex) -> Material {
+        let e = body.element_at(v);
+        body.led(&self.materials.now[body.material_number(e)], e)
     }
 
     /// How stiff the tissues are.
@@ -213,7 +214,7 @@ impl ActiveMesh {
         let constants = constants(body, material, e, self.active_vertices[e.index()]);
         self.omega_squared[e.index()] = step_class::omega_squared(body, material, e);
         self.alike_is_known = false;
-        self.pool.set_stiffness(e, constants.lambda, constants.mu);
+        self.pool.set_stiffness(e, &constants);
         self.reclass(body, e);
         if let Some(class) = self.pool.class_of(e) {
             self.limit_strain(body, e, class);
@@ -221,10 +222,10 @@ impl ActiveMesh {
     }
 
     fn stiffen_star(&mut self, body: &Body, n: Node) {
-        let ElementConstants { lambda, mu, .. } = self.star_constants(body, n);
+        let constants = self.star_constants(body, n);
         self.star_omega_squared[n.index()] = self.omega_squared_of_star(body, n);
         self.alike_is_known = false;
-        self.stars.set_stiffness(n, lambda, mu);
+        self.stars.set_stiffness(n, &constants);
         self.reclass_star(body, n);
         if let Some(class) = self.stars.class_of(n) {
             self.limit_strain_of_star(body, n, class);

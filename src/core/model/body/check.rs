@@ -5,6 +5,7 @@ use crate::geometry::locate::Host;
 use crate::hierarchy::Level;
 use crate::ids::NONE;
 use crate::math::{Real, Vec3};
+use crate::model::fibres::Fibres;
 use crate::model::organ::{MOST_ORGANS, OrganLevel, OrganParts};
 
 /// Refuses parts that name what is not there, or of which a number that must be positive is not.
@@ -30,6 +31,13 @@ pub(super) fn check(parts: &BodyParts) -> Result<(), String> {
     {
         return Err("an element has no label".into());
     }
+    let led = |(level, of): (&Level, &Vec<Vec3>)| {
+        of.len() == level.mesh.elements.len() && of.iter().all(|a| (a.norm() - 1.0).abs() < 1e-6 || *a == Vec3::zeros())
+    };
+    let (directions, levels) = (&labels.directions, &parts.levels);
+    if !(directions.is_empty() || directions.len() == levels.len() && levels.iter().zip(directions).all(led)) {
+        return Err("an element has no direction of fibres, or one that is not of length 1".into());
+    }
     let MixtureParts { tissues, of } = &parts.mixtures;
     let known =
         |mixed: &Vec<(u16, u8)>| !mixed.is_empty() && mixed.iter().all(|(t, _)| usize::from(*t) < tissues.len());
@@ -40,6 +48,11 @@ pub(super) fn check(parts: &BodyParts) -> Result<(), String> {
         let positive = m.mu > 0.0 && m.density > 0.0 && m.pressure_modulus() > 0.0 && m.phi >= 0.0 && m.psi >= 0.0;
         if !positive || ![m.pressure_modulus(), m.density, m.phi, m.psi].iter().all(|c| c.is_finite()) {
             return Err(format!("material {m:?} is not a stable solid"));
+        }
+        let Fibres { modulus, direction } = m.fibres;
+        let leads = (direction.norm() - 1.0).abs() < 1e-6 || direction == Vec3::zeros() && !directions.is_empty();
+        if !(modulus == 0.0 || modulus > 0.0 && modulus.is_finite() && leads) {
+            return Err(format!("material {m:?} has fibres without a stiffness or a direction"));
         }
     }
     if parts.surface.triangles.is_empty() || parts.surface.triangles.iter().flatten().any(|v| *v as usize >= vertices) {

@@ -26,7 +26,7 @@ use patches::Patches;
 use stars::Stars;
 
 /// First bytes of a body file: name and format version.
-const MAGIC: &[u8; 12] = b"palpate-bdy\x0b";
+const MAGIC: &[u8; 12] = b"palpate-bdy\x0c";
 
 /// How much stiffer one element around a node is than another where the material counts as heterogeneous.
 const CONTRAST: Real = 1.25;
@@ -141,7 +141,9 @@ impl Body {
         let neighbours = Csr::new(nodes, pairs.iter().copied());
         let shear = |e: &Element| {
             let level = first_element.partition_point(|first| *first <= e.0) - 1;
-            material_in(&parts.materials, &parts.material_of[level], (e.0 - first_element[level]) as usize).mu
+            let material =
+                material_in(&parts.materials, &parts.material_of[level], (e.0 - first_element[level]) as usize);
+            material.mu + material.fibres.modulus
         };
         let is_heterogeneous = |n: usize| {
             let moduli = || around.of(n).iter().map(shear);
@@ -465,7 +467,7 @@ impl Body {
 
     /// What element `e` has of its `material`, and not the stars of its nodes.
     pub fn of_jumps(&self, material: &Material, e: Element) -> Material {
-        stars::of_jumps(material, self.stabilisation(self.element(e)[0]))
+        stars::of_jumps(&self.led(material, e), self.stabilisation(self.element(e)[0]))
     }
 
     /// Factor on the moduli of element `e`'s Maxwell branches over μ, from calibration.

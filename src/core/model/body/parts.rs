@@ -37,6 +37,9 @@ pub struct LabelParts {
     pub mixed_cells: Vec<Vec<(i64, u8)>>,
     /// Place in `mixed_cells` of each element's, per level (n_elements); an empty list where there are no labels.
     pub of: Vec<Vec<u16>>,
+    /// Unit direction of the fibres in each element, zero where there are none, per level (n_elements); an empty list where the files have
+    /// no directions.
+    pub directions: Vec<Vec<Vec3>>,
 }
 
 /// What the materials of a body are mixed of.
@@ -99,6 +102,19 @@ impl BodyParts {
             maxwell: Vec::new(),
             slowest_mode: 0.0,
             organs: Vec::new(),
+        }
+    }
+
+    /// Material of element `e` of level `r`.
+    pub fn material_at(&self, r: usize, e: usize) -> Material {
+        self.led(material_in(&self.materials, &self.material_of[r], e), r, e)
+    }
+
+    /// `material` with the fibres of element `e` of level `r` where the files say how they lie.
+    pub(super) fn led(&self, material: &Material, r: usize, e: usize) -> Material {
+        match self.labels.directions.get(r) {
+            Some(of) if material.fibres.are_there() => Material { fibres: material.fibres.led(of[e]), ..*material },
+            _ => *material,
         }
     }
 

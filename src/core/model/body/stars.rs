@@ -15,9 +15,10 @@
 
 use super::Body;
 use crate::geometry::tet_mesh::gradients;
-use crate::ids::Node;
+use crate::ids::{Element, Node};
 use crate::math::{Real, Vec3};
 use crate::model::element::ElementConstants;
+use crate::model::fibres::Fibres;
 use crate::model::material::Material;
 
 /// Largest `λ/μ` of what strain jumps are held by, that of ν = 0.3: near incompressibility volume is not to be held element by
@@ -30,22 +31,26 @@ pub fn of_jumps(material: &Material, stabilisation: Real) -> Material {
         return *material;
     }
     let lambda = material.lambda.min(MOST_LAMBDA * material.mu);
-    Material { lambda: stabilisation * lambda, mu: stabilisation * material.mu, ..*material }
+    let fibres = material.fibres.stiffened(stabilisation);
+    Material { lambda: stabilisation * lambda, mu: stabilisation * material.mu, fibres, ..*material }
 }
 
 /// The part that stars have: the rest.
 pub fn of_means(material: &Material, stabilisation: Real) -> Material {
     let jumps = of_jumps(material, stabilisation);
-    Material { lambda: material.lambda - jumps.lambda, mu: material.mu - jumps.mu, ..*material }
+    let fibres = Fibres { modulus: material.fibres.modulus - jumps.fibres.modulus, ..material.fibres };
+    Material { lambda: material.lambda - jumps.lambda, mu: material.mu - jumps.mu, fibres, ..*material }
 }
 
 /// The geometric mean of the arithmetic and the harmonic mean of materials by their weights, of μ and of λ + 2μ each: that of two
-/// in equal parts is their geometric mean. As much of it is neo-Hookean as of their volume; all else is of the first. `None` without any.
-pub fn mean<'a>(materials: impl Iterator<Item = (&'a Material, Real)>) -> Option<Material> {
+/// in equal parts is their geometric mean. As much of it is neo-Hookean, and has fibres, as of their volume; all else is of the first. `None`
+/// without any.
+pub fn mean(materials: impl Iterator<Item = (Material, Real)> + Clone) -> Option<Material> {
     let mut first = None;
     let (mut weights, mut neo_hookean, mut sums, mut inverses) = (0.0, 0.0, [0.0; 2], [0.0; 2]);
+    let fibres = Fibres::mean(materials.clone().map(|(material, weight)| (material.fibres, weight)));
     for (material, weight) in materials {
-        first.get_or_insert(*material);
+        first.get_or_insert(material);
         weights += weight;
         neo_hookean += weight * material.neo_hookean;
         for (i, modulus) in [material.mu, material.pressure_modulus()].into_iter().enumerate() {
@@ -56,12 +61,13 @@ pub fn mean<'a>(materials: impl Iterator<Item = (&'a Material, Real)>) -> Option
     // Roots, unlike logarithms, are the same on every machine.
     let [mu, pressure] = [0, 1].map(|i| (sums[i] / inverses[i]).sqrt());
     let first = first.filter(|_| weights > 0.0)?;
-    Some(Material { lambda: pressure - 2.0 * mu, mu, neo_hookean: neo_hookean / weights, ..first })
+    Some(Material { lambda: pressure - 2.0 * mu, mu, neo_hookean: neo_hookean / weights, fibres, ..first })
 }
 
 /// The part that the star of node `n` has where those are the `materials` of `body`.
 pub fn means_around(body: &Body, n: Node, materials: &[Material]) -> Material {
-    let around = body.elements_around(n).iter().map(|e| (&materials[body.material_number(*e)], body.volume(*e)));
+    let material = |e: Element| body.led(&materials[body.material_number(e)], e);
+    let around = body.elements_around(n).iter().map(|e| (material(*e), body.volume(*e)));
     // Every node is of an element.
     of_means(&mean(around).unwrap_or(*body.material()), body.stabilisation(n))
 }
@@ -141,6 +147,7 @@ impl Stars {
             mu: volume * material.mu,
             branch: 1.0,
             neo_hookean: material.neo_hookean,
+            fibres: material.fibres.rows(volume),
         }
     }
 }

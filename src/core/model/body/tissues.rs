@@ -2,8 +2,8 @@
 
 use super::Body;
 use super::parts::MixtureParts;
-use crate::ids::{Element, Vertex};
-use crate::math::Real;
+use crate::ids::{Element, Triangle, Vertex};
+use crate::math::{Real, Vec3};
 use crate::model::material::Material;
 
 impl Body {
@@ -18,10 +18,28 @@ impl Body {
         usize::from(self.parts.material_of[r].get(place).copied().unwrap_or_default())
     }
 
-    /// Number of the material under display vertex `v`, on the finest level that reaches there.
-    pub fn material_number_at(&self, v: Vertex) -> usize {
+    /// The element that display vertex `v` lies in, on the finest level that reaches there.
+    pub fn element_at(&self, v: Vertex) -> Element {
         let host = (0..self.levels().len()).rev().find_map(|r| self.embedding(r, v));
-        host.map_or(0, |host| self.material_number(host.element))
+        host.map_or(Element(0), |host| host.element)
+    }
+
+    /// `material` with the fibres of element `e` where the files of the body say how they lie.
+    pub fn led(&self, material: &Material, e: Element) -> Material {
+        if !material.fibres.are_there() {
+            return *material;
+        }
+        let (r, place) = self.place_of_element(e);
+        self.parts.led(material, r, place)
+    }
+
+    /// Unit normal of the display surface at vertex `v` at rest, outward: the mean of the triangles around, by area.
+    pub fn rest_normal(&self, v: Vertex) -> Vec3 {
+        let area = |t: &Triangle| {
+            let [a, b, c] = self.surface().corners(t.index());
+            (b - a).cross(&(c - a))
+        };
+        self.triangles_around(v).iter().map(area).sum::<Vec3>().try_normalize(0.0).unwrap_or_default()
     }
 
     /// Tissues that the materials are mixed of.

@@ -1,6 +1,7 @@
 //! The kernel gives the forces of the law, in every form to the same bit.
 
 use super::super::element_pool::{ElementConstants, History, Kind, Pool};
+use super::super::fibres::Fibres;
 use super::super::material::Material;
 use super::*;
 use crate::ids::{Element, Node, Slot};
@@ -74,10 +75,12 @@ impl Soup {
         Self { rest, elements }
     }
 
-    /// Each of one of both laws, or of a mixture.
-    fn of_both_laws(mut self, noise: &mut Noise) -> Self {
+    /// Each of one of both laws or of a mixture, some with fibres.
+    fn of_all_laws(mut self, noise: &mut Noise) -> Self {
         for (_, constants) in &mut self.elements {
             constants.neo_hookean = [0.0, 1.0, 0.5 + 0.4 * noise.next()][noise.below(3)];
+            let modulus = [0.0, 30.0 * constants.mu][noise.below(2)];
+            constants.fibres = Fibres { modulus, direction: noise.vector().normalize() }.rows(1.0);
         }
         self
     }
@@ -85,9 +88,8 @@ impl Soup {
     fn pool<I: Kind>(&self, branches: usize) -> Pool<I> {
         let count = self.elements.len();
         let spokes = self.elements.iter().map(|(n, _)| n.len() - 1).max().unwrap_or(3);
-        let neo_hookean = self.elements.iter().any(|(_, constants)| constants.neo_hookean > 0.0);
-        let mut pool =
-            Pool::<I>::with_spokes(count, count, self.rest.len(), spokes, branches).with_neo_hookean(neo_hookean);
+        let materials: Vec<Material> = self.elements.iter().map(|(_, constants)| material(constants)).collect();
+        let mut pool = Pool::<I>::with_spokes(count, count, self.rest.len(), spokes, branches).of_materials(&materials);
         for (id, (nodes, constants)) in self.elements.iter().enumerate() {
             assert!(pool.insert(I::at(id), 5, &slots(nodes), constants, &History::REST));
         }
@@ -112,20 +114,26 @@ impl Soup {
 
     /// Elastic energy [J].
     fn energy(&self, x: &[Vec3]) -> Real {
-        let of = |e: usize| {
-            let c = &self.elements[e].1;
-            let (phi, psi, density) = (0.0, 0.0, 0.0);
-            let material = Material { lambda: c.lambda, mu: c.mu, phi, psi, density, neo_hookean: c.neo_hookean };
-            material.energy_density(&self.deformation(e, x))
-        };
+        let of = |e: usize| material(&self.elements[e].1).energy_density(&self.deformation(e, x));
         (0..self.elements.len()).map(of).sum()
     }
+}
+
+/// The material of which one cubic metre is such an element.
+fn material(constants: &Constants) -> Material {
+    let ElementConstants { lambda, mu, neo_hookean, fibres, .. } = *constants;
+    // `√K a ⊗ a` has the trace `√K`; its longest column is along the fibres.
+    let rows = symmetric(fibres);
+    let along = rows.column_iter().map(Vec3::from).max_by(|a, b| a.norm().total_cmp(&b.norm())).unwrap_or_default();
+    let direction = along.try_normalize(0.0).unwrap_or_default();
+    let fibres = Fibres { modulus: rows.trace().powi(2), direction };
+    Material { lambda, mu, phi: 0.0, psi: 0.0, density: 1.0, neo_hookean, fibres }
 }
 
 fn stiff(noise: &mut Noise, volume: Real, gradient: Vec<[Real; 3]>) -> Constants {
     let weight = volume * (0.5 + 0.4 * noise.next());
     let (lambda, mu) = (weight * (5e4 + 3e4 * noise.next()), weight * (2e3 + 1e3 * noise.next()));
-    ElementConstants { gradient, lambda, mu, branch: 1.0 + 0.3 * noise.next(), neo_hookean: 0.0 }
+    ElementConstants { gradient, lambda, mu, branch: 1.0 + 0.3 * noise.next(), neo_hookean: 0.0, fibres: [0.0; 6] }
 }
 
 fn slots(nodes: &[u32]) -> Vec<Slot> {
@@ -163,11 +171,11 @@ fn all_forms_give_the_same_bits() {
     for count in (0..40).chain([200, 333]) {
         let soup = Soup::new(&mut noise, 40, count);
         give_the_same_bits::<Element>(&mut noise, &soup);
-        let soup = soup.of_both_laws(&mut noise);
+        let soup = soup.of_all_laws(&mut noise);
         give_the_same_bits::<Element>(&mut noise, &soup);
         let soup = Soup::stars(&mut noise, 40, count);
         give_the_same_bits::<Node>(&mut noise, &soup);
-        let soup = soup.of_both_laws(&mut noise);
+        let soup = soup.of_all_laws(&mut noise);
         give_the_same_bits::<Node>(&mut noise, &soup);
     }
 }
@@ -217,11 +225,11 @@ fn the_force_is_minus_the_slope_of_the_energy() {
     let mut noise = Noise(3);
     let soup = Soup::new(&mut noise, 12, 21);
     is_minus_the_slope::<Element>(&mut noise, &soup);
-    let soup = soup.of_both_laws(&mut noise);
+    let soup = soup.of_all_laws(&mut noise);
     is_minus_the_slope::<Element>(&mut noise, &soup);
     let soup = Soup::stars(&mut noise, 12, 21);
     is_minus_the_slope::<Node>(&mut noise, &soup);
-    let soup = soup.of_both_laws(&mut noise);
+    let soup = soup.of_all_laws(&mut noise);
     is_minus_the_slope::<Node>(&mut noise, &soup);
 }
 
@@ -250,10 +258,10 @@ fn a_rigid_rotation_costs_no_force() {
     let mut noise = Noise(5);
     let soup = Soup::new(&mut noise, 20, 50);
     costs_no_force_to_turn::<Element>(&soup);
-    costs_no_force_to_turn::<Element>(&soup.of_both_laws(&mut noise));
+    costs_no_force_to_turn::<Element>(&soup.of_all_laws(&mut noise));
     let soup = Soup::stars(&mut noise, 20, 50);
     costs_no_force_to_turn::<Node>(&soup);
-    costs_no_force_to_turn::<Node>(&soup.of_both_laws(&mut noise));
+    costs_no_force_to_turn::<Node>(&soup.of_all_laws(&mut noise));
 }
 
 fn costs_no_force_to_turn<I: Kind>(soup: &Soup) {
@@ -282,7 +290,8 @@ fn reference(soup: &Soup, rates: &Rates, memory: &mut [History], branches: usize
         let viscous =
             Mat3::from_diagonal_element(c.lambda * rates.volume * change.trace()) + 2.0 * c.mu * rates.shear * change;
         let stress = c.stress(&f, rates.share[..branches].iter().copied(), memory);
-        let stress = stress + viscous;
+        let along = symmetric(c.fibres);
+        let stress = stress + viscous + along * (rates.shear * along.dot(&change));
         for (n, f) in nodes[1..].iter().zip(c.forces(&f, &stress)) {
             force[*n as usize] += f;
             force[nodes[0] as usize] -= f;
@@ -296,11 +305,11 @@ fn the_law_with_viscosity_and_memory_agrees_with_matrices() {
     let mut noise = Noise(11);
     let soup = Soup::new(&mut noise, 15, 30);
     agrees_with_matrices::<Element>(&mut noise, &soup);
-    let soup = soup.of_both_laws(&mut noise);
+    let soup = soup.of_all_laws(&mut noise);
     agrees_with_matrices::<Element>(&mut noise, &soup);
     let soup = Soup::stars(&mut noise, 15, 30);
     agrees_with_matrices::<Node>(&mut noise, &soup);
-    let soup = soup.of_both_laws(&mut noise);
+    let soup = soup.of_all_laws(&mut noise);
     agrees_with_matrices::<Node>(&mut noise, &soup);
 }
 
@@ -326,8 +335,10 @@ fn a_branch_relaxes_under_a_held_shear() {
         let mut soup = Soup::new(&mut noise, 4, 1);
         soup.rest = vec![Vec3::zeros(), Vec3::x() * 0.01, Vec3::y() * 0.01, Vec3::z() * 0.01];
         let gradient = vec![[100.0, 0.0, 0.0], [0.0, 100.0, 0.0], [0.0, 0.0, 100.0]];
-        soup.elements[0] =
-            (vec![0, 1, 2, 3], ElementConstants { gradient, lambda: 3e-3, mu: 2e-4, branch: 1.5, neo_hookean: 0.0 });
+        soup.elements[0] = (
+            vec![0, 1, 2, 3],
+            ElementConstants { gradient, lambda: 3e-3, mu: 2e-4, branch: 1.5, neo_hookean: 0.0, fibres: [0.0; 6] },
+        );
         soup
     };
     let shear = 1e-7;
