@@ -19,7 +19,16 @@ pub fn material() -> Material {
 /// The same with viscosities `φ = τ λ`, `ψ = τ μ`, `tau` in [s].
 pub fn damped(tau: Real) -> Material {
     let (lambda, mu) = (1.46e5, 0.75e5);
-    Material { lambda, mu, phi: tau * lambda, psi: tau * mu, density: 1000.0, neo_hookean: 0.0, fibres: Fibres::NONE }
+    Material {
+        lambda,
+        mu,
+        phi: tau * lambda,
+        psi: tau * mu,
+        density: 1000.0,
+        neo_hookean: 0.0,
+        collapse: 1.0,
+        fibres: Fibres::NONE,
+    }
 }
 
 /// A solid held at x = 0, with what is needed to let it swing.

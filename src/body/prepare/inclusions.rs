@@ -224,8 +224,16 @@ mod tests {
     use palpate_core::geometry::primitives::box_surface;
     use palpate_core::math::Bounds;
 
-    const BASE: Material =
-        Material { lambda: 2e4, mu: 1e4, phi: 2.0, psi: 1.0, density: 1000.0, neo_hookean: 0.0, fibres: Fibres::NONE };
+    const BASE: Material = Material {
+        lambda: 2e4,
+        mu: 1e4,
+        phi: 2.0,
+        psi: 1.0,
+        density: 1000.0,
+        neo_hookean: 0.0,
+        collapse: 1.0,
+        fibres: Fibres::NONE,
+    };
 
     /// A place that is stiffer than [`BASE`] by `factor`.
     fn stiff(place: Reach, factor: Real) -> Inclusion {

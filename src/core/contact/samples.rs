@@ -445,12 +445,17 @@ impl Face {
 }
 
 /// Variance of a load as the mesh shows it [m²], `under` which nodes are of this `spacing` [m]: that of the rows, less what the
-/// lattice's short waves are too soft by. Their stiffness is `C k² (1 + c a²k²)`, `c = −.167 + .145 α` for the part α that strain jumps keep, from the
-/// symbol of the infinite body-centred lattice; it does not depend on Poisson's ratio.
+/// lattice's short waves are too soft by. Their stiffness is `C k² (1 + c a²k²)`, `c = −.167 + .138 α` for the part α that strain jumps keep, and −.022 where
+/// tetrahedra have all energy, from the symbol of the infinite body-centred lattice in shear, the mean of all directions; it hardly depends on
+/// Poisson's ratio.
 pub(super) fn shown_variance(on: &Touchable, under: Vertex, spacing: Real) -> Real {
     let deviation = DEVIATION * support(on.body);
     let node = on.mesh.node(on.mesh.embedding(under).slots[0]);
-    (deviation * deviation - (0.167 - 0.145 * on.body.stabilisation(node))) * spacing * spacing
+    let softness = match on.body.stabilisation(node) {
+        stabilisation if stabilisation < 1.0 => 0.167 - 0.138 * stabilisation,
+        _ => 0.167 - 0.145,
+    };
+    (deviation * deviation - softness) * spacing * spacing
 }
 
 /// The same where the other end is no row, as wide as the load's, but the display: that is linear within an element, and the mean over one of

@@ -24,6 +24,8 @@ pub(super) struct Block {
     pub branch: Row,
     /// As [`ElementConstants::neo_hookean`].
     pub neo_hookean: Row,
+    /// As [`ElementConstants::collapse`].
+    pub collapse: Row,
     /// `2E` at the last evaluation: xx, yy, zz, yz, xz, xy. Twice the strain saves nine halvings; it is exact.
     pub strain: [Row; 6],
     /// `J` at the last evaluation.
@@ -46,6 +48,7 @@ const UNUSED: Block = Block {
     mu: [0.0; LANES],
     branch: [0.0; LANES],
     neo_hookean: [0.0; LANES],
+    collapse: [0.0; LANES],
     strain: [[0.0; LANES]; 6],
     det: [1.0; LANES],
     limit: [Real::INFINITY; LANES],
@@ -150,14 +153,22 @@ impl Blocks {
         b.mu[lane] = constants.mu;
         b.branch[lane] = constants.branch;
         b.neo_hookean[lane] = constants.neo_hookean;
+        b.collapse[lane] = constants.collapse;
         self.set_fibres(at, &constants.fibres);
         self.write_history(at, history);
     }
 
     /// Leaves a lane without weight, and on nodes that are there.
     pub(super) fn vacate(&mut self, at: Lane) {
-        let nothing =
-            ElementConstants { gradient: [], lambda: 0.0, mu: 0.0, branch: 0.0, neo_hookean: 0.0, fibres: [0.0; 6] };
+        let nothing = ElementConstants {
+            gradient: [],
+            lambda: 0.0,
+            mu: 0.0,
+            branch: 0.0,
+            neo_hookean: 0.0,
+            collapse: 0.0,
+            fibres: [0.0; 6],
+        };
         self.write(at, &[], &nothing, &History::REST);
         self.set_limit(at, StrainLimit::NONE);
     }
@@ -180,6 +191,7 @@ impl Blocks {
         b.mu[j] = source.mu[i];
         b.branch[j] = source.branch[i];
         b.neo_hookean[j] = source.neo_hookean[i];
+        b.collapse[j] = source.collapse[i];
         b.limit[j] = source.limit[i];
         b.slope[j] = source.slope[i];
         if let Some(rows) = self.fibres.get(from.block) {

@@ -40,6 +40,8 @@ pub struct Material {
     pub density: Real,
     /// Part of the elastic energy that is neo-Hookean, and not St. Venant–Kirchhoff's: none or all, or what of a mixture is.
     pub neo_hookean: Real,
+    /// Stiffness of the compression term over that of such a material alone: 1, or what of it a part of a material has.
+    pub collapse: Real,
     /// What makes it stiffer along one direction; of the same relaxation time as shear.
     pub fibres: Fibres,
 }
@@ -72,6 +74,7 @@ impl Material {
             psi: mu * over(self.psi, self.mu),
             density: rest * self.density + others.map(|(n, m)| m.density * Real::from(n) / all).sum::<Real>(),
             neo_hookean: rest * self.neo_hookean + neo_hookean,
+            collapse: 1.0,
             fibres: Fibres::mean(std::iter::once((self.fibres, rest)).chain(fibres)),
         }
     }
@@ -98,6 +101,7 @@ impl Material {
             psi: 0.0,
             density,
             neo_hookean: 0.0,
+            collapse: 1.0,
             fibres: Fibres::NONE,
         }
     }
@@ -147,6 +151,11 @@ impl Material {
         self.lambda + 2.0 * self.mu
     }
 
+    /// `k` [Pa] of the compression term.
+    pub fn collapse_stiffness(&self) -> Real {
+        COLLAPSE_STIFFNESS * self.collapse * self.pressure_modulus()
+    }
+
     /// `λ + 2μ + K` [Pa]: that of the fastest waves, pressure waves along fibres.
     pub fn largest_modulus(&self) -> Real {
         self.pressure_modulus() + self.fibres.modulus
@@ -168,7 +177,7 @@ impl Material {
         let trace = e.trace();
         let det = f.determinant();
         let squeeze = (det - COLLAPSE_ONSET).min(0.0);
-        let k = COLLAPSE_STIFFNESS * self.pressure_modulus();
+        let k = self.collapse_stiffness();
         let green = 0.5 * self.lambda * trace * trace + self.mu * e.dot(&e);
         // |F|² − 3 = tr 2E.
         let neo_hookean = self.mu * (trace - (det - 1.0)) + 0.5 * (self.lambda + self.mu) * (det - 1.0).powi(2);

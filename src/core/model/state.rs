@@ -1,7 +1,7 @@
 //! Everything about a body that moves, as it is saved, sent and restored.
 
 use super::active_set::ActiveSet;
-use super::body::Body;
+use super::body::{Body, stars};
 use super::element_kernel::StrainLimit;
 use super::element_pool::{CLASSES, History};
 use super::step_class::{self, Residual};
@@ -74,18 +74,19 @@ impl State {
                 }
             }
         }
-        let mut stars = vec![Vec::new(); CLASSES];
+        let mut of_stars = vec![Vec::new(); CLASSES];
         if !body.stars().is_empty() {
             for &n in &nodes {
-                let star = &body.stars().of(n).material;
-                let omega_squared = step_class::omega_squared_of_star(body, n, &body.parts().materials, star);
-                stars[step_class::class_of_rest(body, omega_squared)].push(n);
+                let count = |e: Element| body.element(e).iter().filter(|n| active[n.index()]).count() as u8;
+                let star = stars::of_means(&body.stars().of(n).material, body.stabilisation_around(n, count));
+                let omega_squared = step_class::omega_squared_of_star(body, n, &body.parts().materials, &star);
+                of_stars[step_class::class_of_rest(body, omega_squared)].push(n);
             }
         }
         Self {
-            star_history: vec![History::REST; stars.iter().map(Vec::len).sum()],
+            star_history: vec![History::REST; of_stars.iter().map(Vec::len).sum()],
             star_strain_limit: Vec::new(),
-            stars,
+            stars: of_stars,
             velocity: vec![Vec3::zeros(); position.len()],
             residual: vec![Residual::default(); position.len()],
             strain_limit: Vec::new(),

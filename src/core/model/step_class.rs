@@ -7,7 +7,7 @@
 use super::body::{Body, MaxwellBranch};
 use super::element_kernel::StrainLimit;
 use super::element_pool::CLASSES;
-use super::material::{COLLAPSE_ONSET, COLLAPSE_STIFFNESS, Material};
+use super::material::{COLLAPSE_ONSET, Material};
 use crate::ids::{Element, Node};
 use crate::math::Real;
 
@@ -85,7 +85,7 @@ impl Strained {
             // C = I + 2E; |cof F|² is its second invariant.
             let first = 3.0 + 2.0 * trace;
             let second = 3.0 + 4.0 * trace + 4.0 * squared;
-            growth += COLLAPSE_STIFFNESS * (0.5 * (first * first - second)).max(0.0);
+            growth += material.collapse_stiffness() / whole * (0.5 * (first * first - second)).max(0.0);
         }
         Self { growth, stretch }
     }
@@ -135,7 +135,7 @@ pub fn class_in(body: &Body, stable: Real) -> usize {
 /// `ω²` [1/s²] of element `e` of `material` at rest, its Maxwell branches at their stiffest: `2/ω` is its longest stable step,
 /// with the safety factor.
 pub fn omega_squared(body: &Body, material: &Material, e: Element) -> Real {
-    let jumps = body.of_jumps(material, e);
+    let jumps = body.of_jumps(material, e, 4);
     plain_omega_squared(body, material, e) * instantaneous(&jumps, body.branch_factor(e), body.maxwell())
 }
 

@@ -11,6 +11,7 @@ use super::system::System;
 use super::{Answer, CalibrationError, TOLERANCE, answer, answers, bear, loaded, slowest_mode};
 use palpate_core::hierarchy::Level;
 use palpate_core::math::Real;
+use palpate_core::model::body::stars::LARGEST;
 use palpate_core::model::material::Material;
 
 /// α of the finest level. Measured in statics: with this, covers and structured meshes of cubes, bars and plates at ν of 0.3 to
@@ -19,8 +20,6 @@ use palpate_core::model::material::Material;
 pub const FINEST: Real = 0.35;
 /// Least α of a level: with less, a tool that touches it feels more of the modes that means do not see than of the body.
 pub const LEAST: Real = 0.2;
-/// Largest α of a level: with more, the stars have next to no stiffness, and a level that asks for it does not cover the same body.
-pub const LARGEST: Real = 0.9;
 
 /// Change of α, as a part, that is the last to be made: the next would change amplitudes by less than a thousandth.
 const ENOUGH: Real = 1e-2;

@@ -88,7 +88,7 @@ impl ActiveMesh {
 
     /// What element `e` has of its material, and not the stars of its nodes.
     pub fn jumps_material(&self, body: &Body, e: Element) -> Material {
-        body.of_jumps(self.material_of(body, e), e)
+        body.of_jumps(self.material_of(body, e), e, self.active_vertices[e.index()])
     }
 
     /// Springs' share of `ω²` [1/s²] at the nodes of element `e`, at most.

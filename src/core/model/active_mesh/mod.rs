@@ -84,6 +84,8 @@ pub struct ActiveMesh {
     omega_squared: Vec<Real>,
     /// The same of the stars in use, by node; none where the body has no stars.
     star_omega_squared: Vec<Real>,
+    /// By node: part α of the energy of strain jumps that its star leaves to tetrahedra.
+    star_stabilisation: Vec<Real>,
     /// Node of each slot, where that is at rest [m], and its organ.
     node: Vec<Node>,
     rest: Vec<Vec3>,
@@ -219,6 +221,7 @@ impl ActiveMesh {
             active_vertices: vec![0; body.element_count()],
             omega_squared: vec![0.0; body.element_count()],
             star_omega_squared: vec![0.0; if plain { 0 } else { body.node_count() }],
+            star_stabilisation: vec![0.0; if plain { 0 } else { body.node_count() }],
             node: vec![Node::NONE; slots],
             rest: vec![Vec3::zeros(); slots],
             organ: vec![OrganId::NONE; slots],
@@ -517,13 +520,14 @@ fn constants(body: &Body, material: &Material, e: Element, active: u8) -> Elemen
     let [_, g1, g2, g3] = gradients(&body.corners(e));
     let factor = body.stiffness_factor(e);
     let weight = factor * body.volume(e) * Real::from(active) / 4.0;
-    let material = body.of_jumps(material, e);
+    let material = body.of_jumps(material, e, active);
     ElementConstants {
         gradient: [g1, g2, g3].map(Into::into),
         lambda: weight * material.lambda,
         mu: weight * material.mu,
         branch: body.branch_factor(e),
         neo_hookean: material.neo_hookean,
+        collapse: weight * material.collapse_stiffness(),
         fibres: material.fibres.rows(weight),
     }
 }

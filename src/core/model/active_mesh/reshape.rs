@@ -295,13 +295,15 @@ impl ActiveMesh {
         }
     }
 
-    /// Puts in the stars of the nodes that have become active, strained as they lie there, and takes out the others.
+    /// Puts in the stars of the nodes that have become active, strained as they lie there, takes out the others, and gives those beside them
+    /// the stiffness that elements around them have left or taken over.
     fn swap_stars(&mut self, body: &Body) {
         if body.stars().is_empty() {
             return;
         }
         for i in 0..self.work.on.len() {
             let n = self.work.on[i].0;
+            self.note_stabilisation(body, n);
             let constants = self.star_constants(body, n);
             self.note_star(body, n);
             let (strain, det) = self.strain(&constants, &self.work.star);
@@ -314,6 +316,12 @@ impl ActiveMesh {
         }
         for i in 0..self.work.off.len() {
             self.stars.remove(self.work.off[i]);
+        }
+        for i in 0..self.work.nodes.len() {
+            let n = self.work.nodes[i];
+            if self.stars.contains(n) && self.note_stabilisation(body, n) {
+                self.stiffen_star(body, n);
+            }
         }
     }
 

@@ -67,6 +67,7 @@ impl ActiveMesh {
         for (class, nodes) in state.stars.iter().enumerate() {
             for &n in nodes {
                 self.note_star(body, n);
+                self.note_stabilisation(body, n);
                 let history = histories.next().unwrap_or(&History::REST);
                 self.star_omega_squared[n.index()] = self.omega_squared_of_star(body, n);
                 let constants = self.star_constants(body, n);

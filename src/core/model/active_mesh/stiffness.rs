@@ -101,11 +101,18 @@ impl ActiveMesh {
 
     /// What the star of node `n` has of the materials around it.
     pub fn means_material(&self, body: &Body, n: Node) -> Material {
-        if self.materials.as_prepared {
+        let mean = if self.materials.as_prepared {
             body.stars().of(n).material
         } else {
-            stars::means_around(body, n, self.materials_of_star(body, n))
-        }
+            stars::mean_around(body, n, self.materials_of_star(body, n))
+        };
+        stars::of_means(&mean, self.star_stabilisation[n.index()])
+    }
+
+    /// Sets what the star of node `n` leaves to the tetrahedra around it, as these are active. Whether that is something else than before.
+    pub(super) fn note_stabilisation(&mut self, body: &Body, n: Node) -> bool {
+        let now = body.stabilisation_around(n, |e| self.active_vertices[e.index()]);
+        std::mem::replace(&mut self.star_stabilisation[n.index()], now) != now
     }
 
     /// The element that the star of node `n` is.
@@ -221,7 +228,7 @@ impl ActiveMesh {
         }
     }
 
-    fn stiffen_star(&mut self, body: &Body, n: Node) {
+    pub(super) fn stiffen_star(&mut self, body: &Body, n: Node) {
         let constants = self.star_constants(body, n);
         self.star_omega_squared[n.index()] = self.omega_squared_of_star(body, n);
         self.alike_is_known = false;

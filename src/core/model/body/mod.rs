@@ -465,9 +465,25 @@ impl Body {
         &self.stars
     }
 
-    /// What element `e` has of its `material`, and not the stars of its nodes.
-    pub fn of_jumps(&self, material: &Material, e: Element) -> Material {
-        stars::of_jumps(&self.led(material, e), self.stabilisation(self.element(e)[0]))
+    /// What element `e`, so many of whose nodes are active, has of its `material`, and not the stars of these.
+    pub fn of_jumps(&self, material: &Material, e: Element, active: u8) -> Material {
+        stars::of_jumps(&self.led(material, e), self.stabilisation_of(e, active))
+    }
+
+    /// Part α of the energy of strain jumps that element `e` keeps where so many of its nodes are active.
+    pub fn stabilisation_of(&self, e: Element, active: u8) -> Real {
+        let of_level = self.stabilisation(self.element(e)[0]);
+        if active < 4 && of_level < 1.0 { stars::LARGEST } else { of_level }
+    }
+
+    /// The same that the star of node `n` leaves to the elements around it, of whose nodes so many are active: their mean by volume.
+    pub fn stabilisation_around(&self, n: Node, active: impl Fn(Element) -> u8) -> Real {
+        let (mut all, mut part) = (0.0, 0.0);
+        for &e in self.elements_around(n) {
+            all += self.volume(e);
+            part += self.volume(e) * self.stabilisation_of(e, active(e));
+        }
+        part / all
     }
 
     /// Factor on the moduli of element `e`'s Maxwell branches over μ, from calibration.

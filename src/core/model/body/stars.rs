@@ -5,13 +5,19 @@
 //! carry. So a body may be given, in part, the energy of node-averaged deformation gradients [Dohrmann, Heinstein, Jung, Key &
 //! Witkowski 2000; Puso & Solberg 2006]:
 //!
-//! `U = Σ_n V_n [W(F̄_n; λ, μ) − α W(F̄_n; λ_s, μ)] + α Σ_t V_t W(F_t; λ_s, μ)`,
-//! `V_n = Σ_{t∋n} V_t/4`, `F̄_n = Σ_{t∋n} (V_t/4) F_t / V_n`, `λ_s = min(λ, 1.5 μ)`.
+//! `U = Σ_n V_n [W(F̄_n; λ, μ) − α W(F̄_n; 0, μ)] + α Σ_t V_t W(F_t; 0, μ)`,
+//! `V_n = Σ_{t∋n} V_t/4`, `F̄_n = Σ_{t∋n} (V_t/4) F_t / V_n`.
 //!
 //! `α` is a number of each level. Uniform strain has its exact energy whatever it is; jumps have the part `α` of theirs, which
-//! holds the modes that means do not see [Puso & Solberg 2006], and of what they have against volume change hardly any. As the
+//! holds the modes that means do not see [Puso & Solberg 2006], and of λ nothing: volume is held by means alone. As the
 //! law is linear in its moduli, both sums are elements of that law, viscosity and Maxwell branches included: tetrahedra of
-//! `αλ_s, αμ`, and stars of `λ − αλ_s, (1−α)μ`. Both step by themselves, with the same part of the masses as of the stiffness.
+//! `0, αμ`, and stars of `λ, (1−α)μ`. Both step by themselves, with the same part of the masses as of the stiffness.
+//!
+//! Between levels, where some nodes of an element are interface nodes, α is [`LARGEST`]: elements that count by quarters do not quite balance in
+//! uniform strain, and jumps that are soft answer what is left by more than bending gains there. A star has the mean of the α of its
+//! elements by volume, so that uniform strain keeps its exact energy.
+//!
+//! The compression term is the tetrahedra's alone, all of it: where one is crushed or inside out, the mean around may be as it should.
 
 use super::Body;
 use crate::geometry::tet_mesh::gradients;
@@ -21,25 +27,24 @@ use crate::model::element::ElementConstants;
 use crate::model::fibres::Fibres;
 use crate::model::material::Material;
 
-/// Largest `λ/μ` of what strain jumps are held by, that of ν = 0.3: near incompressibility volume is not to be held element by
-/// element [Puso & Solberg 2006], and up to there it does no harm.
-const MOST_LAMBDA: Real = 1.5;
+/// Largest α: with more, the stars have next to no stiffness.
+pub const LARGEST: Real = 0.9;
 
-/// The part of `material` that tetrahedra keep in a body of `stabilisation` α: `λ_s` and μ times α.
+/// The part of `material` that tetrahedra keep in a body of `stabilisation` α: that of its μ.
 pub fn of_jumps(material: &Material, stabilisation: Real) -> Material {
     if stabilisation >= 1.0 {
         return *material;
     }
-    let lambda = material.lambda.min(MOST_LAMBDA * material.mu);
     let fibres = material.fibres.stiffened(stabilisation);
-    Material { lambda: stabilisation * lambda, mu: stabilisation * material.mu, fibres, ..*material }
+    let jumps = Material { lambda: 0.0, mu: stabilisation * material.mu, fibres, ..*material };
+    Material { collapse: material.pressure_modulus() / jumps.pressure_modulus(), ..jumps }
 }
 
 /// The part that stars have: the rest.
 pub fn of_means(material: &Material, stabilisation: Real) -> Material {
     let jumps = of_jumps(material, stabilisation);
     let fibres = Fibres { modulus: material.fibres.modulus - jumps.fibres.modulus, ..material.fibres };
-    Material { lambda: material.lambda - jumps.lambda, mu: material.mu - jumps.mu, fibres, ..*material }
+    Material { lambda: material.lambda - jumps.lambda, mu: material.mu - jumps.mu, fibres, collapse: 0.0, ..*material }
 }
 
 /// The geometric mean of the arithmetic and the harmonic mean of materials by their weights, of μ and of λ + 2μ each: that of two
@@ -64,12 +69,12 @@ pub fn mean(materials: impl Iterator<Item = (Material, Real)> + Clone) -> Option
     Some(Material { lambda: pressure - 2.0 * mu, mu, neo_hookean: neo_hookean / weights, fibres, ..first })
 }
 
-/// The part that the star of node `n` has where those are the `materials` of `body`.
-pub fn means_around(body: &Body, n: Node, materials: &[Material]) -> Material {
+/// The [`mean`] around node `n` where those are the `materials` of `body`.
+pub fn mean_around(body: &Body, n: Node, materials: &[Material]) -> Material {
     let material = |e: Element| body.led(&materials[body.material_number(e)], e);
     let around = body.elements_around(n).iter().map(|e| (material(*e), body.volume(*e)));
     // Every node is of an element.
-    of_means(&mean(around).unwrap_or(*body.material()), body.stabilisation(n))
+    mean(around).unwrap_or(*body.material())
 }
 
 /// The stars of all nodes of a body; none where tetrahedra have all of the energy.
@@ -91,7 +96,7 @@ pub struct Stars {
 pub struct Star {
     /// A quarter of the volume of the elements around [m³].
     pub volume: Real,
-    /// Its part of the [`mean`] of the materials around, by volume, as prepared.
+    /// The [`mean`] of the materials around, by volume, as prepared.
     pub material: Material,
 }
 
@@ -147,6 +152,7 @@ impl Stars {
             mu: volume * material.mu,
             branch: 1.0,
             neo_hookean: material.neo_hookean,
+            collapse: volume * material.collapse_stiffness(),
             fibres: material.fibres.rows(volume),
         }
     }
@@ -165,6 +171,6 @@ fn star(body: &Body, n: Node, neighbours: &[Node]) -> (Star, Vec<[Real; 3]>) {
             }
         }
     }
-    let material = means_around(body, n, &body.parts().materials);
+    let material = mean_around(body, n, &body.parts().materials);
     (Star { volume, material }, gradient.into_iter().map(|b| (b / volume).into()).collect())
 }

@@ -2,7 +2,7 @@
 
 use super::super::element_pool::{ElementConstants, History, Kind, Pool};
 use super::super::fibres::Fibres;
-use super::super::material::Material;
+use super::super::material::{COLLAPSE_STIFFNESS, Material};
 use super::*;
 use crate::ids::{Element, Node, Slot};
 use crate::math::{Mat3, Vec3, components, symmetric};
@@ -121,19 +121,28 @@ impl Soup {
 
 /// The material of which one cubic metre is such an element.
 fn material(constants: &Constants) -> Material {
-    let ElementConstants { lambda, mu, neo_hookean, fibres, .. } = *constants;
+    let ElementConstants { lambda, mu, neo_hookean, collapse, fibres, .. } = *constants;
     // `√K a ⊗ a` has the trace `√K`; its longest column is along the fibres.
     let rows = symmetric(fibres);
     let along = rows.column_iter().map(Vec3::from).max_by(|a, b| a.norm().total_cmp(&b.norm())).unwrap_or_default();
     let direction = along.try_normalize(0.0).unwrap_or_default();
     let fibres = Fibres { modulus: rows.trace().powi(2), direction };
-    Material { lambda, mu, phi: 0.0, psi: 0.0, density: 1.0, neo_hookean, fibres }
+    let collapse = collapse / (COLLAPSE_STIFFNESS * (lambda + 2.0 * mu));
+    Material { lambda, mu, phi: 0.0, psi: 0.0, density: 1.0, neo_hookean, collapse, fibres }
 }
 
 fn stiff(noise: &mut Noise, volume: Real, gradient: Vec<[Real; 3]>) -> Constants {
     let weight = volume * (0.5 + 0.4 * noise.next());
     let (lambda, mu) = (weight * (5e4 + 3e4 * noise.next()), weight * (2e3 + 1e3 * noise.next()));
-    ElementConstants { gradient, lambda, mu, branch: 1.0 + 0.3 * noise.next(), neo_hookean: 0.0, fibres: [0.0; 6] }
+    ElementConstants {
+        gradient,
+        lambda,
+        mu,
+        branch: 1.0 + 0.3 * noise.next(),
+        neo_hookean: 0.0,
+        collapse: COLLAPSE_STIFFNESS * (lambda + 2.0 * mu),
+        fibres: [0.0; 6],
+    }
 }
 
 fn slots(nodes: &[u32]) -> Vec<Slot> {
@@ -337,7 +346,15 @@ fn a_branch_relaxes_under_a_held_shear() {
         let gradient = vec![[100.0, 0.0, 0.0], [0.0, 100.0, 0.0], [0.0, 0.0, 100.0]];
         soup.elements[0] = (
             vec![0, 1, 2, 3],
-            ElementConstants { gradient, lambda: 3e-3, mu: 2e-4, branch: 1.5, neo_hookean: 0.0, fibres: [0.0; 6] },
+            ElementConstants {
+                gradient,
+                lambda: 3e-3,
+                mu: 2e-4,
+                branch: 1.5,
+                neo_hookean: 0.0,
+                collapse: 0.0,
+                fibres: [0.0; 6],
+            },
         );
         soup
     };
