@@ -1,6 +1,6 @@
 //! An element in use: what it is made of, what it remembers, and how far it may be strained.
 
-use super::material::COLLAPSE_ONSET;
+use super::material::{COLLAPSE_ONSET, COLLAPSE_STIFFNESS};
 use crate::math::{Mat3, Real, Vec3, symmetric};
 use serde::{Deserialize, Serialize};
 
@@ -21,7 +21,7 @@ pub struct ElementConstants<G = [[Real; 3]; 3]> {
     pub branch: Real,
     /// As [`Material::neo_hookean`](super::Material::neo_hookean).
     pub neo_hookean: Real,
-    /// Stiffness `k·w·vol` of the compression term [N·m].
+    /// As [`Material::collapse`](super::Material::collapse).
     pub collapse: Real,
     /// As [`Fibres::rows`](super::Fibres::rows).
     pub fibres: [Real; 6],
@@ -59,7 +59,8 @@ impl<G: AsRef<[[Real; 3]]>> ElementConstants<G> {
         if det < COLLAPSE_ONSET || self.neo_hookean > 0.0 {
             let rows: [Vec3; 3] = std::array::from_fn(|r| f.row(r).transpose());
             let cofactor = [rows[1].cross(&rows[2]), rows[2].cross(&rows[0]), rows[0].cross(&rows[1])];
-            let squeeze = self.collapse * (det - COLLAPSE_ONSET).min(0.0);
+            let squeeze =
+                COLLAPSE_STIFFNESS * (self.lambda + 2.0 * self.mu) * self.collapse * (det - COLLAPSE_ONSET).min(0.0);
             let swelling = self.neo_hookean * ((self.lambda + self.mu) * (det - 1.0) - self.mu);
             p += Mat3::from_rows(&cofactor.map(|c| c.transpose())) * (squeeze + swelling);
             p += f * (self.neo_hookean * self.mu);

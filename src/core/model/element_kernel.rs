@@ -20,7 +20,7 @@ pub use super::element::{MAX_BRANCHES, StrainLimit};
 use super::element_block::{Block, Gradients, Memory, Nodes};
 pub use super::lanes::Padded;
 use super::lanes::{LANES, Lanes, Plain, Row};
-use super::material::COLLAPSE_ONSET;
+use super::material::{COLLAPSE_ONSET, COLLAPSE_STIFFNESS};
 pub use super::simd::Simd;
 use crate::math::Real;
 use std::ops::Range;
@@ -374,6 +374,7 @@ impl<L: Lanes, const B: usize> Law<L, B> {
         let one = L::splat(1.0);
         let fade = L::splat(FADE);
         let onset = L::splat(COLLAPSE_ONSET);
+        let stiffness = L::splat(COLLAPSE_STIFFNESS);
         // SAFETY: the caller's promise.
         unsafe {
             // 2E = FᵀF − I, its components xx, yy, zz, yz, xz, xy.
@@ -464,7 +465,7 @@ impl<L: Lanes, const B: usize> Law<L, B> {
             seen.alarm |= is_crushed;
             if self.neo_hookean || is_crushed {
                 // P += k (J − 0.6) cof F where J < 0.6.
-                let k = L::load(&block.collapse, at);
+                let k = stiffness.mul(lambda.add(mu.add(mu))).mul(L::load(&block.collapse, at));
                 let mut squeeze = k.mul(det.sub(onset).min(zero));
                 if self.neo_hookean {
                     // P += w (μ F + ((λ + μ)(J − 1) − μ) cof F).

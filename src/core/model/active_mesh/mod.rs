@@ -527,7 +527,7 @@ fn constants(body: &Body, material: &Material, e: Element, active: u8) -> Elemen
         mu: weight * material.mu,
         branch: body.branch_factor(e),
         neo_hookean: material.neo_hookean,
-        collapse: weight * material.collapse_stiffness(),
+        collapse: material.collapse,
         fibres: material.fibres.rows(weight),
     }
 }

@@ -152,7 +152,7 @@ impl Stars {
             mu: volume * material.mu,
             branch: 1.0,
             neo_hookean: material.neo_hookean,
-            collapse: volume * material.collapse_stiffness(),
+            collapse: material.collapse,
             fibres: material.fibres.rows(volume),
         }
     }

@@ -2,7 +2,7 @@
 
 use super::super::element_pool::{ElementConstants, History, Kind, Pool};
 use super::super::fibres::Fibres;
-use super::super::material::{COLLAPSE_STIFFNESS, Material};
+use super::super::material::Material;
 use super::*;
 use crate::ids::{Element, Node, Slot};
 use crate::math::{Mat3, Vec3, components, symmetric};
@@ -75,10 +75,11 @@ impl Soup {
         Self { rest, elements }
     }
 
-    /// Each of one of both laws or of a mixture, some with fibres.
+    /// Each of one of both laws or of a mixture, some with fibres, and with more or less of the term against collapse.
     fn of_all_laws(mut self, noise: &mut Noise) -> Self {
         for (_, constants) in &mut self.elements {
             constants.neo_hookean = [0.0, 1.0, 0.5 + 0.4 * noise.next()][noise.below(3)];
+            constants.collapse = [0.0, 1.0, 12.0][noise.below(3)];
             let modulus = [0.0, 30.0 * constants.mu][noise.below(2)];
             constants.fibres = Fibres { modulus, direction: noise.vector().normalize() }.rows(1.0);
         }
@@ -127,7 +128,6 @@ fn material(constants: &Constants) -> Material {
     let along = rows.column_iter().map(Vec3::from).max_by(|a, b| a.norm().total_cmp(&b.norm())).unwrap_or_default();
     let direction = along.try_normalize(0.0).unwrap_or_default();
     let fibres = Fibres { modulus: rows.trace().powi(2), direction };
-    let collapse = collapse / (COLLAPSE_STIFFNESS * (lambda + 2.0 * mu));
     Material { lambda, mu, phi: 0.0, psi: 0.0, density: 1.0, neo_hookean, collapse, fibres }
 }
 
@@ -140,7 +140,7 @@ fn stiff(noise: &mut Noise, volume: Real, gradient: Vec<[Real; 3]>) -> Constants
         mu,
         branch: 1.0 + 0.3 * noise.next(),
         neo_hookean: 0.0,
-        collapse: COLLAPSE_STIFFNESS * (lambda + 2.0 * mu),
+        collapse: 1.0,
         fibres: [0.0; 6],
     }
 }
