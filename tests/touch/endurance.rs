@@ -168,6 +168,29 @@ fn nor_one_of_the_neo_hookean_law() {
     go_wild_on(&[cube(&[&["body.cells=[[2,2,2],[4,4,4]]"], &keys[..]].concat()), adaptive_cube(&keys)], cases(4, 20));
 }
 
+/// Nearly incompressible, where means hold the volume and single tetrahedra have to resist being crushed.
+#[test]
+fn nor_smoothed_elements_nor_fibres() {
+    let damped = ["material.damping_time=0.01", WILD_TOOLS];
+    let smoothed = ["material.elements='smoothed'", "material.poisson_ratio=0.499"];
+    let fibres = [
+        "material.law='transversely_isotropic'",
+        "material.fibre_modulus=1e5",
+        "material.fibre_direction=[1.0,0.3,0.5]",
+        "material.elements='smoothed'",
+    ];
+    for keys in [
+        &[&smoothed[..], &damped[..]].concat(),
+        &[&smoothed[..1], &damped[..]].concat(),
+        &[&fibres[..], &damped[..]].concat(),
+    ] {
+        go_wild_on(
+            &[cube(&[&["body.cells=[[2,2,2],[4,4,4]]"], &keys[..]].concat()), adaptive_cube(keys)],
+            cases(2, 20),
+        );
+    }
+}
+
 fn go_wild_on(cubes: &[Setup], clients: u64) {
     let limit = cubes[0].settings.limits.force * (1.0 + 1e-9);
     let (mut worst_bend, mut folded, mut entangled) = (0.0 as Real, 0, 0);
