@@ -416,6 +416,7 @@ fn fibres_lie_as_the_volume_file_says_or_as_the_scene_does() {
         (&["material.fibre_modulus=4e4"][..], "material.law", "give transversely_isotropic"),
         (&law[..1], "material.fibre_modulus", "fibres add to Young's modulus"),
         (&[law[0], law[1], "material.fibre_direction=[0, 0, 0]"], "material.fibre_direction", "give a direction"),
+        (&[law[0], law[1], "material.fibre_direction=[1e-300, 0, 0]"], "material.fibre_direction", "give a direction"),
         (&[law[0], "material.fibre_modulus=-1.0"], "material.fibre_modulus", "10"),
     ] {
         let given: Vec<String> = keys.iter().map(ToString::to_string).collect();

@@ -2,7 +2,7 @@
 
 use super::labels::{Labels, is_called_fibre, is_called_label};
 use super::mesh_error::{MeshError, shown};
-use palpate_core::math::{Real, Vec3};
+use palpate_core::math::{Real, Vec3, is_finite};
 
 /// Most triangles read; only polygons can make so many from so few bytes.
 const MAX_TRIANGLES: usize = 8_000_000;
@@ -144,7 +144,13 @@ impl Cells {
         if first == self.tetrahedra.len() || !is_called_fibre(name) {
             return;
         }
-        let Some(mut new) = self.tetrahedra[first..].iter().map(of).collect::<Option<Vec<Vec3>>>() else { return };
+        let new = self.tetrahedra[first..].iter().map(of).collect::<Option<Vec<Vec3>>>();
+        let Some(mut new) = new.filter(|new| new.iter().all(is_finite)) else {
+            let what = "it has not three finite numbers for each tetrahedron";
+            return self
+                .left_out
+                .push(format!("the array '{}', which leads no fibres: {what}", shown(name.as_bytes())));
+        };
         match &mut self.directions {
             Some((called, directions)) if called == name && directions.len() == first => directions.append(&mut new),
             None if first == 0 => self.directions = Some((name.to_owned(), new)),

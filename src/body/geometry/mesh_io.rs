@@ -391,6 +391,7 @@ pub(super) mod tests {
             ),
             ("b.vtk", legacy("FIELD f 1\nfiber 3 3 double\n9 9 9 0 0 2 0 0 0\n"), vec![Vec3::z(), Vec3::zeros()]),
             ("c.vtk", legacy("VECTORS velocity double\n1 1 1 1 1 1 1 1 1\n"), vec![]),
+            ("d.vtk", legacy("VECTORS fibre double\n1 1 1 1 nan 1 1 1 1\n"), vec![]),
             ("a.vtu", vtu(&up, &aside), vec![Vec3::z(), Vec3::zeros()]),
             ("b.vtu", vtu(&up, ""), vec![]),
             ("c.vtu", vtu("", &up), vec![]),
@@ -404,6 +405,8 @@ pub(super) mod tests {
                 repairs.notes.iter().any(|note| note.starts_with("directions of fibres: '")),
                 !expected.is_empty()
             );
+            let is_said = repairs.left_out.iter().any(|note| note.contains("which leads no fibres"));
+            assert_eq!(is_said, name == "d.vtk", "{name}");
         }
     }
 

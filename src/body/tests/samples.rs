@@ -215,15 +215,18 @@ fn a_ball_that_slides_keeps_its_force() {
     }
 }
 
-/// The ball's axis goes over the edge and 4 mm beyond; 0.05 mm a tick.
+/// The ball's axis goes over the edge and 4 mm beyond; 0.05 mm a tick. At one place or another a sample leaves the surface while its load is
+/// still a part of all: of ten places along the edge 4 to 6.5 % in one tick.
 #[test]
 fn over_an_edge_the_force_goes_to_zero_without_a_leap() {
     let body = block(0.0125, Elements::Smoothed, 0.3, 5e3, 20);
-    let from = Vec3::new(0.185, 0.097, SIZE.z);
-    let forces = slide(&mut with_ball(&body, 0.01, 0), 0.01, 1e-3, from, Vec3::new(0.03, 0.0, 0.0));
-    let step = forces.windows(2).map(|w| (w[1] - w[0]).norm()).fold(0.0, Real::max);
-    println!("{:.4} N inside, largest step {:.5} N, {:.4} of it", forces[0].z, step, step / forces[0].z);
-    assert!(forces.last().unwrap().norm() == 0.0 && step < 0.07 * forces[0].z);
+    for beside in [0.0922, 0.097, 0.1006] {
+        let from = Vec3::new(0.185, beside, SIZE.z);
+        let forces = slide(&mut with_ball(&body, 0.01, 0), 0.01, 1e-3, from, Vec3::new(0.03, 0.0, 0.0));
+        let step = forces.windows(2).map(|w| (w[1] - w[0]).norm()).fold(0.0, Real::max);
+        println!("{:.4} N inside, largest step {step:.5} N, {:.4} of it", forces[0].z, step / forces[0].z);
+        assert!(forces.last().unwrap().norm() == 0.0 && step < 0.07 * forces[0].z);
+    }
 }
 
 /// Nor are there numbers of their own for other shapes: what a coarse cover answers a finer one does, too. The points of a solid lie on

@@ -62,9 +62,9 @@ impl Fibres {
         components(&(self.direction * self.direction.transpose())).map(|x| x * (self.modulus * volume).sqrt())
     }
 
-    /// `K a·E a` [Pa]: the stress along them at the Green strain `e`.
-    pub fn tension(&self, e: &Mat3) -> Real {
-        self.modulus * self.direction.dot(&(e * self.direction))
+    /// `½ K (a·E a)²` [J/m³] at the Green strain `e`.
+    pub fn energy_density(&self, e: &Mat3) -> Real {
+        0.5 * self.modulus * self.direction.dot(&(e * self.direction)).powi(2)
     }
 }
 

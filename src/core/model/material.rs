@@ -127,7 +127,8 @@ impl Material {
 
     /// `1/(πM)` [m²/N], `M = E/(1−ν²)`: under a point load along `normal` (of length 1, at rest) an elastic half-space gives way by this much
     /// per newton and per distance. With fibres `M` is the indentation modulus of a transversely isotropic half-space: in closed form along
-    /// and across the fibres [Delafargue & Ulm 2004]; between them a mean of both by the square of the angle's cosine, as stars have it.
+    /// and across the fibres [Delafargue & Ulm 2004]. Between them, where there is none, the geometric mean of the arithmetic and the harmonic
+    /// mean of both, weighed by the square of the cosine of the angle.
     pub fn half_space(&self, normal: &Vec3) -> Real {
         let nu = self.poisson_ratio();
         let isotropic = (1.0 - nu * nu) / (PI * self.youngs_modulus());
@@ -182,10 +183,7 @@ impl Material {
         // |F|² − 3 = tr 2E.
         let neo_hookean = self.mu * (trace - (det - 1.0)) + 0.5 * (self.lambda + self.mu) * (det - 1.0).powi(2);
         let matrix = (1.0 - self.neo_hookean) * green + self.neo_hookean * neo_hookean + 0.5 * k * squeeze * squeeze;
-        if !self.fibres.are_there() {
-            return matrix;
-        }
-        matrix + 0.5 * self.fibres.tension(&e).powi(2) / self.fibres.modulus
+        matrix + self.fibres.energy_density(&e)
     }
 }
 

@@ -42,8 +42,7 @@ impl LawKeys {
     pub(super) fn fibres(&self) -> Fibres {
         match self.modulus {
             Some(modulus) if self.law == Law::TransverselyIsotropic => {
-                let direction = self.direction.and_then(|a| Vec3::from(a).try_normalize(0.0)).unwrap_or_default();
-                Fibres { modulus, direction }
+                Fibres { modulus, direction: self.direction.and_then(along).unwrap_or_default() }
             }
             _ => Fibres::NONE,
         }
@@ -56,7 +55,7 @@ impl LawKeys {
                 "fibre_modulus",
                 "give what fibres add to Young's modulus [Pa], or another law than transversely_isotropic",
             ),
-            Law::TransverselyIsotropic if self.direction == Some([0.0; 3]) => {
+            Law::TransverselyIsotropic if self.direction.is_some_and(|a| along(a).is_none()) => {
                 ("fibre_direction", "give a direction, or leave it out where the volume files have some")
             }
             Law::StVenantKirchhoff | Law::NeoHookean if has_fibres => {
@@ -66,4 +65,9 @@ impl LawKeys {
         };
         out.push((format!("{path}.{key}"), fault.to_owned()));
     }
+}
+
+/// A direction of length 1; `None` for no direction.
+fn along(direction: [Real; 3]) -> Option<Vec3> {
+    Vec3::from(direction).try_normalize(0.0)
 }

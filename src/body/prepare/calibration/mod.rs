@@ -236,10 +236,8 @@ fn part_of_shear(level: &Level, material: impl Fn(usize) -> Material + Sync, fac
             let gradient: Mat3 = nodes.iter().zip(gradients).map(|(n, g)| along(*n) * g.transpose()).sum();
             let strain = (gradient + gradient.transpose()) * 0.5;
             let (square, trace) = (strain.dot(&strain), strain.trace());
-            let tension = material.fibres.tension(&strain);
-            let stretched =
-                if material.fibres.are_there() { 0.5 * tension * tension / material.fibres.modulus } else { 0.0 };
-            all += weight * (0.5 * material.lambda * trace * trace + material.mu * square + stretched);
+            let of_fibres = material.fibres.energy_density(&strain);
+            all += weight * (0.5 * material.lambda * trace * trace + material.mu * square + of_fibres);
             sheared += weight * material.mu * (square - trace * trace / 3.0);
         }
         (all, sheared)

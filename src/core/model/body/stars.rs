@@ -27,7 +27,8 @@ use crate::model::element::ElementConstants;
 use crate::model::fibres::Fibres;
 use crate::model::material::Material;
 
-/// Largest α: with more, the stars have next to no stiffness.
+/// Largest α of a level, and that between levels: with more, the stars have next to no stiffness; with less, levels that bend too much would
+/// not agree, and mixed sets become softer (modes of scattered ones by 4 % with 0.35, within 1 % with this and with 0.99).
 pub const LARGEST: Real = 0.9;
 
 /// The part of `material` that tetrahedra keep in a body of `stabilisation` α: that of its μ.
