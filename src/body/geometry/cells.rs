@@ -146,15 +146,13 @@ impl Cells {
         }
         let new = self.tetrahedra[first..].iter().map(of).collect::<Option<Vec<Vec3>>>();
         let Some(mut new) = new.filter(|new| new.iter().all(is_finite)) else {
-            let what = "it has not three finite numbers for each tetrahedron";
-            return self
-                .left_out
-                .push(format!("the array '{}', which leads no fibres: {what}", shown(name.as_bytes())));
+            return self.leads_none(name);
         };
         match &mut self.directions {
             Some((called, directions)) if called == name && directions.len() == first => directions.append(&mut new),
             None if first == 0 => self.directions = Some((name.to_owned(), new)),
-            _ => {}
+            Some((called, _)) if called != name => {}
+            _ => self.leads_none(name),
         }
     }
 
@@ -169,13 +167,20 @@ impl Cells {
     /// Drops the labels and directions of arrays that have none for some tetrahedra.
     pub(super) fn drop_partial_arrays(&mut self) {
         let count = self.tetrahedra.len();
-        if self.directions.as_ref().is_some_and(|(_, directions)| directions.len() != count) {
-            self.directions = None;
+        if let Some((name, _)) = self.directions.take_if(|(_, directions)| directions.len() != count) {
+            self.leads_none(&name);
         }
         let partial = |labels: &Labels| labels.of.len() != count;
         let names: Vec<String> = self.labels.iter().filter(|l| partial(l)).map(|l| l.name.clone()).collect();
         self.labels.retain(|labels| !partial(labels));
         names.iter().for_each(|name| self.unfit(name, NOT_ALL));
+    }
+
+    /// Notes that the array `name` of directions is none for all tetrahedra.
+    fn leads_none(&mut self, name: &str) {
+        let name = shown(name.as_bytes());
+        let what = "it has not three finite numbers for each tetrahedron";
+        self.left_out.push(format!("the array '{name}', which leads no fibres: {what}"));
     }
 
     /// Notes `why` the array `name` does not label the tetrahedra; measurements do not, and are not worth a word.
