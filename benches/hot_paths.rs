@@ -316,6 +316,9 @@ fn change_of_resolution(c: &mut Criterion) {
     assert!(mesh.set().may_merge(&body, middle));
     mesh.apply(&body, &[Change::Merge(middle)]);
     println!("split: {} children, {changed:?}", body.children(middle).len());
+    c.bench_function("whether a split turns elements inside out", |b| {
+        b.iter(|| mesh.turns_inside_out(&body, Change::Split(middle)));
+    });
     c.bench_function("split and merge of a family", |b| {
         b.iter(|| {
             mesh.apply(&body, &[Change::Split(middle)]);

@@ -332,7 +332,9 @@ fn plan_splits(
             cost += cost_of_split(priorities.body, mesh, split_candidates, added, prices);
         }
         if taken + cost <= room && mesh.has_room_to_split(elements + added) {
-            if budget_left.takes(priorities.body, mesh, Change::Split(n), prices.count(Part::Change, cost)) {
+            if !mesh.turns_inside_out(priorities.body, Change::Split(n))
+                && budget_left.takes(priorities.body, mesh, Change::Split(n), prices.count(Part::Change, cost))
+            {
                 taken += cost;
                 elements += added;
                 work.changes.push(Change::Split(n));
@@ -393,7 +395,9 @@ fn plan_merges(
             break;
         }
         let elements = priorities.body.elements_around(parent).len() as u32;
-        let may = mesh.has_room(added + elements) && mesh.set().may_merge(priorities.body, parent);
+        let may = mesh.has_room(added + elements)
+            && mesh.set().may_merge(priorities.body, parent)
+            && !mesh.turns_inside_out(priorities.body, Change::Merge(parent));
         if may && budget_left.takes(priorities.body, mesh, Change::Merge(parent), 0) {
             added += elements;
             work.changes.push(Change::Merge(parent));

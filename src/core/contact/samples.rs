@@ -301,7 +301,7 @@ impl Samples {
         let [long, wide] = patch.straight();
         let cap = patch.half_width + 0.5 * (long * long + wide * wide).sqrt();
         self.hang(on, first, before, nodes, (support(on.body) * spacing).min(cap));
-        let shown = shown_variance(on, corners[0], spacing);
+        let shown = shown_variance(on, stencil(on, under, weights), spacing);
         self.found[first..].iter_mut().for_each(|sample| sample.load.shown = shown);
         let displayed = displayed_variance(on, shown, spacing);
         // Of the mesh, which does not show the dent, the tool overlaps more than its patch: the most where the mesh is dented the least.
@@ -444,17 +444,14 @@ impl Face {
     }
 }
 
-/// Variance of a load as the mesh shows it [m²], `under` which nodes are of this `spacing` [m]: that of the rows, less what the
+/// Variance of a load as the mesh shows it [m²], on a combination of display vertices, `under` which nodes are of this `spacing` [m]: that of the rows, less what the
 /// lattice's short waves are too soft by. Their stiffness is `C k² (1 + c a²k²)`, `c = −.167 + .138 α` for the part α that strain jumps keep, and −.022 where
 /// tetrahedra have all energy, from the symbol of the infinite body-centred lattice in shear, the mean of all directions; it hardly depends on
 /// Poisson's ratio.
-pub(super) fn shown_variance(on: &Touchable, under: Vertex, spacing: Real) -> Real {
+fn shown_variance(on: &Touchable, under: [(Vertex, Real); 3], spacing: Real) -> Real {
     let deviation = DEVIATION * support(on.body);
-    let node = on.mesh.node(on.mesh.embedding(under).slots[0]);
-    let softness = match on.body.stabilisation(node) {
-        stabilisation if stabilisation < 1.0 => 0.167 - 0.138 * stabilisation,
-        _ => 0.167 - 0.145,
-    };
+    let softness =
+        if on.body.is_smoothed() { 0.167 - 0.138 * contact_row::stabilisation(on.mesh, under) } else { 0.167 - 0.145 };
     (deviation * deviation - softness) * spacing * spacing
 }
 

@@ -24,6 +24,15 @@ pub fn spacing(mesh: &ActiveMesh, stencil: impl IntoIterator<Item = (Vertex, Rea
     stencil.into_iter().map(|(v, w)| mesh.embedding(v).spacing * w).sum()
 }
 
+/// Part α of the energy of strain jumps that elements keep there ([`ActiveMesh::stabilisation_around`]).
+pub fn stabilisation(mesh: &ActiveMesh, stencil: impl IntoIterator<Item = (Vertex, Real)>) -> Real {
+    let of_vertex = |v: Vertex| -> Real {
+        let at = mesh.embedding(v);
+        at.slots.iter().zip(at.weights).map(|(slot, w)| w * mesh.stabilisation_around(mesh.node(*slot))).sum()
+    };
+    stencil.into_iter().map(|(v, w)| of_vertex(v) * w).sum()
+}
+
 /// And where that is at rest [m].
 pub fn at_rest(body: &Body, stencil: impl IntoIterator<Item = (Vertex, Real)>) -> Vec3 {
     stencil.into_iter().map(|(v, w)| body.surface().vertices[v.index()] * w).sum()

@@ -107,13 +107,13 @@ impl ActiveMesh {
             match change {
                 Change::Split(n) => {
                     for &c in body.children(n) {
-                        let (x, v) = self.interpolate(body, c, body.coarser_host(c));
+                        let (x, v) = self.interpolate(body, c, host_of(body, c, &change));
                         self.work.on.push((c, x, v));
                     }
                     self.work.off.push(n);
                 }
                 Change::Merge(n) => {
-                    let (x, _) = self.interpolate(body, n, body.finer_host(n));
+                    let (x, _) = self.interpolate(body, n, host_of(body, n, &change));
                     let (mut mass, mut momentum) = (0.0, Vec3::zeros());
                     for &c in body.children(n) {
                         let slot = self.slot[c.index()].index();
@@ -128,10 +128,32 @@ impl ActiveMesh {
         }
     }
 
-    /// Position and velocity of node `n`, which is not active: in its host where all of that is there, else by its row.
+    /// True where `change` would put a node so that an element around it is inside out: what is crushed so far stays as it is.
+    pub fn turns_inside_out(&mut self, body: &Body, change: Change) -> bool {
+        self.collect_arrivals(body, std::slice::from_ref(&change));
+        for i in 0..self.work.on.len() {
+            for &e in body.elements_around(self.work.on[i].0) {
+                let x = body.element(e).map(|n| match self.work.on.iter().find(|o| o.0 == n) {
+                    Some(&(_, x, _)) => x,
+                    None => self.interpolate(body, n, host_of(body, n, &change)).0,
+                });
+                if (x[1] - x[0]).cross(&(x[2] - x[0])).dot(&(x[3] - x[0])) <= 0.0 {
+                    return true;
+                }
+            }
+        }
+        false
+    }
+
+    /// Position and velocity of node `n`, which is not active: where it is as an interface node; else in its host where all of that is
+    /// there, else by its row.
     fn interpolate(&mut self, body: &Body, n: Node, host: Option<Host<Element>>) -> (Vec3, Vec3) {
         if body.is_fixed(n) {
             return (body.rest(n), Vec3::zeros());
+        }
+        let slot = self.slot[n.index()];
+        if slot != Slot::NONE {
+            return (vec3(&self.motion.position[slot.index()]), self.velocity_of(slot));
         }
         let mut x = Vec3::zeros();
         let mut v = Vec3::zeros();
@@ -404,5 +426,13 @@ impl ActiveMesh {
                 self.free.push(slot);
             }
         }
+    }
+}
+
+/// Where node `n` lies in what `change` takes away.
+fn host_of(body: &Body, n: Node, change: &Change) -> Option<Host<Element>> {
+    match change {
+        Change::Split(_) => body.coarser_host(n),
+        Change::Merge(_) => body.finer_host(n),
     }
 }

@@ -109,6 +109,18 @@ impl ActiveMesh {
         stars::of_means(&mean, self.star_stabilisation[n.index()])
     }
 
+    /// Part α of the energy of strain jumps that the elements around node `n` keep as these are active, their mean by volume; 1 where
+    /// tetrahedra have all energy.
+    pub fn stabilisation_around(&self, n: Node) -> Real {
+        if self.star_stabilisation.is_empty() {
+            1.0
+        } else if self.stars.contains(n) {
+            self.star_stabilisation[n.index()]
+        } else {
+            stars::LARGEST
+        }
+    }
+
     /// Sets what the star of node `n` leaves to the tetrahedra around it, as these are active. Whether that is something else than before.
     pub(super) fn note_stabilisation(&mut self, body: &Body, n: Node) -> bool {
         let now = body.stabilisation_around(n, |e| self.active_vertices[e.index()]);
