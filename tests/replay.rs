@@ -284,7 +284,7 @@ fn a_trajectory_made_of_a_recording_gives_its_forces_again() {
     let cube = Stage::new("cube");
     let ticks = 1500;
     // As a server records: each tick has a budget.
-    for (kind, limit, most_off) in [("unlimited", u32::MAX, 1e-6), ("as a slow server has it", 200_000, 0.02)] {
+    for (kind, limit, most_off) in [("unlimited", u32::MAX, 1e-6), ("as a slow server has it", 300_000, 0.02)] {
         let folder = tempfile::tempdir().unwrap();
         let path = |name: &str| folder.path().join(name).display().to_string();
         let budget = Budget { limit, ..Budget::UNLIMITED };

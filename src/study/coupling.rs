@@ -122,8 +122,7 @@ impl<'a> Mixed<'a> {
         }
         let one = |(e, w): &(usize, Real)| {
             let element = &self.levels.elements[*e];
-            let factor = self.levels.stiffness_factor(*e);
-            w * factor * element.volume * self.law.energy_density(&self.levels.material, &element.gradient_of(x))
+            w * element.volume * self.law.energy_density(&self.levels.material, &element.gradient_of(x))
         };
         self.weighted.iter().map(one).sum()
     }
@@ -149,7 +148,6 @@ impl<'a> Mixed<'a> {
         for (e, weight) in elements {
             let element = &self.levels.elements[*e];
             let weight = if self.coupling == Coupling::Force { 1.0 } else { *weight };
-            let weight = weight * self.levels.stiffness_factor(*e);
             let stress = law.stress(&self.levels.material, &element.gradient_of(x)) * (weight * element.volume);
             for (n, gradient) in element.nodes.iter().zip(&element.gradient) {
                 force[*n] -= stress * gradient;

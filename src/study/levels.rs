@@ -3,7 +3,6 @@
 //! The nodes of all levels stand in one array, coarsest level first, so that a node is one number whatever its level.
 
 use super::laws::{Element, Spring};
-use palpate_body::prepare::calibration::{CalibrationError, calibrate};
 use palpate_core::geometry::TetMesh;
 use palpate_core::geometry::primitives::box_mesh;
 use palpate_core::geometry::tet_mesh::volume;
@@ -147,26 +146,6 @@ impl Levels {
     /// The cube of 1 m that most studies share: spacings in a ratio of about 5/3.
     pub fn of_cube(material: Material, clamped: bool) -> Self {
         Self::of_box(Vec3::repeat(1.0), &[[3; 3], [5; 3], [8; 3]], material, clamped)
-    }
-
-    /// With the stiffness factors that make all levels answer alike to a smooth load, as the core's have them.
-    ///
-    /// # Errors
-    /// When a level has no elastic solution.
-    pub fn calibrated(mut self) -> Result<Self, CalibrationError> {
-        for (level, first) in self.tied.iter_mut().zip(&self.first_node) {
-            let nodes = 0..level.mesh.nodes.len();
-            level.fixed = nodes.filter(|n| self.fixed[first + n]).map(|n| n as u32).collect();
-        }
-        let calibration = calibrate(&self.tied, |_, _| self.material, &[])?;
-        self.tied.iter_mut().zip(calibration.factors).for_each(|(level, factor)| level.stiffness_factor = factor);
-        Ok(self)
-    }
-
-    /// Factor on the stiffness of `element`: 1 unless calibrated.
-    pub fn stiffness_factor(&self, element: usize) -> Real {
-        let level = self.level_of[self.elements[element].nodes[0]];
-        self.tied[level].stiffness_factor[element - self.first_element[level]]
     }
 
     /// Number of levels.

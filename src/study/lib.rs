@@ -10,6 +10,7 @@
 //! | [`laws`] | the laws of section 3.1 of the paper, and two later ones, on one mesh |
 //! | [`oscillate`] | a cube that is let go, and what its swing tells |
 //! | [`levels`] | independent levels and sets of active nodes, numbered through |
+//! | [`loads`] | how levels agree, load by load |
 //! | [`rows`] | where interface nodes are: hosts with substitution, or moving least squares |
 //! | [`coupling`] | levels in one body: by forces as printed, by energy as shipped |
 //! | [`drift`] | what becomes of the energy of a body that nothing damps |
@@ -36,6 +37,7 @@ pub mod drift;
 pub mod indentation;
 pub mod laws;
 pub mod levels;
+pub mod loads;
 pub mod lockstep;
 pub mod oscillate;
 pub mod patch;
@@ -66,8 +68,13 @@ pub struct Study {
 }
 
 /// All studies, in the order in which they run.
-pub const STUDIES: [Study; 10] = [
+pub const STUDIES: [Study; 11] = [
     Study { name: "claims", about: "the paper, claim by claim: as printed, and as shipped", work: claims::claims },
+    Study {
+        name: "loads",
+        about: "levels under loads, of tetrahedra and of smoothed elements",
+        work: loads::agreement,
+    },
     Study { name: "depth", about: "force against depth of a punch, under every law", work: press::depth },
     Study { name: "rows", about: "interface rows: hosts against moving least squares", work: compare::rows_compared },
     Study {

@@ -47,13 +47,9 @@ pub struct Swing {
 }
 
 impl Swing {
-    /// Level `r` of `levels` at rest by itself; `calibrated`: as stiff as the level's factors make it.
-    pub fn new(levels: &Levels, r: usize, law: Law, calibrated: bool) -> Self {
-        let mut solid = Solid::new(&levels.tied[r].mesh, levels.material);
-        if calibrated {
-            // Only stiffness goes with the elements' volumes from here on: masses are made.
-            solid.elements.iter_mut().zip(&levels.tied[r].stiffness_factor).for_each(|(e, factor)| e.volume *= factor);
-        }
+    /// Level `r` of `levels` at rest by itself.
+    pub fn new(levels: &Levels, r: usize, law: Law) -> Self {
+        let solid = Solid::new(&levels.tied[r].mesh, levels.material);
         let (x, v) = (solid.rest.clone(), vec![Vec3::zeros(); solid.rest.len()]);
         Self { solid, law, gravity: Vec3::zeros(), x, v }
     }
@@ -163,7 +159,7 @@ mod tests {
             s.solid.energy(s.law, &s.x) + (0..s.x.len()).map(one).sum::<Real>()
         };
         for law in Law::ALL {
-            let mut swing = Swing { gravity: GRAVITY, ..Swing::new(&levels(0.0), 0, law, false) };
+            let mut swing = Swing { gravity: GRAVITY, ..Swing::new(&levels(0.0), 0, law) };
             let (mut kinetic, mut worst): (Real, Real) = (0.0, 0.0);
             for _ in 0..500 {
                 swing.advance(0.01);
@@ -173,7 +169,7 @@ mod tests {
             println!("{law:?}: energy within {worst:.1} J, peak kinetic {kinetic:.1} J");
             assert!(worst < 0.1 * kinetic, "{law:?}: {worst} of {kinetic}");
         }
-        let mut swing = Swing { gravity: GRAVITY, ..Swing::new(&levels(0.1), 0, Law::Green, false) };
+        let mut swing = Swing { gravity: GRAVITY, ..Swing::new(&levels(0.1), 0, Law::Green) };
         (0..600).for_each(|_| swing.advance(0.01));
         assert!(swing.v.iter().all(|v| v.norm() < 1e-3));
     }

@@ -94,7 +94,7 @@ fn what_changes_of_resolution_leave_to_fade_is_no_push() {
         // Into its top by the side: it turns, too.
         _ => inputs(ball_at(Vec3::new(0.03, 0.05, SIDE + 0.012 - 0.016 * ease(i as Real * TICK, 0.0, 0.1)))),
     };
-    let adaptivity = Adaptivity { split: 0.02, ..Adaptivity::default() };
+    let adaptivity = Adaptivity { split: 0.004, ..Adaptivity::default() };
     for budget in [u32::MAX, 140_000] {
         let mut free = simulation(&body, &settings(Some(adaptivity.clone())), uniform(&body, 0));
         (0..100).for_each(|i| {

@@ -69,18 +69,20 @@ fn answer(body: &Arc<Body>, level: usize, gravity: Vec3) -> Answer {
     Answer { nodes: mesh.active().len(), surface, mean_square, period: strongest_period(&signal) }
 }
 
-/// What a level may sag and swing otherwise than the finest, as parts.
-const MOST_SAG: Real = 0.02;
-const MOST_SWING: Real = 0.015;
-/// The same where the strongest line of the swing is of the third mode.
-const MOST_THIRD: Real = 0.025;
+/// What a level may sag otherwise than the finest, as a part, and the coarsest one.
+const MOST_SAG: Real = 0.05;
+const MOST_SAG_OF_COARSEST: Real = 0.1;
+/// What a level may swing otherwise, and the coarsest one: as the root of what it sags.
+const MOST_SWING: Real = 0.03;
+const MOST_SWING_OF_COARSEST: Real = 0.05;
 
-fn levels_agree(name: &str, body: &Arc<Body>, gravity: Vec3, most_swing: Real) {
+fn levels_agree(name: &str, body: &Arc<Body>, gravity: Vec3) {
     report(body);
     let answers: Vec<Answer> = (0..body.levels().len()).map(|r| answer(body, r, gravity)).collect();
     let finest = answers.last().unwrap();
+    let warnings = palpate_body::prepare::report::report(body).warnings;
     let mut judged = 0;
-    for a in &answers {
+    for (r, a) in answers.iter().enumerate() {
         let surface = a.surface / finest.surface - 1.0;
         let mean_square = a.mean_square / finest.mean_square - 1.0;
         let slower = a.period / finest.period - 1.0;
@@ -94,10 +96,15 @@ fn levels_agree(name: &str, body: &Arc<Body>, gravity: Vec3, most_swing: Real) {
             a.period * 1e3,
             slower * 100.0
         );
-        if a.nodes >= LEAST_NODES {
+        // What `prepare` says is too coarse for the body is not asked.
+        let is_told = warnings.iter().any(|warning| warning.starts_with(&format!("level {r} is too coarse")));
+        assert!(r == 0 || !is_told);
+        if a.nodes >= LEAST_NODES && !is_told {
             judged += 1;
-            assert!(surface.abs() < MOST_SAG && mean_square.abs() < MOST_SAG, "{} nodes sag otherwise", a.nodes);
-            assert!(slower.abs() < most_swing, "{} nodes swing otherwise", a.nodes);
+            let most = if r == 0 { MOST_SAG_OF_COARSEST } else { MOST_SAG };
+            assert!(surface.abs() < most && mean_square.abs() < most, "{} nodes sag otherwise", a.nodes);
+            let most = if r == 0 { MOST_SWING_OF_COARSEST } else { MOST_SWING };
+            assert!(slower.abs() < most, "{} nodes swing otherwise", a.nodes);
         }
     }
     assert!(judged >= 2);
@@ -110,23 +117,23 @@ fn four_levels() -> Arc<Body> {
 /// The softest way to load it, and its slowest mode.
 #[test]
 fn levels_sag_and_swing_alike_across_the_hold() {
-    levels_agree("across", &four_levels(), Vec3::new(0.0, 0.0, -2.0), MOST_SWING);
+    levels_agree("across", &four_levels(), Vec3::new(0.0, 0.0, -2.0));
 }
 
 /// Along the hold the body moves by a fifth of what it does across it, and the levels' reach beyond the held face counts
 /// for much.
 #[test]
 fn levels_sag_and_swing_alike_along_the_hold() {
-    levels_agree("along", &four_levels(), Vec3::new(2.0, 0.0, 0.0), MOST_SWING);
+    levels_agree("along", &four_levels(), Vec3::new(2.0, 0.0, 0.0));
 }
 
 /// Its left lobe is as thick as the coarsest level's elements are large.
 #[test]
 fn levels_of_the_liver_sag_and_swing_alike() {
     let body = liver(0.3, vec![0.028, 0.018, 0.011], 1e4, 0.0);
-    levels_agree("liver, down", &body, Vec3::new(0.0, 0.0, -2.0), MOST_SWING);
-    levels_agree("liver, back", &body, Vec3::new(0.0, 2.0, 0.0), MOST_SWING);
-    levels_agree("liver, sideways", &body, Vec3::new(2.0, 0.0, 0.0), MOST_THIRD);
+    levels_agree("liver, down", &body, Vec3::new(0.0, 0.0, -2.0));
+    levels_agree("liver, back", &body, Vec3::new(0.0, 2.0, 0.0));
+    levels_agree("liver, sideways", &body, Vec3::new(2.0, 0.0, 0.0));
 }
 
 #[test]
@@ -134,6 +141,6 @@ fn levels_of_a_human_liver_sag_and_swing_alike() {
     let Some(path) = shared("meshes/Liver.stl") else { return };
     let surface = read_surface(&path, LengthUnit::Millimetre).unwrap();
     let body = organ(surface, 0.3, vec![0.034, 0.024, 0.016], 1e4, 0.0);
-    levels_agree("human liver, down", &body, Vec3::new(0.0, 0.0, -2.0), MOST_SWING);
-    levels_agree("human liver, back", &body, Vec3::new(0.0, 2.0, 0.0), MOST_SWING);
+    levels_agree("human liver, down", &body, Vec3::new(0.0, 0.0, -2.0));
+    levels_agree("human liver, back", &body, Vec3::new(0.0, 2.0, 0.0));
 }

@@ -113,9 +113,7 @@ fn organ(surface: Surface, bed: Real, spacings: Vec<Real>, young: Real, damping_
 fn report(body: &Body) {
     let level = |r: usize| {
         let l = body.level(r);
-        let least = l.stiffness_factor.iter().copied().fold(Real::INFINITY, Real::min);
-        let largest = l.stiffness_factor.iter().copied().fold(0.0, Real::max);
-        format!("{} nodes, {} elements, factors {least:.3} to {largest:.3}", l.mesh.nodes.len(), l.mesh.elements.len())
+        format!("{} nodes, {} elements, α {:.3}", l.mesh.nodes.len(), l.mesh.elements.len(), l.stabilisation)
     };
     let levels: Vec<String> = (0..body.levels().len()).map(level).collect();
     println!("{}: {}", body.name(), levels.join("; "));

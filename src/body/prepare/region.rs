@@ -74,8 +74,6 @@ pub fn keep_finest_within(body: Body, reach: &Reach) -> Result<Body, PrepareErro
         },
         fraction: of_elements(&fine.fraction),
         density: of_elements(&fine.density),
-        stiffness_factor: of_elements(&fine.stiffness_factor),
-        branch_factor: of_elements(&fine.branch_factor),
         node_mass: of_nodes(&fine.node_mass),
         parent: nodes.iter().map(|n| fine.parent[*n as usize]).collect(),
         coarser_host: nodes.iter().map(|n| fine.coarser_host[*n as usize]).collect(),

@@ -1,7 +1,7 @@
 //! What a prepared body is like, level by level: sizes, shape, steps, and what may be wrong with it.
 
 use super::calibration::CalibrationError;
-use super::calibration::stabilisation::{LOADS, agreement};
+use super::calibration::agreement::{LOADS, agreement};
 use palpate_core::geometry::Moments;
 use palpate_core::geometry::tet_mesh::FACES;
 use palpate_core::hierarchy::Level;
@@ -43,11 +43,9 @@ pub struct LevelReport {
     pub step: Real,
     /// The element that is so short-stepped: its number in the level and its centre [m].
     pub stiffest: (usize, Vec3),
-    /// Smallest, mean and largest factor on the stiffness.
-    pub factor: (Real, Real, Real),
     /// Part α of the energy of strain jumps that tetrahedra keep ([`palpate_core::model::body::stars`]).
     pub stabilisation: Real,
-    /// Of smoothed elements, how much more it gives way than the finest whole level under each of [`LOADS`], as a part.
+    /// How much more it gives way than the finest whole level under each of [`LOADS`], as a part.
     pub agreement: Option<[Real; LOADS.len()]>,
     /// Most negative weight of any row on the level's elements: of display vertices and of nodes of its neighbours.
     pub extrapolation: Real,
@@ -78,11 +76,9 @@ pub fn report(body: &Body) -> Report {
     let wanted = body.mass_moments();
     let mut levels: Vec<LevelReport> = (0..body.levels().len()).map(|r| level_report(body, r, &wanted)).collect();
     let mut warnings = Vec::new();
-    if body.is_smoothed() {
-        match agreement_of(body) {
-            Ok(all) => levels.iter_mut().zip(all).for_each(|(level, one)| level.agreement = Some(one)),
-            Err(error) => warnings.push(format!("its levels are not compared: {error}")),
-        }
+    match agreement_of(body) {
+        Ok(all) => levels.iter_mut().zip(all).for_each(|(level, one)| level.agreement = Some(one)),
+        Err(error) => warnings.push(format!("its levels are not compared: {error}")),
     }
     for (r, level) in levels.iter().enumerate() {
         for (what, error) in [("volume", level.volume), ("centre of mass", level.centre), ("inertia", level.inertia)] {
@@ -107,8 +103,8 @@ pub fn report(body: &Body) -> Report {
         let nested = shared_places(body, r);
         if nested > MOST_SHARED {
             warnings.push(format!(
-                "level {r} has a node where {:.0} % of level {}'s nodes are: a body of both resolutions is about a tenth \
-                 stiffer than either; mesh them apart, the one 1.6 to 1.8 times as fine as the other",
+                "level {r} has a node where {:.0} % of level {}'s nodes are: a body of both resolutions is up to an eighth \
+                 softer than either; mesh them apart, the one 1.6 to 1.8 times as fine as the other",
                 100.0 * nested,
                 r - 1
             ));
@@ -153,15 +149,14 @@ fn level_report(body: &Body, r: usize, wanted: &Moments) -> LevelReport {
         altitude: (least, sum / elements as Real),
         step: stable_step(stiffest.1, Strained::REST, body.damping_time(), 0.0),
         stiffest: (stiffest.0, middle(stiffest.0)),
-        factor: spread(&level.stiffness_factor),
         stabilisation: level.stabilisation,
         agreement: None,
         extrapolation: worst_row(body, r),
-        memory: memory(level),
+        memory: memory(body, r),
     }
 }
 
-/// How levels of smoothed elements agree.
+/// How levels agree.
 fn agreement_of(body: &Body) -> Result<Vec<[Real; LOADS.len()]>, CalibrationError> {
     let parts = body.parts();
     let whole = parts.levels.iter().take_while(|level| level.is_whole()).count();
@@ -198,13 +193,6 @@ fn labels(body: &Body) -> Vec<(i64, Real)> {
     volumes.into_iter().map(|(label, volume)| (label, volume / all)).collect()
 }
 
-/// Smallest, mean and largest of `values`.
-fn spread(values: &[Real]) -> (Real, Real, Real) {
-    let least = values.iter().copied().fold(Real::INFINITY, Real::min);
-    let most = values.iter().copied().fold(-Real::INFINITY, Real::max);
-    (least, values.iter().sum::<Real>() / values.len() as Real, most)
-}
-
 /// Smallest and largest angle between two faces of an element [degree].
 fn dihedral_angles(level: &Level) -> (Real, Real) {
     let (mut least, mut most) = (Real::INFINITY, 0.0 as Real);
@@ -230,16 +218,23 @@ fn worst_row(body: &Body, r: usize) -> Real {
 }
 
 /// What a body keeps of a level [bytes]: the level itself, and what follows from it for stepping.
-fn memory(level: &Level) -> usize {
+fn memory(body: &Body, r: usize) -> usize {
+    let level = body.level(r);
     let nodes = level.mesh.nodes.len() * (24 + 8 + 4 + 2 * 40 + 24 + 1 + 4 + 4 + 1);
-    // Two lists of corners, fraction, density, factor, volume, and the elements around each node.
-    let elements = level.mesh.elements.len() * (2 * 16 + 4 * 8 + 16 + 4);
-    nodes + elements + level.embedding.len() * (40 + 4) + (level.fixed.len() + level.ghosts.len()) * 4
+    // Two lists of corners, fraction, density, volume, and the elements around each node.
+    let elements = level.mesh.elements.len() * (2 * 16 + 3 * 8 + 16 + 4);
+    let stars = body.stars();
+    let neighbours: usize =
+        if stars.is_empty() { 0 } else { body.nodes_of(r).map(|n| stars.neighbours(n).len()).sum() };
+    nodes
+        + elements
+        + neighbours * (4 + 24)
+        + level.embedding.len() * (40 + 4)
+        + (level.fixed.len() + level.ghosts.len()) * 4
 }
 
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        let smoothed = self.levels.iter().any(|level| level.agreement.is_some());
         let header = [
             "level",
             "spacing",
@@ -252,7 +247,7 @@ impl fmt::Display for Report {
             "dihedral",
             "altitude",
             "step",
-            if smoothed { "weight x, y, z; twist" } else { "factor" },
+            "weight x, y, z; twist",
             "worst row",
             "memory",
         ];
@@ -276,8 +271,7 @@ impl fmt::Display for Report {
                         let [x, y, z, about_x, about_y, about_z] = off.map(|off| format!("{:+.0}", 100.0 * off));
                         format!("{x} {y} {z}; {about_x} {about_y} {about_z} % (α {:.2})", level.stabilisation)
                     }
-                    None if smoothed => format!("(α {:.2})", level.stabilisation),
-                    None => format!("{:.2} ({:.2} to {:.2})", level.factor.1, level.factor.0, level.factor.2),
+                    None => format!("(α {:.2})", level.stabilisation),
                 },
                 format!("{:.2}", level.extrapolation),
                 format!("{:.1} MB", level.memory as Real / 1e6),
@@ -302,7 +296,7 @@ mod tests {
     use palpate_core::model::Material;
 
     #[test]
-    fn smoothed_levels_are_compared_and_one_that_is_too_coarse_is_warned_of() {
+    fn levels_are_compared_and_one_that_is_too_coarse_is_warned_of() {
         let size = Vec3::new(0.2, 0.04, 0.04);
         let of_levels = |spacings: Vec<Real>| {
             let bounds = Bounds::new(Vec3::repeat(-1e-6), Vec3::new(1e-6, size.y, size.z) + Vec3::y() * 1e-6);

@@ -1,7 +1,8 @@
 //! The core against answers for the continuum (NGSolve 6.2, quadratic and cubic elements, Newton's method): linear
-//! tetrahedra come to them with the square of their size, or a little slower where an edge is singular.
+//! tetrahedra come to them with the square of their size, or a little slower where an edge is singular; smoothed elements are
+//! nearer from the start.
 
-use palpate_body::prepare::{Recipe, Region, Shape, prepare};
+use palpate_body::prepare::{Elements, Recipe, Region, Shape, prepare};
 use palpate_core::adaptation::Adaptivity;
 use palpate_core::contact::safety::ForceLimits;
 use palpate_core::contact::tool::{Coupling, Following, PoseSample, Shape as ToolShape, Tool, ToolEvent};
@@ -35,9 +36,18 @@ fn kinetic_energy(simulation: &Simulation) -> Real {
     simulation.mesh().active().iter().map(one).sum()
 }
 
-/// Displacement of the corner at `place` of a box of `size` clamped at x = 0, at rest under `gravity`: whenever the
+/// A box clamped at x = 0.
+#[derive(Clone, Copy)]
+struct Block {
+    size: Vec3,
+    material: Material,
+    elements: Elements,
+}
+
+/// Displacement of the corner at `place` of `block`, at rest under `gravity`: whenever the
 /// kinetic energy falls, all velocities are taken away.
-fn sagging_corner(size: Vec3, cells: [u32; 3], material: Material, gravity: Real, place: Vec3) -> Vec3 {
+fn sagging_corner(block: &Block, cells: [u32; 3], gravity: Real, place: Vec3) -> Vec3 {
+    let Block { size, material, elements } = *block;
     let clamp =
         Region { bounds: Bounds::new(Vec3::zeros(), Vec3::new(0.0, size.y, size.z)), stiffness: None, exact: true };
     let recipe = Recipe {
@@ -46,7 +56,7 @@ fn sagging_corner(size: Vec3, cells: [u32; 3], material: Material, gravity: Real
         material,
         inclusions: vec![],
         holds: vec![clamp],
-        elements: Default::default(),
+        elements,
         damping_ratio: 0.0,
     };
     let body = Arc::new(prepare(&recipe, &mut |_, _, _| {}).unwrap());
@@ -73,8 +83,12 @@ fn sagging_corner(size: Vec3, cells: [u32; 3], material: Material, gravity: Real
     panic!("no rest after {stops} stops");
 }
 
-/// `values` on meshes of halved size come to `expected` (± `uncertainty`), the faster the finer.
-fn converges(name: &str, values: [Real; 3], expected: Real, uncertainty: Real) {
+/// What tetrahedra give on meshes of halved size comes to `expected` (± `uncertainty`), the faster the finer; smoothed elements are nearer
+/// on each, and within `most` on the finest.
+fn converges(name: &str, on: impl Fn(Elements) -> [Real; 3], expected: Real, uncertainty: Real, most: Real) {
+    let values = on(Elements::Tetrahedra);
+    let smoothed = on(Elements::Smoothed).map(|v| v / expected - 1.0);
+    println!("{name}: smoothed elements {:+.2?} % off", smoothed.map(|off| 100.0 * off));
     // Where the last two lead at the second order (Richardson).
     let limit = values[2] + (values[2] - values[1]) / 3.0;
     let errors = values.map(|v| v - expected);
@@ -91,6 +105,8 @@ fn converges(name: &str, values: [Real; 3], expected: Real, uncertainty: Real) {
     assert!(errors[2].abs() > uncertainty, "{name}: no order can be told below the reference's own digits");
     assert!(orders[0] > 1.1 && orders[1] > 1.4 && orders[1] > orders[0], "{name}: orders {orders:?}");
     assert!((limit / expected - 1.0).abs() < 0.025, "{name}: comes to {limit}, not to {expected}");
+    let nearer = smoothed.iter().zip(errors).all(|(off, error)| off.abs() < 0.5 * (error / expected).abs());
+    assert!(nearer && smoothed[2].abs() < most, "{name}: {smoothed:?}");
 }
 
 /// R2: a cube of 50 kPa that hangs sideways.
@@ -98,8 +114,11 @@ fn converges(name: &str, values: [Real; 3], expected: Real, uncertainty: Real) {
 fn a_clamped_cube_sags_as_the_continuum_does() {
     let material = Material::from_young(5e4, 0.35, 1000.0);
     let corner = Vec3::new(0.1, 0.0, 0.0);
-    let sag = |n: u32| sagging_corner(Vec3::repeat(0.1), [n; 3], material, 9.81, corner).z;
-    converges("R2", [4, 8, 16].map(sag), -5.738e-3, 6e-6);
+    let on = |elements| {
+        let block = Block { size: Vec3::repeat(0.1), material, elements };
+        [4, 8, 16].map(|n| sagging_corner(&block, [n; 3], 9.81, corner).z)
+    };
+    converges("R2", on, -5.738e-3, 6e-6, 0.01);
 }
 
 /// R3: a cantilever that bends by a quarter of its length.
@@ -109,8 +128,11 @@ fn a_cantilever_bends_as_the_continuum_does() {
     let size = Vec3::new(0.2, 0.02, 0.02);
     let tip = Vec3::new(0.2, 0.01, 0.01);
     for (gravity, expected, uncertainty) in [(0.4905, -2.9463e-3, 2e-6), (9.81, -0.05542, 3e-5)] {
-        let bend = |n: u32| sagging_corner(size, [10 * n, n, n], material, gravity, tip).z;
-        converges(&format!("R3, {gravity} m/s²"), [2, 4, 8].map(bend), expected, uncertainty);
+        let on = |elements| {
+            let block = Block { size, material, elements };
+            [2, 4, 8].map(|n| sagging_corner(&block, [10 * n, n, n], gravity, tip).z)
+        };
+        converges(&format!("R3, {gravity} m/s²"), on, expected, uncertainty, 0.01);
     }
 }
 
@@ -120,22 +142,26 @@ fn a_ball_is_felt_as_the_continuum_says() {
     let side = 0.1;
     let bottom =
         Region { bounds: Bounds::new(Vec3::zeros(), Vec3::new(side, side, 0.0)), stiffness: None, exact: false };
-    let body = |spacings: &[Real]| -> Arc<Body> {
+    let body = |spacings: &[Real], elements: Elements| -> Arc<Body> {
         let recipe = Recipe {
             name: "block".into(),
             shape: Shape::closed(box_surface(Vec3::repeat(side), [60; 3]), spacings.to_vec()),
             material: Material::from_young(1e4, 0.35, 1000.0),
             inclusions: vec![],
             holds: vec![Region { ..bottom.clone() }],
-            elements: Default::default(),
+            elements,
             damping_ratio: 0.3,
         };
         Arc::new(prepare(&recipe, &mut |_, _, _| {}).unwrap())
     };
     let radius = 0.02;
     let mut errors = Vec::new();
-    for spacings in [vec![0.032, 0.018, 0.0102], vec![0.032, 0.018, 0.0102, 0.0058]] {
-        let body = body(&spacings);
+    for (spacings, elements) in [
+        (vec![0.032, 0.018, 0.0102], Elements::Tetrahedra),
+        (vec![0.032, 0.018, 0.0102], Elements::Smoothed),
+        (vec![0.032, 0.018, 0.0102, 0.0058], Elements::Smoothed),
+    ] {
+        let body = body(&spacings, elements);
         let adaptivity = Adaptivity { split: 0.01, reach: 1.0, ..Adaptivity::default() };
         let mut press = Simulation::new(
             body.clone(),
@@ -168,7 +194,7 @@ fn a_ball_is_felt_as_the_continuum_says() {
             before = depth;
             errors.push(force / expected - 1.0);
             println!(
-                "R4, finest {:.1} mm, {:.1} mm deep: {force:.4} N of {expected:.4} ({:+.1} %), {:?}",
+                "R4, {elements:?}, finest {:.1} mm, {:.1} mm deep: {force:.4} N of {expected:.4} ({:+.1} %), {:?}",
                 spacings.last().unwrap() * 1e3,
                 depth * 1e3,
                 100.0 * (force / expected - 1.0),

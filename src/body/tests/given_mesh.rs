@@ -4,7 +4,7 @@
 //! Mesh and reference lie in a folder beside the project; without them the test says so and passes.
 
 use palpate_body::geometry::mesh_io::{LengthUnit, read_surface, read_tet_mesh};
-use palpate_body::prepare::{Recipe, Shape, boundary_surface, prepare};
+use palpate_body::prepare::{Elements, Recipe, Shape, boundary_surface, prepare};
 use palpate_core::contact::safety::ForceLimits;
 use palpate_core::contact::tool::Following;
 use palpate_core::geometry::locate::Locator;
@@ -44,7 +44,7 @@ fn liver(case: &Value, shape: Shape, fixed: Vec<u32>) -> Arc<Body> {
         material,
         inclusions: vec![],
         holds: vec![],
-        elements: Default::default(),
+        elements: Elements::Tetrahedra,
         damping_ratio: 0.0,
     };
     let mut parts = prepare(&recipe, &mut |_, _, _| {}).unwrap().into_parts();

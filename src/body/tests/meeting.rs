@@ -219,8 +219,9 @@ fn an_organ_that_lies_on_another_weighs_on_it_and_both_lie_still() {
         for _ in 0..50 {
             simulation.advance(&Inputs::default());
             let force = force(&simulation);
-            assert!((force.z / -weight - 1.0).abs() < 1e-8, "{force} of {weight} N");
-            assert!(force.xy().norm() < 1e-8 * weight, "{force} of {weight} N");
+            // Stars and tetrahedra that step apart push a node to and fro within a tick, each with its part of what balances.
+            assert!((force.z / -weight - 1.0).abs() < 1e-6, "{force} of {weight} N");
+            assert!(force.xy().norm() < 1e-6 * weight, "{force} of {weight} N");
         }
         let deepest = simulation.meetings().iter().filter(|m| m.multiplier > 0.0).map(|m| m.gap).fold(0.0, Real::min);
         println!("{size} m: overlap {deepest:e} m, {:e} J", kinetic(&simulation));

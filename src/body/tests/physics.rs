@@ -6,7 +6,7 @@
 //! to others.
 
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
-use palpate_body::prepare::{Recipe, Region, Shape, prepare};
+use palpate_body::prepare::{Elements, Recipe, Region, Shape, prepare};
 use palpate_core::geometry::primitives::box_mesh;
 use palpate_core::ids::{Node, Slot};
 use palpate_core::math::{Bounds, Mat3, Real, Vec3};
@@ -29,7 +29,7 @@ fn cube_of(cells: &[u32], material: Material, clamped: bool) -> Body {
         material,
         inclusions: vec![],
         holds: if clamped { vec![clamp] } else { vec![] },
-        elements: Default::default(),
+        elements: Elements::Tetrahedra,
         damping_ratio: 0.0,
     };
     prepare(&recipe, &mut |_, _, _| {}).unwrap()

@@ -26,12 +26,6 @@ pub struct Level {
     /// Least mass [kg] that an active node is given. At the border of a cover a node may have next to none: whatever pushes
     /// it, a tool or a spring, would throw it about. 0 on meshes that fill their body.
     pub least_mass: Real,
-    /// Factor on the stiffness of each element (n_elements), which makes the level answer to smooth loads as the finest
-    /// one does: coarse linear tetrahedra are too stiff.
-    pub stiffness_factor: Vec<Real>,
-    /// Factor on the shear moduli of each element's Maxwell branches over μ (n_elements), which makes the level damp smooth
-    /// motion as the finest one does: where coarse linear tetrahedra lock, less of what they store is shear.
-    pub branch_factor: Vec<Real>,
     /// Part α of the energy of strain jumps that tetrahedra keep, 0 < α ≤ 1; 1: they have all energy. See
     /// [`stars`](crate::model::body::stars).
     pub stabilisation: Real,
@@ -60,8 +54,6 @@ impl Level {
             node_mass: Vec::new(),
             altitude: (0..elements).map(|e| mesh.smallest_altitude(e)).fold(Real::INFINITY, Real::min),
             least_mass: 0.0,
-            stiffness_factor: vec![1.0; elements],
-            branch_factor: vec![1.0; elements],
             stabilisation: 1.0,
             parent: Vec::new(),
             coarser_host: Vec::new(),

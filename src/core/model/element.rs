@@ -17,8 +17,6 @@ pub struct ElementConstants<G = [[Real; 3]; 3]> {
     pub lambda: Real,
     /// μ·w·vol [N·m].
     pub mu: Real,
-    /// Factor on the shear moduli of the Maxwell branches over μ.
-    pub branch: Real,
     /// As [`Material::neo_hookean`](super::Material::neo_hookean).
     pub neo_hookean: Real,
     /// As [`Material::collapse`](super::Material::collapse).
@@ -46,7 +44,7 @@ impl<G: AsRef<[[Real; 3]]>> ElementConstants<G> {
         s += along * (0.5 * along.dot(&doubled));
         for (modulus, held) in moduli.zip(&history.branch) {
             let d = symmetric(*held) * 2.0;
-            s += (d - Mat3::identity() * (d.trace() / 3.0)) * (mu * self.branch * modulus);
+            s += (d - Mat3::identity() * (d.trace() / 3.0)) * (mu * modulus);
         }
         s
     }

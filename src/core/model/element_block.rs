@@ -20,8 +20,6 @@ pub(super) struct Block {
     pub lambda: Row,
     /// μ·w·vol [N·m].
     pub mu: Row,
-    /// Factor on the shear moduli of the Maxwell branches over μ.
-    pub branch: Row,
     /// As [`ElementConstants::neo_hookean`].
     pub neo_hookean: Row,
     /// As [`ElementConstants::collapse`].
@@ -46,7 +44,6 @@ pub(super) struct Memory(pub [Row; 6]);
 const UNUSED: Block = Block {
     lambda: [0.0; LANES],
     mu: [0.0; LANES],
-    branch: [0.0; LANES],
     neo_hookean: [0.0; LANES],
     collapse: [0.0; LANES],
     strain: [[0.0; LANES]; 6],
@@ -151,7 +148,6 @@ impl Blocks {
         let b = &mut self.all[at.block];
         b.lambda[lane] = constants.lambda;
         b.mu[lane] = constants.mu;
-        b.branch[lane] = constants.branch;
         b.neo_hookean[lane] = constants.neo_hookean;
         b.collapse[lane] = constants.collapse;
         self.set_fibres(at, &constants.fibres);
@@ -160,15 +156,8 @@ impl Blocks {
 
     /// Leaves a lane without weight, and on nodes that are there.
     pub(super) fn vacate(&mut self, at: Lane) {
-        let nothing = ElementConstants {
-            gradient: [],
-            lambda: 0.0,
-            mu: 0.0,
-            branch: 0.0,
-            neo_hookean: 0.0,
-            collapse: 0.0,
-            fibres: [0.0; 6],
-        };
+        let nothing =
+            ElementConstants { gradient: [], lambda: 0.0, mu: 0.0, neo_hookean: 0.0, collapse: 0.0, fibres: [0.0; 6] };
         self.write(at, &[], &nothing, &History::REST);
         self.set_limit(at, StrainLimit::NONE);
     }
@@ -189,7 +178,6 @@ impl Blocks {
         let b = &mut self.all[to.block];
         b.lambda[j] = source.lambda[i];
         b.mu[j] = source.mu[i];
-        b.branch[j] = source.branch[i];
         b.neo_hookean[j] = source.neo_hookean[i];
         b.collapse[j] = source.collapse[i];
         b.limit[j] = source.limit[i];

@@ -407,9 +407,7 @@ impl<L: Lanes, const B: usize> Law<L, B> {
             let lambda = L::load(&block.lambda, at);
             let mu = L::load(&block.mu, at);
             let mut pressure = half.mul(lambda).mul(green.add(self.volume.mul(trace_change)));
-            let branch = if B > 0 { L::load(&block.branch, at) } else { one };
             for (memory, (share, decay)) in memory.iter_mut().zip(self.share.iter().zip(&self.decay)) {
-                let share = branch.mul(*share);
                 let mut d = e;
                 for c in 0..6 {
                     let row = &mut memory.0[c];

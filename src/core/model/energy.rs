@@ -52,8 +52,7 @@ pub fn energy(body: &Body, mesh: &ActiveMesh, gravity: Vec3) -> Energy {
         let active = mesh.active_vertices(e);
         if active > 0 {
             let f = deformation_gradient(body, mesh, e);
-            let factor = body.stiffness_factor(e);
-            let weight = factor * body.volume(e) * Real::from(active) / 4.0;
+            let weight = body.volume(e) * Real::from(active) / 4.0;
             sum.elastic += weight * mesh.jumps_material(body, e).energy_density(&f);
         }
     }

@@ -136,14 +136,14 @@ pub fn class_in(body: &Body, stable: Real) -> usize {
 /// with the safety factor.
 pub fn omega_squared(body: &Body, material: &Material, e: Element) -> Real {
     let jumps = body.of_jumps(material, e, 4);
-    plain_omega_squared(body, material, e) * instantaneous(&jumps, body.branch_factor(e), body.maxwell())
+    plain_omega_squared(body, material, e) * instantaneous(&jumps, body.maxwell())
 }
 
 /// The same without Maxwell branches: a pressure wave crosses the element's smallest altitude. Where stars have a part of the
 /// stiffness, they have the same part of the masses.
 fn plain_omega_squared(body: &Body, material: &Material, e: Element) -> Real {
     let altitude = smallest_altitude(body, e);
-    let wave_speed_squared = body.stiffness_factor(e) * material.largest_modulus() / body.density(e);
+    let wave_speed_squared = material.largest_modulus() / body.density(e);
     4.0 * wave_speed_squared / (SAFETY * SAFETY * altitude * altitude)
 }
 
@@ -159,7 +159,7 @@ pub fn largest_omega_squared(class: usize, damping_time: Real) -> Real {
 pub fn omega_squared_of_star(body: &Body, n: Node, materials: &[Material], means: &Material) -> Real {
     let stiffness = |e: &Element| plain_omega_squared(body, &materials[body.material_number(*e)], *e);
     let stiffest = body.elements_around(n).iter().map(stiffness).fold(0.0, Real::max);
-    stiffest * instantaneous(means, 1.0, body.maxwell())
+    stiffest * instantaneous(means, body.maxwell())
 }
 
 /// Class of the longest stable step at rest of what has this `omega_squared` [1/s²].
@@ -177,13 +177,12 @@ fn smallest_altitude(body: &Body, e: Element) -> Real {
     body.level(r).mesh.smallest_altitude(place)
 }
 
-/// Stiffness at once over that after relaxation, with the strain-difference term, of `material` with the branches `maxwell`,
-/// whose moduli over μ have the factor `branch`.
-fn instantaneous(material: &Material, branch: Real, maxwell: &[MaxwellBranch]) -> Real {
+/// Stiffness at once over that after relaxation, with the strain-difference term, of `material` with the branches `maxwell`.
+fn instantaneous(material: &Material, maxwell: &[MaxwellBranch]) -> Real {
     if maxwell.is_empty() {
         return 1.0;
     }
-    let branches = branch * maxwell.iter().map(|b| b.modulus).sum::<Real>();
+    let branches = maxwell.iter().map(|b| b.modulus).sum::<Real>();
     (1.0 + 4.0 / 3.0 * material.mu * branches / material.largest_modulus()) * (1.0 + 2.0 * STEP_VISCOSITY)
 }
 

@@ -13,7 +13,7 @@ use crate::plot::{Chart, Coloured, Curve, Shape, charts, coloured, table};
 use crate::trial::{Trial, attached, body_of, detached, held_at};
 use nalgebra::{Matrix4, Matrix4x3, Vector4};
 use palpate_core::adaptation::indicator::strain_jump;
-use palpate_core::ids::{Element, Node};
+use palpate_core::ids::Node;
 use palpate_core::math::{Real, Vec3};
 use palpate_core::model::Body;
 use palpate_core::model::Material;
@@ -83,20 +83,20 @@ fn from_affine(u: &[Vec3], d: &[Vec3]) -> Real {
 }
 
 /// Elastic forces [N] on the nodes of the coarse level: the core's law, without what damps.
-fn elastic_forces(levels: &Levels, body: &Body, coarse: &Simulation) -> Vec<Vec3> {
+fn elastic_forces(levels: &Levels, coarse: &Simulation) -> Vec<Vec3> {
     let at = |n: usize| coarse.mesh().position_of(Node::at(n)).unwrap_or(levels.rest[n]);
     let x: Vec<Vec3> = (0..levels.first_node[1]).map(at).collect();
     let mut force = vec![Vec3::zeros(); x.len()];
-    for (e, element) in levels.elements[..levels.first_element[1]].iter().enumerate() {
+    for element in &levels.elements[..levels.first_element[1]] {
         let stress = Law::GreenWithCompression.stress(&levels.material, &element.gradient_of(&x));
-        let stress = stress * (element.volume * body.stiffness_factor(Element::at(e)));
+        let stress = stress * element.volume;
         element.nodes.iter().zip(&element.gradient).for_each(|(n, gradient)| force[*n] -= stress * gradient);
     }
     force
 }
 
 fn see(levels: &Levels, body: &Body, coarse: &Simulation, fine: &Simulation) -> Seen {
-    let forces = elastic_forces(levels, body, coarse);
+    let forces = elastic_forces(levels, coarse);
     let mut seen = Seen { nodes: vec![], truth: vec![], gamma: vec![], jump: vec![] };
     let moved = |n: Node| fine.mesh().position_of(n).map(|x| (body.rest(n), x - body.rest(n)));
     let all: Vec<(Vec3, Vec3)> = body.nodes_of(1).filter_map(moved).collect();

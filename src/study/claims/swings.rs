@@ -3,7 +3,7 @@
 //!
 //! The paper prints neither size nor constants, so the load is not known: it is swept, and the figures are drawn at the
 //! largest load that the printed law bears on all three meshes. Linear tetrahedra are stiffer the larger they are, under
-//! any law, and the paper does not say so; to tell that from what the laws do, they are run on the calibrated levels, too.
+//! any law, and the paper does not say so.
 
 use super::{Claim, Verdict};
 use crate::Progress;
@@ -39,9 +39,9 @@ const BAND: [Real; 2] = [0.4, 5.0];
 /// What swings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Method {
-    /// A law in plain code on the meshes as they are, or as stiff as the core's calibration makes them.
-    Plain(Law, bool),
-    /// The core, calibrated.
+    /// A law in plain code on linear tetrahedra.
+    Plain(Law),
+    /// The core.
     Core,
 }
 
@@ -49,17 +49,16 @@ impl Method {
     /// Words for a legend.
     pub fn name(self) -> String {
         match self {
-            Method::Plain(law, false) => law.name().into(),
-            Method::Plain(law, true) => format!("{}, calibrated", law.name()),
+            Method::Plain(law) => law.name().into(),
             Method::Core => "the core".into(),
         }
     }
 }
 
 /// The cube on meshes of `cells`.
-pub fn cube(cells: &[u32], material: Material) -> Result<Levels> {
+pub fn cube(cells: &[u32], material: Material) -> Levels {
     let cells: Vec<[u32; 3]> = cells.iter().map(|c| [*c; 3]).collect();
-    Levels::of_box(Vec3::repeat(1.0), &cells, material, true).calibrated().map_err(std::io::Error::other)
+    Levels::of_box(Vec3::repeat(1.0), &cells, material, true)
 }
 
 /// One mesh let go.
@@ -102,8 +101,8 @@ pub fn swing(levels: &Levels, r: usize, method: Method, load: Real, duration: Re
         height.is_finite()
     };
     match method {
-        Method::Plain(law, calibrated) => {
-            let mut swing = Swing { gravity: GRAVITY * load, ..Swing::new(levels, r, law, calibrated) };
+        Method::Plain(law) => {
+            let mut swing = Swing { gravity: GRAVITY * load, ..Swing::new(levels, r, law) };
             for _ in 0..samples {
                 swing.advance(Real::from(SAMPLE) * TICK);
                 if !note(swing.x.clone(), swing.is_inverted()) {
@@ -192,11 +191,10 @@ fn free_strain(levels: &Levels, r: usize, x: &[Vec3]) -> Real {
 /// When a picture cannot be written.
 pub fn claims(out: &Path, progress: Progress) -> Result<Vec<Claim>> {
     progress("figures 4 to 6: a cube let go at three resolutions, under six loads");
-    let levels = cube(&CELLS, material())?;
+    let levels = cube(&CELLS, material());
     let laws = [Law::MassSpring, Law::Cauchy, Law::SimplifiedCauchy, Law::Green];
-    let mut methods: Vec<Method> = laws.into_iter().map(|law| Method::Plain(law, false)).collect();
+    let mut methods: Vec<Method> = laws.into_iter().map(Method::Plain).collect();
     methods.push(Method::Core);
-    methods.extend(laws[1..].iter().map(|law| Method::Plain(*law, true)));
     let cases: Vec<(Method, Real)> = methods.iter().flat_map(|m| LOADS.map(|load| (*m, load))).collect();
     let all: Vec<Compared> =
         cases.par_iter().map(|(m, load)| compare(&levels, *m, *load, DURATION)).collect::<Result<_>>()?;
@@ -204,7 +202,7 @@ pub fn claims(out: &Path, progress: Progress) -> Result<Vec<Claim>> {
         let found = cases.iter().zip(&all).find(|((m, l), _)| *m == method && *l == load);
         found.map(|(_, c)| c)
     };
-    let green = Method::Plain(Law::Green, false);
+    let green = Method::Plain(Law::Green);
     // What the printed law bears.
     let borne = |load: &&Real| of(green, **load).is_some_and(|c| !inverted(c));
     let load = LOADS.iter().take_while(borne).last().copied().unwrap_or(LOADS[0]);
@@ -232,7 +230,7 @@ pub fn claims(out: &Path, progress: Progress) -> Result<Vec<Claim>> {
     );
 
     // Figures 4 and 5, at that load.
-    let viscous = cube(&CELLS, damped(DAMPING_TIME))?;
+    let viscous = cube(&CELLS, damped(DAMPING_TIME));
     let damped_green = compare(&viscous, green, load, DURATION)?;
     let damped_core = compare(&viscous, Method::Core, load, DURATION)?;
     let panel = |title: String, c: &Compared| {
@@ -251,9 +249,9 @@ pub fn claims(out: &Path, progress: Progress) -> Result<Vec<Claim>> {
     };
     let named = |method: Method, letter: &str| of(method, load).map(|c| panel(format!("{letter}{}", method.name()), c));
     let panels: Vec<Chart> = [
-        named(Method::Plain(Law::MassSpring, false), "Fig. 4a: "),
-        named(Method::Plain(Law::Cauchy, false), "Fig. 4b: "),
-        named(Method::Plain(Law::SimplifiedCauchy, false), ""),
+        named(Method::Plain(Law::MassSpring), "Fig. 4a: "),
+        named(Method::Plain(Law::Cauchy), "Fig. 4b: "),
+        named(Method::Plain(Law::SimplifiedCauchy), ""),
         named(green, "Fig. 5a: "),
         named(Method::Core, "shipped: "),
         Some(panel("Fig. 5b: Green strain, damped".into(), &damped_green)),
@@ -276,14 +274,13 @@ pub fn claims(out: &Path, progress: Progress) -> Result<Vec<Claim>> {
             .collect(),
         ..Chart::default()
     };
-    let (uncalibrated, calibrated) = (&methods[..5], &methods[4..]);
-    let sweeps = [sweep("meshes as they are", uncalibrated), sweep("calibrated meshes", calibrated)];
+    let sweeps = [sweep("", &methods)];
     charts(out, "laws_and_loads", "How far apart three resolutions swing", &sweeps)?;
 
     let at = |method: Method| of(method, load).cloned().unwrap_or_else(|| all[0].clone());
     let (springs, cauchy, green, core) =
-        (at(Method::Plain(Law::MassSpring, false)), at(Method::Plain(Law::Cauchy, false)), at(green), at(Method::Core));
-    let simple = at(Method::Plain(Law::SimplifiedCauchy, false));
+        (at(Method::Plain(Law::MassSpring)), at(Method::Plain(Law::Cauchy)), at(green), at(Method::Core));
+    let simple = at(Method::Plain(Law::SimplifiedCauchy));
     let differs = |c: &Compared| c.depth > NEARLY || c.period > NEARLY;
     let numbers = |c: &Compared| {
         format!(
@@ -294,17 +291,10 @@ pub fn claims(out: &Path, progress: Progress) -> Result<Vec<Claim>> {
         )
     };
     let closest = |load: &Real| {
-        let apart = |law| of(Method::Plain(law, false), *load).map_or(Real::NAN, |c| c.apart);
+        let apart = |law| of(Method::Plain(law), *load).map_or(Real::NAN, |c| c.apart);
         apart(Law::Green) < apart(Law::Cauchy) && apart(Law::Green) < apart(Law::MassSpring)
     };
     let closest_at = LOADS.iter().filter(|l| closest(l)).count();
-    let calibrated_at = |law| at(Method::Plain(law, true)).apart;
-    let why = format!(
-        "Linear tetrahedra lock, coarse ones more, under any law that has elements. Where calibration takes that out, Green \
-         strain comes to {} and Cauchy strain to {} of the swing, rms: that is the laws' own part.",
-        percent(calibrated_at(Law::Green)),
-        percent(calibrated_at(Law::Cauchy)),
-    );
     let mut claims = vec![
         Claim {
             section: "3.1, fig. 4a",
@@ -336,7 +326,7 @@ pub fn claims(out: &Path, progress: Progress) -> Result<Vec<Claim>> {
         Claim {
             section: "3.1, fig. 5a",
             says: "Under Green strain resolutions resemble each other more closely than under Cauchy strain or springs",
-            measured: format!("{why} Over all loads, left as the meshes are, right with calibrated levels:"),
+            measured: "Linear tetrahedra lock, coarse ones more, under any law that has elements; the core's do not. Over all loads:".into(),
             picture: Some(("laws_and_loads", "difference between resolutions against load, for each law".into())),
             printed: Some(Verdict::new(
                 green.apart < cauchy.apart && green.apart < springs.apart,
@@ -370,9 +360,9 @@ fn deformed_shapes(levels: &Levels, out: &Path, load: Real, progress: Progress) 
     let finest = levels.count() - 1;
     let triangles = levels.tied[finest].mesh.boundary();
     let methods = [
-        (Method::Plain(Law::Cauchy, false), "(a) "),
-        (Method::Plain(Law::SimplifiedCauchy, false), "(b) "),
-        (Method::Plain(Law::Green, false), "(c) "),
+        (Method::Plain(Law::Cauchy), "(a) "),
+        (Method::Plain(Law::SimplifiedCauchy), "(b) "),
+        (Method::Plain(Law::Green), "(c) "),
         (Method::Core, "shipped: "),
     ];
     let swung: Vec<Swung> =

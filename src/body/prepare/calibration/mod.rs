@@ -1,10 +1,9 @@
-//! Levels that answer alike: a stiffness factor for each element.
+//! Levels that answer alike: a stabilisation for each level of smoothed elements.
 //!
-//! Linear tetrahedra are too stiff, the more so the larger they are: a coarse level sags less under the same weight than
-//! a fine one, and swings faster. Factors on λ and μ of each level take that out: they are chosen so that the level moves
-//! under a smooth load as the finest level does, which keeps its material as it is. From place to place they change
-//! slowly, so that each load moves each part as it should (`softness`), and stiffen no element; then one more factor, near
-//! 1, sets the amplitude.
+//! Where stars ([`stars`](palpate_core::model::body::stars)) have a part of the energy, the part α of that of strain jumps which
+//! tetrahedra keep is [`FINEST`] on the finest level, near the continuum on any mesh. What errs is the coarser levels' bending and
+//! twisting, and that only: each gets the α at which it moves under a smooth load as far as the finest. Uniform strain has its
+//! exact energy whatever α, so that no load is answered worse for it.
 //!
 //! The load is the body's weight along each of the three axes, as the finest level bears it, handed down to the coarser
 //! ones. What must agree is the root mean square of the displacement, over the mass and all axes. That stands between
@@ -13,46 +12,40 @@
 //! what deforms the body counts: sinking and tipping as a whole on soft springs tells nothing about its elements. A body
 //! that nothing holds is loaded without resultant instead, its middle against its ends.
 //!
-//! Locked elements store less of the same work as shear, which alone the Maxwell branches damp: the moduli of these get a
-//! factor of the level's own, too, the finest level's part of shear in the energy of the answers over its own.
-//!
 //! Each answer is a linear elastic solution at rest, by conjugate gradients. The three axes are solved as one system, a
 //! node's unknown being a 3×3 block with a column per axis: that reads the matrix once for three. All of it is
 //! `+ − × ÷ √` in a fixed order, whatever the number of threads: each row of the matrix gathers its own sum, and sums
 //! over nodes run in chunks of fixed length.
 
+pub mod agreement;
 mod block;
 mod direct;
 mod grid;
 mod load;
 mod matrix;
 mod rigid;
-mod softness;
 mod solver;
-pub mod stabilisation;
 mod system;
 
 use block::{Block, ZERO, add_scaled, columns, product};
 use load::{balanced_load, weight};
-use matrix::weights_of;
 use palpate_core::hierarchy::Level;
 use palpate_core::math::{Mat3, Real, Vec3};
+use palpate_core::model::body::stars::LARGEST;
 use palpate_core::model::material::Material;
-use rayon::prelude::*;
 use rigid::{holds_firmly, mean_motion};
-use softness::local_factors;
-use solver::{SLOW, TOLERANCE, solve};
-use system::{System, row};
+use solver::{TOLERANCE, solve};
+use system::System;
 
-/// Smallest factor ever returned: with a smaller one the level's own shape and holds are wrong, not its stiffness.
-pub const LEAST_FACTOR: Real = 0.2;
-/// Largest factor ever returned: a level that is far softer than the finest does not cover the same body, and stiffening
-/// it shortens its step.
-pub const LARGEST_FACTOR: Real = 1.5;
-/// Largest factor on the moduli of a level's Maxwell branches.
-const MOST_DAMPED: Real = 1.5;
-/// How often the softness is changed from place to place. A third time changes periods and amplitudes by a thousandth.
-const ROUNDS: usize = 2;
+/// α of the finest level. Measured in statics: with this, covers and structured meshes of cubes, bars and plates at ν of 0.3 to
+/// 0.49 come nearest to the continuum in bending, torsion and under presses together. With less, presses come out too soft; with
+/// more, bending too stiff.
+pub const FINEST: Real = 0.35;
+/// Least α of a level: with less, a tool that touches it feels more of the modes that means do not see than of the body.
+pub const LEAST: Real = 0.2;
+
+/// Change of α, as a part, that is the last to be made: the next would change amplitudes by less than a thousandth.
+const ENOUGH: Real = 1e-2;
 
 /// Why levels could not be calibrated.
 #[derive(Debug, PartialEq, thiserror::Error)]
@@ -90,21 +83,18 @@ pub enum CalibrationError {
 /// What the answers to a smooth load tell.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Calibration {
-    /// Factors on λ and μ (n_levels × n_elements) that make all levels answer as the finest does; 1 on the last one.
-    pub factors: Vec<Vec<Real>>,
-    /// Factors on the moduli of Maxwell branches over μ (n_levels) that make all levels damp as the finest does; 1 on the
-    /// last one.
-    pub branch_factors: Vec<Real>,
+    /// α (n_levels) at which all levels answer as the finest does, which keeps its own. [`LEAST`] or [`LARGEST`]: no α in that range
+    /// makes the level agree. Levels of tetrahedra alone keep their 1.
+    pub stabilisation: Vec<Real>,
     /// Angular frequency ω₁ of the slowest mode [rad/s], without the body's sinking on its holds: Rayleigh and Ritz's
     /// estimate from the three answers, a few per cent too high at most. 0 when nothing moves.
     pub slowest_mode: Real,
 }
 
-/// Makes all levels answer to a smooth load as the finest does.
+/// Makes all levels answer to a smooth load as the finest does, from the α that they have.
 ///
 /// `material` of an element, by level and element. `holds`: display vertices held by springs [N/m], which act through
-/// the rows of `embedding` and are not scaled. The levels must be tied, embedded and have their fixed nodes. Accurate to
-/// 1e-3; [`LEAST_FACTOR`] or [`LARGEST_FACTOR`] on all elements means that no factor makes that level agree.
+/// the rows of `embedding`. The levels must be tied, embedded and have their fixed nodes.
 ///
 /// # Errors
 /// When a level has no elastic solution.
@@ -113,41 +103,18 @@ pub fn calibrate(
     material: impl Fn(usize, usize) -> Material + Sync,
     holds: &[(u32, Real)],
 ) -> Result<Calibration, CalibrationError> {
-    let mut factors: Vec<Vec<Real>> = levels.iter().map(|level| vec![1.0; level.mesh.elements.len()]).collect();
+    let mut stabilisation: Vec<Real> = levels.iter().map(|level| level.stabilisation).collect();
     let mut systems = loaded(levels, &material, holds);
-    let last = levels.len().saturating_sub(1);
     let mut answers = answers(&systems, TOLERANCE)?;
-    let mut branch_factors = vec![1.0; levels.len()];
-    let Some(finest) = answers.pop() else { return Ok(Calibration { factors, branch_factors, slowest_mode: 0.0 }) };
-    let sheared = part_of_shear(&levels[last], |e| material(last, e), &factors[last], &finest.displacement);
-    let slowest_mode = slowest_mode(&systems[last], &finest.deforming);
-    let wanted = at_coarser_nodes(levels, finest.deforming);
-    // Coarse elements are too stiff already; none is to be stiffer than the finest.
-    let stiffest = |l: usize| mean_modulus(levels, levels.len() - 1, &material) / mean_modulus(levels, l, &material);
-    for (l, (level, (mut now, wanted))) in levels.iter().zip(answers.into_iter().zip(&wanted)).enumerate() {
-        // Amplitudes go almost with the softness. Where a level cannot follow the finest, its parts cannot, either.
-        let factor = now.amplitude / finest.amplitude;
-        if !wanted.is_empty() && (LEAST_FACTOR..LARGEST_FACTOR).contains(&factor) {
-            factors[l].fill(factor);
-            now = respond(&mut systems, levels, l, &material, &factors[l], now.displacement)?;
-            // Changes from place to place take twenty answers more, which would be minutes.
-            for _ in 0..if now.is_slow { 0 } else { ROUNDS } {
-                factors[l] = local_factors(&systems, l, &material, &factors[l], &now, wanted, factor.max(stiffest(l)))?;
-                now = respond(&mut systems, levels, l, &material, &factors[l], now.displacement)?;
-            }
-        }
-        // One more factor on all elements leaves the parts of the energy as they are.
-        let own = part_of_shear(level, |e| material(l, e), &factors[l], &now.displacement);
-        if sheared > 0.0 && own > 0.0 {
-            branch_factors[l] = (sheared / own).clamp(1.0 / MOST_DAMPED, MOST_DAMPED);
-        }
-        let all = |factor| factors[l].iter().map(|f| within(f * factor)).collect::<Vec<_>>();
-        let factor = matching_factor(now, finest.amplitude, |factor, guess| {
-            respond(&mut systems, levels, l, &material, &all(factor), guess)
+    let Some(finest) = answers.pop() else { return Ok(Calibration { stabilisation, slowest_mode: 0.0 }) };
+    let slowest_mode = systems.last().map_or(0.0, |system| slowest_mode(system, &finest.deforming));
+    for (l, now) in answers.into_iter().enumerate().filter(|(l, _)| levels[*l].stabilisation < 1.0) {
+        stabilisation[l] = matching(now, stabilisation[l], finest.amplitude, |alpha, guess| {
+            systems[l].set_stabilisation(levels, l, &material, alpha);
+            answer(&systems, l, &systems[l].load, guess, TOLERANCE)
         })?;
-        factors[l] = all(factor);
     }
-    Ok(Calibration { factors, branch_factors, slowest_mode })
+    Ok(Calibration { stabilisation, slowest_mode })
 }
 
 /// The equations of all levels, under the weight of the finest along each axis; of a body that nothing holds under its
@@ -192,67 +159,6 @@ fn answers(systems: &[System], tolerance: Real) -> Result<Vec<Answer>, Calibrati
     Ok(answers)
 }
 
-/// The nearest factor within the range.
-fn within(factor: Real) -> Real {
-    factor.clamp(LEAST_FACTOR, LARGEST_FACTOR)
-}
-
-/// The finest level's displacements at the nodes of the coarser levels (n_levels - 1); none below levels without ties.
-fn at_coarser_nodes(levels: &[Level], finest: Vec<Block>) -> Vec<Vec<Block>> {
-    let mut all = vec![finest];
-    for pair in levels.windows(2).rev() {
-        let (coarse, fine, displacement) = (&pair[0], &pair[1], &all[all.len() - 1]);
-        let tied = !displacement.is_empty() && coarse.finer_host.len() == coarse.mesh.nodes.len();
-        let at = |host| {
-            let (nodes, weights) = row(host, &fine.mesh);
-            let mut u = ZERO;
-            nodes.iter().zip(weights).for_each(|(n, weight)| add_scaled(&mut u, weight, &displacement[*n as usize]));
-            u
-        };
-        let coarser = if tied { coarse.finer_host.iter().map(at).collect() } else { Vec::new() };
-        all.push(coarser);
-    }
-    all.reverse();
-    all.pop();
-    all
-}
-
-/// Mean of λ + 2μ [Pa] over the elements of level `l`.
-fn mean_modulus(levels: &[Level], l: usize, material: &impl Fn(usize, usize) -> Material) -> Real {
-    let elements = levels[l].mesh.elements.len();
-    (0..elements).map(|e| material(l, e).pressure_modulus()).sum::<Real>() / elements as Real
-}
-
-/// How much of the strain energy of the displacements `u` of `level`, along all axes together, is shear's: `μ dev ε:ε` over
-/// `½ λ (tr ε)² + μ ε:ε` and what fibres have.
-fn part_of_shear(level: &Level, material: impl Fn(usize) -> Material + Sync, factors: &[Real], u: &[Block]) -> Real {
-    let of_element = |e: usize| {
-        let (gradients, volume) = weights_of(&level.mesh.corners(e));
-        let (material, weight) = (material(e), factors[e] * level.fraction[e] * volume);
-        let (mut all, mut sheared) = (0.0, 0.0);
-        for axis in 0..3 {
-            let along = |n: u32| Vec3::from(u[n as usize].map(|row| row[axis]));
-            let nodes = level.mesh.elements[e];
-            let gradient: Mat3 = nodes.iter().zip(gradients).map(|(n, g)| along(*n) * g.transpose()).sum();
-            let strain = (gradient + gradient.transpose()) * 0.5;
-            let (square, trace) = (strain.dot(&strain), strain.trace());
-            let of_fibres = material.fibres.energy_density(&strain);
-            all += weight * (0.5 * material.lambda * trace * trace + material.mu * square + of_fibres);
-            sheared += weight * material.mu * (square - trace * trace / 3.0);
-        }
-        (all, sheared)
-    };
-    let each: Vec<(Real, Real)> = (0..level.mesh.elements.len()).into_par_iter().map(of_element).collect();
-    let (all, sheared) = each.iter().fold((0.0, 0.0), |sum, x| (sum.0 + x.0, sum.1 + x.1));
-    if all > 0.0 { sheared / all } else { 0.0 }
-}
-
-/// `material`, stiffer by `factor`.
-pub(super) fn scaled(material: Material, factor: Real) -> Material {
-    let fibres = material.fibres.stiffened(factor);
-    Material { lambda: factor * material.lambda, mu: factor * material.mu, fibres, ..material }
-}
-
 /// The slowest mode [rad/s] among the combinations of the answers `u` to the loads along the three axes: the largest
 /// eigenvalue of `K⁻¹M`, `K_ij = u_i·f_j`, `M_ij = Σ m u_i·u_j`.
 fn slowest_mode(system: &System, deforming: &[Block]) -> Real {
@@ -279,34 +185,38 @@ fn slowest_mode(system: &System, deforming: &[Block]) -> Real {
     1.0 / largest.sqrt()
 }
 
-/// The factor at which a level has the amplitude `wanted`; `answer` is its answer at factor 1.
+/// The α at which a level has the amplitude `wanted`; `answer` is its answer at `alpha`.
 ///
-/// Secants in the softness `1/factor`: the amplitude is almost proportional to it, but for what the holds give way.
-fn matching_factor(
+/// Secants in one over the amplitude, which is a stiffness and almost linear in α: matrices are. Not logarithms, which are not
+/// the same on every machine.
+fn matching(
     mut answer: Answer,
+    mut alpha: Real,
     wanted: Real,
     mut solve: impl FnMut(Real, Vec<Block>) -> Result<Answer, CalibrationError>,
 ) -> Result<Real, CalibrationError> {
-    let (mut factor, mut softness) = (1.0, 1.0);
-    // Rigid elements do not deform.
-    let mut before = (0.0, 0.0);
+    // Nothing moves when every node is fixed; then any α will do.
+    if !(answer.amplitude > 0.0 && wanted > 0.0) {
+        return Ok(alpha);
+    }
+    let stiffness = |answer: &Answer| 1.0 / answer.amplitude;
+    let wanted = 1.0 / wanted;
+    let mut before = (alpha, stiffness(&answer));
+    alpha = if before.1 > wanted { LEAST } else { LARGEST };
     for _ in 0..8 {
-        let slope = (answer.amplitude - before.1) / (softness - before.0);
-        // Nothing moves when every node is fixed; then any factor will do.
+        answer = solve(alpha, answer.displacement)?;
+        let now = stiffness(&answer);
+        let slope = (now - before.1) / (alpha - before.0);
         if !(slope > 0.0 && slope.is_finite()) {
             break;
         }
-        before = (softness, answer.amplitude);
-        softness = (softness + (wanted - answer.amplitude) / slope).clamp(1.0 / LARGEST_FACTOR, 1.0 / LEAST_FACTOR);
-        let change = (softness / before.0 - 1.0).abs();
-        factor = 1.0 / softness;
-        // The last secant corrects far more than what it leaves.
-        if change < 1e-3 {
+        before = (alpha, now);
+        alpha = (alpha + (wanted - now) / slope).clamp(LEAST, LARGEST);
+        if (alpha / before.0 - 1.0).abs() < ENOUGH {
             break;
         }
-        answer = solve(factor, answer.displacement)?;
     }
-    Ok(within(factor))
+    Ok(alpha)
 }
 
 /// How a level answers to its load.
@@ -317,22 +227,6 @@ struct Answer {
     deforming: Vec<Block>,
     /// Root of the sum over the mass of its square, all axes together [m √kg].
     amplitude: Real,
-    /// Whether it took long to find.
-    is_slow: bool,
-}
-
-/// The answer of level `l` to its load when its elements are stiffer than `material` by `factors`, from the displacements
-/// `guess`.
-fn respond<'a>(
-    systems: &mut [System<'a>],
-    levels: &'a [Level],
-    l: usize,
-    material: &(impl Fn(usize, usize) -> Material + Sync),
-    factors: &[Real],
-    guess: Vec<Block>,
-) -> Result<Answer, CalibrationError> {
-    systems[l].set_material(levels, l, &|l, e| scaled(material(l, e), factors[e]), 1.0);
-    answer(systems, l, &systems[l].load, guess, TOLERANCE)
 }
 
 /// The answer of level `l` to `load`, from the displacements `guess`, as exactly as `tolerance` asks ([`solve`]).
@@ -344,7 +238,7 @@ fn answer(
     tolerance: Real,
 ) -> Result<Answer, CalibrationError> {
     let system = &systems[l];
-    let (displacement, iterations) = solve(systems, l, load, guess, tolerance)?;
+    let displacement = solve(systems, l, load, guess, tolerance)?;
     // Where little or nothing holds the body, it may have drifted; what deforms it leaves the holds in balance.
     let drift = match system.holds {
         Some(_) => {
@@ -359,7 +253,7 @@ fn answer(
         add_scaled(drift, -1.0, u);
         squares += m * product(drift, drift);
     }
-    Ok(Answer { displacement, deforming, amplitude: squares.sqrt(), is_slow: iterations > SLOW })
+    Ok(Answer { displacement, deforming, amplitude: squares.sqrt() })
 }
 
 #[cfg(test)]

@@ -13,23 +13,23 @@ const LOOK_BACK: usize = 8;
 pub(super) const TOLERANCE: Real = 1e-7;
 
 /// A solution that takes more iterations than this is that of a thin body, of which coarser levels tell little. ...
-pub(super) const SLOW: usize = 150;
+const SLOW: usize = 150;
 /// ... Its last iterations are done when they add this many times as much. Gains fall by a part in a hundred there, so that
-/// some thousandth of the work is left, which is as exact as factors are to be.
+/// some thousandth of the work is left, which is as exact as levels are to agree.
 const SLOW_TOLERANCE: Real = 100.0;
 
 /// Unbalanced part of the load that is left when all that is still to be found is rounding.
 const ROUNDED: Real = 1e-12;
 
 /// Solves level `l` under `load` from the displacements `u`, by preconditioned conjugate gradients, until
-/// [`LOOK_BACK`] iterations add less than `tolerance` of the work; and the iterations that it took.
+/// [`LOOK_BACK`] iterations add less than `tolerance` of the work.
 pub(super) fn solve(
     systems: &[System],
     l: usize,
     load: &[Block],
     mut u: Vec<Block>,
     tolerance: Real,
-) -> Result<(Vec<Block>, usize), CalibrationError> {
+) -> Result<Vec<Block>, CalibrationError> {
     let system = &systems[l];
     let mut r = load.to_vec();
     for_each_node(&mut r, |n, r| add_scaled(r, -1.0, &system.force(n, &u)));
@@ -46,7 +46,7 @@ pub(super) fn solve(
         rz = dot(&r, &z);
         let enough = if iterations > SLOW { SLOW_TOLERANCE * tolerance } else { tolerance };
         if rz == 0.0 || gains.iter().sum::<Real>() <= enough * work {
-            return Ok((u, iterations));
+            return Ok(u);
         }
         let beta = if iterations == 0 { 0.0 } else { rz / rz_before };
         for_each_node(&mut p, |n, p| {
@@ -64,7 +64,7 @@ pub(super) fn solve(
             // solved directly, but for roundings that a slender body makes much of.
             let last = gains[(iterations + LOOK_BACK - 1) % LOOK_BACK];
             if residual < ROUNDED || residual < 0.01 && last <= tolerance * work {
-                return Ok((u, iterations));
+                return Ok(u);
             }
             let spacing = system.level.spacing;
             return Err(if gain > 0.0 && !system.level.fills_body() {

@@ -94,8 +94,8 @@ impl<'a> System<'a> {
         system
     }
 
-    /// Makes level `l`, which this is of, of another material and stabilisation.
-    pub(super) fn set_material(
+    /// Gives level `l`, which this is of, another stabilisation.
+    pub(super) fn set_stabilisation(
         &mut self,
         levels: &'a [Level],
         l: usize,

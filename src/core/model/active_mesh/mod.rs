@@ -518,14 +518,12 @@ pub const STAR_EVALUATIONS: usize = 3;
 /// Rest gradients and weighted stiffness of element `e` of what it has of `material` with `active` active vertices.
 fn constants(body: &Body, material: &Material, e: Element, active: u8) -> ElementConstants {
     let [_, g1, g2, g3] = gradients(&body.corners(e));
-    let factor = body.stiffness_factor(e);
-    let weight = factor * body.volume(e) * Real::from(active) / 4.0;
+    let weight = body.volume(e) * Real::from(active) / 4.0;
     let material = body.of_jumps(material, e, active);
     ElementConstants {
         gradient: [g1, g2, g3].map(Into::into),
         lambda: weight * material.lambda,
         mu: weight * material.mu,
-        branch: body.branch_factor(e),
         neo_hookean: material.neo_hookean,
         collapse: material.collapse,
         fibres: material.fibres.rows(weight),

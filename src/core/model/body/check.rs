@@ -84,8 +84,6 @@ pub(super) fn check(parts: &BodyParts) -> Result<(), String> {
             && level.mesh.nodes.iter().all(finite)
             && level.fraction.len() == elements
             && level.fraction.iter().all(|w| *w > 0.0 && *w <= 1.0 + 1e-9)
-            && level.stiffness_factor.len() == elements
-            && level.branch_factor.len() == elements
             && level.density.len() == elements
             && level.node_mass.len() == nodes
             && level.embedding.len() == vertices
@@ -100,7 +98,6 @@ pub(super) fn check(parts: &BodyParts) -> Result<(), String> {
             && level.spacing > 0.0
             && level.least_mass >= 0.0
             && level.density.iter().all(|d| *d > 0.0 && d.is_finite())
-            && level.stiffness_factor.iter().chain(&level.branch_factor).all(|f| *f > 0.0 && f.is_finite())
             && level.node_mass.iter().all(|m| *m > 0.0 && m.is_finite())
             && (0..elements).all(|e| level.mesh.volume(e) > 0.0);
         if !positive {

@@ -26,7 +26,7 @@ use patches::Patches;
 use stars::Stars;
 
 /// First bytes of a body file: name and format version.
-const MAGIC: &[u8; 12] = b"palpate-bdy\x0c";
+const MAGIC: &[u8; 12] = b"palpate-bdy\x0d";
 
 /// How much stiffer one element around a node is than another where the material counts as heterogeneous.
 const CONTRAST: Real = 1.25;
@@ -443,12 +443,6 @@ impl Body {
         self.volume[e.index()]
     }
 
-    /// Factor on the stiffness of element `e`, from calibration.
-    pub fn stiffness_factor(&self, e: Element) -> Real {
-        let (r, place) = self.place_of_element(e);
-        self.parts.levels[r].stiffness_factor[place]
-    }
-
     /// Part `α` of the energy of strain jumps that the tetrahedra around node `n` keep, 1 where they have all energy: see
     /// [`stars`].
     pub fn stabilisation(&self, n: Node) -> Real {
@@ -484,12 +478,6 @@ impl Body {
             part += self.volume(e) * self.stabilisation_of(e, active(e));
         }
         part / all
-    }
-
-    /// Factor on the moduli of element `e`'s Maxwell branches over μ, from calibration.
-    pub fn branch_factor(&self, e: Element) -> Real {
-        let (r, place) = self.place_of_element(e);
-        self.parts.levels[r].branch_factor[place]
     }
 
     /// Density of element `e` [kg/m³].

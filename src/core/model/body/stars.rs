@@ -151,7 +151,6 @@ impl Stars {
             gradient: &self.gradients[self.range(n)],
             lambda: volume * material.lambda,
             mu: volume * material.mu,
-            branch: 1.0,
             neo_hookean: material.neo_hookean,
             collapse: material.collapse,
             fibres: material.fibres.rows(volume),

@@ -39,7 +39,6 @@ fn constants(id: Element) -> ElementConstants {
         gradient,
         lambda: 1.0,
         mu: 0.1 * id.0 as Real,
-        branch: 1.0 + 0.01 * id.0 as Real,
         neo_hookean: 0.0,
         collapse: 1.0,
         fibres: [0.0; 6],
