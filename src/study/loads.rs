@@ -59,7 +59,7 @@ impl Specimen {
     /// When it cannot be prepared.
     pub fn body(&self) -> Result<Body> {
         let stiff = |place: &Reach| Inclusion {
-            place: place.clone().into(),
+            place: (*place).into(),
             youngs_modulus: 10.0 * YOUNGS_MODULUS,
             poisson_ratio: self.material.poisson_ratio(),
             density: 1000.0,

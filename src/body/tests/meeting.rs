@@ -216,6 +216,11 @@ fn an_organ_that_lies_on_another_weighs_on_it_and_both_lie_still() {
         let mut simulation = simulation(&[lower, upper], 0.1, 0.5, Vec3::new(0.0, 0.0, -9.81));
         fade(&mut simulation, 1500);
         let weight = 9.81 * simulation.body().organ(OrganId(1)).mass;
+        let places = |simulation: &Simulation| -> Vec<Vec3> {
+            let mesh = simulation.mesh();
+            mesh.active().iter().map(|slot| mesh.position(*slot)).collect()
+        };
+        let before = places(&simulation);
         for _ in 0..50 {
             simulation.advance(&Inputs::default());
             let force = force(&simulation);
@@ -224,8 +229,9 @@ fn an_organ_that_lies_on_another_weighs_on_it_and_both_lie_still() {
             assert!(force.xy().norm() < 1e-6 * weight, "{force} of {weight} N");
         }
         let deepest = simulation.meetings().iter().filter(|m| m.multiplier > 0.0).map(|m| m.gap).fold(0.0, Real::min);
-        println!("{size} m: overlap {deepest:e} m, {:e} J", kinetic(&simulation));
-        assert!(deepest > -1e-3 * size && kinetic(&simulation) < 1e-12 * weight * size);
+        let moved = before.iter().zip(places(&simulation)).map(|(a, b)| (a - b).norm()).fold(0.0, Real::max);
+        println!("{size} m: overlap {deepest:e} m, moved by {moved:e} m");
+        assert!(deepest > -2e-3 * size && moved < 1e-6 * size);
     }
 }
 
