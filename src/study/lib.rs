@@ -158,6 +158,6 @@ mod tests {
     #[test]
     fn an_unknown_study_is_refused_with_the_names_of_the_known() {
         let error = run(Some("nonsense"), Path::new("/nowhere"), &|_| ()).unwrap_err();
-        assert!(error.to_string().contains("claims, depth, rows"));
+        assert!(error.to_string().contains("claims, loads, depth, rows"));
     }
 }
