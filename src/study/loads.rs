@@ -20,7 +20,7 @@ use std::io::{Error, Result};
 use std::path::Path;
 use std::sync::Arc;
 
-/// Young's modulus of all of them [Pa]; a stiff layer has ten times as much.
+/// Young's modulus of all of them [Pa], to which all answers are in proportion; a stiff layer has ten times as much.
 pub const YOUNGS_MODULUS: Real = 1e4;
 
 /// Of this Poisson's ratio and of 1000 kg/m³.
@@ -117,7 +117,7 @@ fn on_surface(body: &Body, mesh: &ActiveMesh, traction: &dyn Fn(&Vec3, &Vec3) ->
 /// # Errors
 /// When these do not come to rest.
 fn work(body: &Body, mesh: &mut ActiveMesh, load: &[Vec3]) -> Result<Real> {
-    /// Largest displacement in a difference of forces [m].
+    /// Largest displacement in a difference of forces [m]: a hundred times more strains elements visibly, a thousand times less rounds.
     const SMALL: Real = 1e-7;
     // What acts on interface nodes acts on their masters.
     mesh.motion.force.iter_mut().zip(load).for_each(|(f, load)| *f = [load.x, load.y, load.z, 0.0]);

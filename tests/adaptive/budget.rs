@@ -121,7 +121,7 @@ fn a_body_that_has_to_shed_nearly_all_of_it_gets_there() {
 }
 
 /// On a machine that becomes half as fast no tick takes more than its budget, but one in six while much has to go; and neither
-/// the contact nor the hand gets a blow, less than the 7 % that a hand can just feel, though a ball is pressed in by more than its radius and the elements left are larger.
+/// the contact nor the hand gets a blow, though a ball is pressed in by more than its radius and the elements left are larger.
 #[test]
 fn a_liver_on_a_machine_that_becomes_half_as_fast_sheds_within_every_ticks_means() {
     let body = liver(0.45, vec![0.026, 0.015, 0.0085, 0.005], 5e3, 0.15);
@@ -168,7 +168,7 @@ fn a_liver_on_a_machine_that_becomes_half_as_fast_sheds_within_every_ticks_means
         assert!(before.plan.needed + frame > budget && active(&last) < active(&before), "there is something to shed");
         assert!(dearest <= budget, "{dearest} ns in one tick");
         assert!(still < 250 && last.plan.taken == last.plan.needed, "{still} ticks without a step");
-        assert!(steps.iter().all(|step| *step < 0.07), "the force changes by {steps:?} of it in a tick");
+        assert!(steps.iter().all(|step| *step < 0.05), "the force changes by {steps:?} of it in a tick");
     }
 }
 

@@ -93,7 +93,7 @@ fn what_the_tool_gets_the_body_loses_tick_by_tick() {
         // The wrench takes the surface point where it was at the start of the tick; the sub-steps push it where it has
         // got to along the tool, on average after half the way of the tick. A ball is pushed through its middle, a little beside
         // where the mesh has the place: rows reach twice the spacing of nodes.
-        assert!(angular <= 1.5);
+        assert!(angular <= 1.4);
     }
 }
 
@@ -436,6 +436,6 @@ fn a_body_of_nested_levels_is_about_as_stiff_as_its_finest() {
         let fine = pressed(cells, &[&format!("body.active_level={finest}")]);
         let adaptive = pressed(cells, &[]);
         println!("{cells}: {adaptive:.3?} N, its finest level {fine:.3?} N");
-        assert!((adaptive.0 / fine.0 - 1.0).abs() < 0.15);
+        assert!((adaptive.0 / fine.0 - 1.0).abs() < 0.13);
     }
 }

@@ -152,7 +152,8 @@ fn a_rim_an_edge_and_a_corner_are_felt_alike_and_quietly_on_any_mesh() {
         ),
     ];
     for (name, shape, turned, lift) in shapes {
-        for depth in [0.003, 0.006, 0.01] {
+        // The deeper, the less are strains under a coarse mesh those of a small one.
+        for (depth, most) in [(0.003, 0.06), (0.006, 0.07), (0.01, 0.16)] {
             let mut felt = Vec::new();
             for cells in ["[[4,4,4],[7,7,7],[12,12,12]]", "[[5,5,5],[9,9,9],[17,17,17]]"] {
                 let mut cube = scene(&["material.damping_time=0.01", &format!("body.cells={cells}")]);
@@ -174,13 +175,11 @@ fn a_rim_an_edge_and_a_corner_are_felt_alike_and_quietly_on_any_mesh() {
                     "rim" => 0.2,
                     _ if depth < 0.01 => 0.05,
                     // So crushed, elements buckle to one side.
-                    _ => 0.1,
+                    _ => 0.08,
                 };
                 assert!(forces[499].xy().norm() < sideways * held, "{name} {depth} on {cells}: {:?}", forces[499]);
                 felt.push(held);
             }
-            // At the largest, strains under a coarse mesh are those of a small one no more.
-            let most = [0.06, 0.08, 0.16][((depth - 0.0025) / 0.0035) as usize];
             assert!((felt[0] / felt[1] - 1.0).abs() < most, "{name} {depth}: {felt:?}");
         }
     }

@@ -378,8 +378,8 @@ fn stabilise(
 /// otherwise.
 ///
 /// How levels answer depends on where the body is held, on how stiff the holds are for its material, on how much stiffer or denser
-/// it is in one place than in another, and on Poisson's ratio: where one of these differs, the levels are calibrated anew, which takes most of the time that preparing a body does; `progress` hears of it. Otherwise it takes
-/// none.
+/// it is in one place than in another, and on Poisson's ratio: where one of these differs, the levels are calibrated anew, which
+/// takes most of the time that preparing a body does; `progress` hears of it. Otherwise it takes none.
 ///
 /// # Errors
 /// When a hold holds nothing, an inclusion lies outside, or a level has no elastic solution.

@@ -444,8 +444,8 @@ impl Face {
     }
 }
 
-/// Variance of a load as the mesh shows it [m²], on a combination of display vertices, `under` which nodes are of this `spacing` [m]: that of the rows, less what the
-/// lattice's short waves are too soft by. Their stiffness is `C k² (1 + c a²k²)`, `c = −.167 + .138 α` for the part α that strain jumps keep, and −.022 where
+/// Variance of a load as the mesh shows it [m²], on a combination of display vertices, `under` which nodes are of this `spacing`
+/// [m]: that of the rows, less what the lattice's short waves are too soft by. Their stiffness is `C k² (1 + c a²k²)`, `c = −.167 + .138 α` for the part α that strain jumps keep, and −.022 where
 /// tetrahedra have all energy, from the symbol of the infinite body-centred lattice in shear, the mean of all directions; it hardly depends on
 /// Poisson's ratio.
 fn shown_variance(on: &Touchable, under: [(Vertex, Real); 3], spacing: Real) -> Real {

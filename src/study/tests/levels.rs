@@ -28,7 +28,9 @@ fn agree(name: &str, specimen: &Specimen, most: &[Real], most_mixed: Real) {
         let percent: Vec<String> = off.iter().map(|x| format!("{:+.1}", 100.0 * x)).collect();
         println!("{name}, {what}: {} % (the last of a mixed set)", percent.join(", "));
         for (r, (off, most)) in off.iter().zip(most.iter().chain([&most_mixed])).enumerate() {
-            assert!(off.abs() < *most, "{name}, {what}: set {r} gives way {off} more");
+            // Weight, by which α is found, bends otherwise than a couple at the end.
+            let most = if what == "end bent" { 1.1 * most } else { *most };
+            assert!(off.abs() < most, "{name}, {what}: set {r} gives way {off} more");
         }
     }
 }
@@ -41,7 +43,7 @@ fn smoothed_levels_answer_alike_up_to_incompressible() {
     }
     // The coarsest of these is wider than 2/3 of the bar.
     let (bar, spacings) = (Vec3::new(0.2, 0.04, 0.04), [0.03, 0.018, 0.01]);
-    agree("bar 5:1, ν = 0.45", &held(bar, &spacings, 0.45), &[0.1, 0.055], 0.03);
+    agree("bar 5:1, ν = 0.45", &held(bar, &spacings, 0.45), &[0.1, 0.05], 0.03);
     let slender = Vec3::new(0.3, 0.03, 0.03);
     agree("bar 10:1, ν = 0.45", &held(slender, &[0.0135, 0.0085], 0.45), &[0.05], 0.03);
     let layered = |layer| Specimen { stiff: Some(Reach::Box(layer)), ..held(bar, &spacings, 0.3) };

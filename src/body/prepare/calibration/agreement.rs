@@ -8,7 +8,8 @@ use palpate_core::hierarchy::Level;
 use palpate_core::math::Real;
 use palpate_core::model::material::Material;
 
-/// How exactly [`agreement`] is solved for ([`solve`](super::solver::solve)): whole per cents are shown.
+/// How exactly [`agreement`] is solved for ([`solve`](super::solver::solve)): whole per cents are shown, which with a hundred times
+/// more would err; with less it takes longer.
 const ROUGH: Real = 1e-4;
 
 /// The loads of [`agreement`].

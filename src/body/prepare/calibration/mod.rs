@@ -41,10 +41,12 @@ use system::System;
 /// 0.49 come nearest to the continuum in bending, torsion and under presses together. With less, presses come out too soft; with
 /// more, bending too stiff.
 pub const FINEST: Real = 0.35;
-/// Least α of a level: with less, a tool that touches it feels more of the modes that means do not see than of the body.
+/// Least α of a level: with less, a tool that touches it feels more of the modes that means do not see than of the body; with more,
+/// fewer coarse levels give way as far as the finest.
 pub const LEAST: Real = 0.2;
 
-/// Change of α, as a part, that is the last to be made: the next would change amplitudes by less than a thousandth.
+/// Change of α, as a part, that is the last to be made: the next would change amplitudes by less than a thousandth. With more, levels
+/// agree less; with less, each takes solutions more, which nothing shows.
 const ENOUGH: Real = 1e-2;
 
 /// Why levels could not be calibrated.
